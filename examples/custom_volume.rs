@@ -8,15 +8,10 @@ use std::error::Error;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use insonify::effects::Effects;
-use insonify::output::png;
-use insonify::synth::tables::{Anatomy, ImageSize, Settings};
-use insonify::synth::{Backend, FrameState, Synthesizer};
-use insonify::tissue::{Tissue, TissueTable, presets};
-use insonify::tracking::pose::Pose;
-use insonify::tracking::probe::{Probe, ProbeShape};
-use insonify::volume::texture::SolidTexture;
-use insonify::volume::{Label, LabelVolume};
+use insonify::{
+    Anatomy, Backend, Effects, FrameState, ImageSize, Label, LabelVolume, Pose, Probe, ProbeShape, Settings,
+    SolidTexture, Synthesizer, Tissue, TissueTable, builtin_tissue, write_png,
+};
 use nalgebra::{Matrix4, Point3, Vector3};
 
 /// Voxels along each axis, each half a millimetre long.
@@ -47,7 +42,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     let volume = LabelVolume::new(SIZE, voxels.collect(), labels.collect(), Matrix4::new_scaling(VOXEL_MM))?;
 
     // Tissues: built-in ones, and a gland with a texture of its own.
-    let preset = |name: &str| presets::get(name).cloned().ok_or(format!("no tissue is called {name}"));
+    let preset = |name: &str| {
+        builtin_tissue(name)
+            .cloned()
+            .ok_or(format!("no tissue is called {name}"))
+    };
     let gland = Tissue {
         name: "gland".into(),
         texture: Some("lobules".into()),
@@ -85,7 +84,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let pose = Pose::from_direction(Point3::new(25.0, 0.0, 10.0), Vector3::y(), None)?;
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu)?;
     let frame = synth.render(&FrameState::at(*pose.probe_to_world()))?;
-    png::write_grey(&path, frame.width, frame.height, &frame.pixels)?;
+    write_png(&path, frame.width, frame.height, &frame.pixels)?;
     println!("{}", path.display());
     Ok(())
 }

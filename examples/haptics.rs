@@ -6,14 +6,11 @@
 
 use std::error::Error;
 
-use insonify::mechanics::insertion::finite::{self, Finite, Setup};
-use insonify::mechanics::insertion::{Interaction, ProbeContact};
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::needle::{BEVEL_MM, Bevel, LINK_MM, Shaft, Springs, Stiffness};
-use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::remesh::{Level, Precision};
-use insonify::simulator::{Damper, Guided, Haptic, HoldOptions, LateralHold, Options, TwoPoints};
-use insonify::tracking::template::Template;
+use insonify::{
+    BEVEL_MM, Bevel, Damper, Finite, FiniteOptions, Guided, Haptic, HoldOptions, Interaction, LINK_MM, LateralHold,
+    Level, Material, Precision, ProbeContact, Setup, Shaft, SimulatorOptions, Springs, Stiffness, Template, TetMesh,
+    TwoPoints,
+};
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 const DT_S: f64 = 1e-3;
@@ -55,9 +52,9 @@ impl Device {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let points = TwoPoints::new(HELD_AT_MM)?;
-    let options = Options {
+    let options = SimulatorOptions {
         probe_points: Some(points),
-        ..Options::default()
+        ..SimulatorOptions::default()
     };
     let mut haptic = Haptic::new(Box::new(model()?), options);
 
@@ -178,7 +175,7 @@ fn model() -> Result<Finite, Box<dyn Error>> {
         }),
         level: Level::Exact,
         precision: Precision::Double,
-        options: finite::Options::default(),
+        options: FiniteOptions::default(),
         mesh,
     };
     Ok(Finite::new(setup, |_, _| {})?)

@@ -6,12 +6,7 @@
 use std::error::Error;
 use std::path::PathBuf;
 
-use insonify::gpu::{Gpu, row_stride};
-use insonify::output::png;
-use insonify::plan::Plan;
-use insonify::scene::SceneFile;
-use insonify::synth::tables::Tables;
-use insonify::synth::{Backend, FrameState, Synthesizer, gpu};
+use insonify::{Backend, FrameState, SceneFile, row_stride, write_png};
 use nalgebra::Matrix4;
 
 const SCENE: &str = r#"
@@ -37,15 +32,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     let scene = SceneFile::parse(SCENE, "host_device")?.resolve(".".as_ref())?;
     let mut state = FrameState::at(Matrix4::identity());
     scene.state(0, 1, &mut state)?;
-    let needs = gpu::needs(&Plan::new(&Tables::new(scene.anatomy.clone(), scene.settings.clone())?));
-    let lent = Gpu::from_host(device.clone(), queue.clone(), &needs)?;
-    let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Gpu(Box::new(lent)))?;
+    let mut synth = scene.synthesizer(Backend::Host(Box::new((device.clone(), queue.clone()))))?;
     synth.render_to_texture(&state)?;
 
     let texture = synth.texture().ok_or("the GPU backend leaves a texture")?;
     let (width, height) = (texture.width(), texture.height());
     let pixels = read_back(&device, &queue, texture)?;
-    png::write_grey(&path, width as usize, height as usize, &pixels)?;
+    write_png(&path, width as usize, height as usize, &pixels)?;
     println!(
         "{}: {:?} on {}",
         path.display(),

@@ -10,15 +10,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use insonify::mechanics::insertion::finite::{self, Finite, Setup};
-use insonify::mechanics::insertion::{Instruments, Interaction};
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::needle::{BEVEL_MM, Bevel, LINK_MM, Shaft, Springs, Stiffness};
-use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::remesh::{Level, Precision};
-use insonify::scene::SceneFile;
-use insonify::simulator::{Haptic, Imaging, Options, Policy, Simulator};
-use insonify::synth::{Backend, Synthesizer};
+use insonify::{
+    BEVEL_MM, Backend, Bevel, Finite, FiniteOptions, Haptic, Imaging, Instruments, Interaction, LINK_MM, Level,
+    Material, Policy, Precision, SceneFile, Setup, Shaft, Simulator, SimulatorOptions, Springs, Stiffness, Synthesizer,
+    TetMesh,
+};
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
 
 /// What is imaged and how. The block is 90 x 80 x 90 mm around the origin; the probe looks along -z from one face, and the
@@ -49,12 +45,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut anatomy = scene.anatomy;
     anatomy.mesh = Some(Arc::new(mesh.clone()));
     let synthesizer = Synthesizer::new(anatomy, scene.settings, Backend::Cpu)?;
-    let options = Options {
+    let options = SimulatorOptions {
         budget: TICK,
         policy: Policy::Ease {
             over: Duration::from_millis(20),
         },
-        ..Options::default()
+        ..SimulatorOptions::default()
     };
     let simulator = Simulator::new(Box::new(model(mesh)?), synthesizer, 2.0 * SHAFT.radius_mm, options)?;
     let (haptic, imaging) = simulator.split();
@@ -106,7 +102,7 @@ fn model(mesh: TetMesh) -> Result<Finite, Box<dyn Error>> {
             probe: None,
             level: Level::Exact,
             precision: Precision::Double,
-            options: finite::Options::default(),
+            options: FiniteOptions::default(),
             mesh,
         },
         |_, _| {},

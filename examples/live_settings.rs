@@ -6,10 +6,7 @@
 use std::error::Error;
 use std::time::Instant;
 
-use insonify::effects::thickness::Thickness;
-use insonify::scene::SceneFile;
-use insonify::synth::tables::Settings;
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::{Backend, FrameState, SceneFile, Settings, Synthesizer, Thickness};
 use nalgebra::Matrix4;
 
 const SCENE: &str = r#"

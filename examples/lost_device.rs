@@ -5,10 +5,7 @@
 
 use std::error::Error;
 
-use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs};
-use insonify::scene::SceneFile;
-use insonify::synth::{Backend, FrameState, SynthError, Synthesizer};
-use nalgebra::Matrix4;
+use insonify::{AdapterChoice, Backend, GpuError, SceneFile, SynthError};
 
 const SCENE: &str = r#"
 version = 1
@@ -16,19 +13,18 @@ volume = { phantom = "abdomen", resolution_mm = 2.0 }
 "#;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let gpu = match Gpu::open(&AdapterChoice::from_flag(None), &Needs::default()) {
-        Err(GpuError::NoAdapter) => {
+    let scene = SceneFile::parse(SCENE, "lost_device")?.resolve(".".as_ref())?;
+    let backend = || Backend::Adapter(AdapterChoice::from_flag(None));
+    let mut synth = match scene.synthesizer(backend()) {
+        Err(SynthError::Gpu(GpuError::NoAdapter)) => {
             println!("no GPU adapter: nothing to lose");
             return Ok(());
         }
         opened => opened?,
     };
+    let gpu = synth.gpu().ok_or("the adapter is a GPU")?.clone();
     println!("device on {}", gpu.report().name);
-
-    let scene = SceneFile::parse(SCENE, "lost_device")?.resolve(".".as_ref())?;
-    let mut state = FrameState::at(Matrix4::identity());
-    scene.state(0, 1, &mut state)?;
-    let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Gpu(Box::new(gpu.clone())))?;
+    let state = scene.states(1).next().ok_or("a scene has a frame")?;
     let before = synth.render(&state)?.clone();
     println!("a frame of {} x {} pixels", before.width, before.height);
 
@@ -39,10 +35,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok(_) => return Err("a lost device rendered a frame".into()),
     }
 
-    // Anatomy is shared, so making the synthesizer anew costs the uploads and the pipelines, not the volume.
-    let (anatomy, settings) = (synth.tables().anatomy.clone(), synth.settings().clone());
-    let gpu = Gpu::open(&AdapterChoice::from_flag(None), &Needs::default())?;
-    let mut synth = Synthesizer::new(anatomy, settings, Backend::Gpu(Box::new(gpu)))?;
+    // Anatomy is shared: a new synthesizer costs the uploads and the pipelines, not the volume.
+    let mut synth = scene.synthesizer(backend())?;
     let after = synth.render(&state)?;
     println!(
         "new device: the frame is {}",

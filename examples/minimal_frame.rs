@@ -5,20 +5,18 @@
 use std::error::Error;
 use std::path::PathBuf;
 
-use insonify::output::png;
-use insonify::scene::{DEFAULT, SceneFile};
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::{Backend, DEFAULT_SCENE, FrameState, SceneFile, Synthesizer, write_png};
 use nalgebra::Matrix4;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args_os().nth(1).map_or("frame.png".into(), PathBuf::from);
-    let scene = SceneFile::parse(DEFAULT, "default.toml")?.resolve(".".as_ref())?;
+    let scene = SceneFile::parse(DEFAULT_SCENE, "default.toml")?.resolve(".".as_ref())?;
     let mut state = FrameState::at(Matrix4::identity());
     scene.state(0, 1, &mut state)?;
 
     let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Cpu)?;
     let frame = synth.render(&state)?;
-    png::write_grey(&path, frame.width, frame.height, &frame.pixels)?;
+    write_png(&path, frame.width, frame.height, &frame.pixels)?;
     println!(
         "{}: {} x {} pixels of {:.3} mm",
         path.display(),

@@ -1,19 +1,18 @@
 //! Does memory stay flat in long runs? Frames with every effect, a mesh that moves and a needle on each backend of this machine,
 //! then steps of an insertion with all that `insonify insert` keeps of them. The resident memory (Linux) is printed at equal
-//! intervals; a run whose memory grows faster than the limits below after its first tenth ends with status 1.
+//! intervals; a run_scenario whose memory grows faster than the limits below after its first tenth ends with status 1.
 //!
-//! `cargo run --release --example soak -- 20000 10000000` (frames of each backend and steps; these if left out)
+//! `cargo run_scenario --release --example soak -- 20000 10000000` (frames of each backend and steps; these if left out)
 
 use std::error::Error;
 use std::io;
 
-use insonify::gpu::{AdapterChoice, Gpu, Needs, adapter};
-use insonify::scenario::ScenarioFile;
-use insonify::scenario::record::Record;
-use insonify::scenario::run::{Asked, Deformed, Moment, Observer, Step, run};
-use insonify::scene::SceneFile;
+use insonify::gpu::adapter;
 use insonify::study::bench::compare::SCENE;
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::{
+    AdapterChoice, Backend, Deformed, FrameState, Moment, Observer, Record, Requests, ScenarioFile, SceneFile, Step,
+    Synthesizer, run_scenario,
+};
 use nalgebra::Matrix4;
 
 /// Most growth a frame and a step, bytes.
@@ -44,8 +43,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut flat = frames("cpu", Backend::Cpu, count)?;
     for found in adapter::list() {
         let name = format!("{} ({})", found.name, found.backend);
-        let gpu = Gpu::open(&AdapterChoice::named(name.clone()), &Needs::default())?;
-        flat &= frames(&name, Backend::Gpu(Box::new(gpu)), count)?;
+        flat &= frames(&name, Backend::Adapter(AdapterChoice::named(name.clone())), count)?;
     }
     flat &= insertion(steps)?;
     flat.then_some(()).ok_or_else(|| "memory grows".into())
@@ -82,7 +80,7 @@ fn insertion(steps: u64) -> Result<bool, Box<dyn Error>> {
         record: Record::new(&scenario),
         watch: Watch::new("steps".to_owned(), steps, LIMITS[1]),
     };
-    let summary = run(&scenario, model.as_mut(), Asked::default(), &mut kept)?;
+    let summary = run_scenario(&scenario, model.as_mut(), Requests::default(), &mut kept)?;
     println!("{:.4} ms a step, {} remeshes", summary.step_ms.median, summary.remeshes);
     Ok(kept.watch.is_flat())
 }
@@ -111,7 +109,7 @@ impl Observer for Kept {
     }
 }
 
-/// The resident memory over a run.
+/// The resident memory over a run_scenario.
 struct Watch {
     what: String,
     count: u64,

@@ -1,16 +1,15 @@
 //! What does an ultrasound image show when a needle pushes into the liver? The vein that it is meant for, at rest, pressed flat before
 //! the capsule gives way, pressed flatter before its own wall does, and after: four frames of the scenario `liver-puncture` side by side.
 //!
-//! `cargo run --release --example vein_flattens -- docs/vein.png` (a minute)
+//! `cargo run_scenario --release --example vein_flattens -- docs/vein.png` (a minute)
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-use insonify::mechanics::insertion::EventKind;
-use insonify::output::png;
-use insonify::scenario::run::{Asked, Deformed, Moment, Observer, Step, run};
-use insonify::scenario::{EXAMPLES, ScenarioFile};
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::{
+    Backend, Deformed, EventKind, FrameState, Moment, Observer, Requests, SCENARIOS, ScenarioFile, Step, Synthesizer,
+    run_scenario, write_png,
+};
 
 /// Width and height of a frame, pixels.
 const SIZE: [usize; 2] = [420, 300];
@@ -58,7 +57,7 @@ impl Observer for Moments {
 fn main() -> Result<(), Box<dyn Error>> {
     let path = std::env::args_os().nth(1).map_or("vein.png".into(), PathBuf::from);
     let name = "liver-puncture";
-    let text = EXAMPLES.iter().find(|(known, _)| *known == name);
+    let text = SCENARIOS.iter().find(|(known, _)| *known == name);
     let (_, text) = text.ok_or("the scenario comes with the crate")?;
     let mut scenario = ScenarioFile::parse(text, name)?.resolve(Path::new("."), |_| {})?;
     let [width, height] = SIZE;
@@ -68,11 +67,11 @@ fn main() -> Result<(), Box<dyn Error>> {
     ) = (width, height);
     let mut model = scenario.model(|_, _| {})?;
     let mut moments = Moments::default();
-    let asked = Asked {
+    let asked = Requests {
         frames: true,
         mesh_s: None,
     };
-    run(&scenario, model.as_mut(), asked, &mut moments)?;
+    run_scenario(&scenario, model.as_mut(), asked, &mut moments)?;
     moments.kept.extend(moments.last.take());
 
     let (anatomy, settings) = (scenario.scene.anatomy.clone(), scenario.scene.settings.clone());
@@ -86,7 +85,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             picture[row * columns + place * width..][..width].copy_from_slice(line);
         }
     }
-    png::write_grey(&path, columns, height, &picture)?;
+    write_png(&path, columns, height, &picture)?;
     println!("{}", path.display());
     Ok(())
 }

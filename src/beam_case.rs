@@ -1,4 +1,4 @@
-//! A needle whose base is moved, as a user writes it: needle, base, elements and layers of tissue in one TOML file.
+//! Case files for a needle whose base is moved: needle, base, elements and tissue layers in one TOML file.
 //!
 //! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`Case::solve`] bends the needle (see
 //! [`mechanics::needle::beam`](crate::mechanics::needle::beam)) and [`Case::find`] finds the base motion for what is wanted.
@@ -21,12 +21,11 @@ pub mod points;
 mod report;
 mod resolve;
 
-pub use error::{BeamCaseError, Wrong};
-pub use file::{BaseSpec, CaseFile, CompressionName, LayerSpec, MeshSpec, ModelName, NeedleSpec};
+pub use error::BeamCaseError;
+pub use file::CaseFile;
 pub use report::{Report, plot};
-pub use resolve::Case;
 
-/// A case file to start from, with every key.
+/// Example case file with every key.
 pub const EXAMPLE: &str = include_str!("../assets/beam.toml");
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! The command line: what may be asked, and which file answers.
+//! Command line: arguments, subcommands and their dispatch.
 
 mod backend;
 mod beam;
@@ -60,7 +60,7 @@ Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not.";
 /// Synthesises B-mode ultrasound frames from labelled volumes, on the GPU or the CPU.
 #[derive(Parser)]
 #[command(name = "insonify", version, after_help = EXAMPLES, max_term_width = 100)]
-pub struct Cli {
+struct Cli {
     /// Print results and errors only: no notes, warnings or progress
     #[arg(short, long, global = true)]
     quiet: bool,
@@ -93,8 +93,8 @@ enum Command {
 }
 
 impl Cli {
-    /// Does what was asked.
-    pub fn run(self) -> Result<(), Failure> {
+    /// Runs the subcommand.
+    fn run(self) -> Result<(), Failure> {
         if self.quiet {
             terminal::quieten();
         }
@@ -126,8 +126,16 @@ impl Cli {
     }
 }
 
-/// The exit status of a run, its failure told.
-pub fn exit(result: Result<(), Failure>) -> ExitCode {
+/// Parses the arguments, runs the command and returns its exit status.
+pub fn main() -> ExitCode {
+    let result = match Cli::try_parse() {
+        Ok(cli) => cli.run(),
+        Err(error) => {
+            // A closed terminal must not cause a failure.
+            let _ = error.print();
+            return ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2));
+        }
+    };
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
@@ -136,13 +144,6 @@ pub fn exit(result: Result<(), Failure>) -> ExitCode {
             ExitCode::from(status)
         }
     }
-}
-
-/// The exit status of arguments that were not understood, or that asked for help; either is printed.
-pub fn refuse(error: &clap::Error) -> ExitCode {
-    // A closed terminal is no reason to fail.
-    let _ = error.print();
-    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(2))
 }
 
 #[cfg(test)]

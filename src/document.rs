@@ -1,4 +1,4 @@
-//! TOML files that a user writes: their text, errors that point into it, and what a slip may have meant.
+//! User-written TOML files: parsing, errors that point at a line, and suggestions for misspelt words.
 
 mod fault;
 mod home;
@@ -24,40 +24,40 @@ pub use version::Version;
 
 use crate::read;
 
-/// Why a file does not even say what it should.
+/// Why the text of a file cannot be parsed.
 #[derive(Debug, thiserror::Error)]
 pub enum Unreadable {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("{}: cannot be read: {cause}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// It is not text.
+    /// The file is not UTF-8 text.
     #[error("{}: byte {byte} is not UTF-8 text", path.display())]
     NotText {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The first byte that is no text, from 0.
+        /// Offset of the first byte that is not UTF-8, from 0.
         byte: usize,
     },
-    /// Not TOML, or a value of the wrong type.
+    /// The text is not TOML, or a value has the wrong type.
     #[error("{0}")]
     Syntax(String),
-    /// A key that is not known there.
+    /// A key that is unknown in its table.
     #[error("unknown key `{key}`")]
     UnknownKey {
-        /// The key.
+        /// The unknown key.
         key: String,
-        /// The keys known in its table.
+        /// Keys known in its table.
         known: Vec<String>,
     },
 }
 
 impl Unreadable {
-    /// Whether the machine failed rather than the file: it is there and cannot be read.
+    /// Whether the machine is at fault rather than the file: the file exists but cannot be read.
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Read { cause, .. } => read::is_machine(cause),
@@ -66,7 +66,7 @@ impl Unreadable {
     }
 }
 
-/// The text of a file.
+/// Reads the text of a file.
 pub(crate) fn read<P: From<Unreadable>>(path: &Path) -> Result<String, Fault<P>> {
     let bytes = read::whole(path, read::TOML);
     let path = || path.to_owned();
@@ -77,7 +77,7 @@ pub(crate) fn read<P: From<Unreadable>>(path: &Path) -> Result<String, Fault<P>>
     })
 }
 
-/// What a text says, and the text kept for errors that point into it; `name` names it in them.
+/// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
 pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<Unreadable>>(
     text: &str,
     name: &str,
@@ -89,10 +89,10 @@ pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<Unreadable>>(
     }
 }
 
-/// Parts that a dotted key may have (`toml`).
+/// Maximum number of parts of a dotted key (`toml`).
 const MOST_PARTS: usize = 79;
 
-/// The first key of more parts.
+/// Finds the first key with more than [`MOST_PARTS`] parts.
 fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
     let mut start = 0;
     for line in text.split_inclusive('\n') {

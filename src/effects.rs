@@ -1,8 +1,8 @@
-//! The ordered registry of effects: the only place where an effect is made known.
+//! Ordered registry of effects: the only place where an effect is declared.
 //!
-//! An effect says when a scene calls for it and which passes it is made of. A pass is declared once: its name, shader,
-//! bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame is the passes of the
-//! wanted effects, run in the order of [`REGISTRY`].
+//! An effect states when a scene calls for it and which passes it consists of. A pass is declared once: its name, shader,
+//! bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame runs the passes of
+//! the enabled effects in the order of [`REGISTRY`].
 
 pub mod blur;
 pub mod contact;
@@ -34,17 +34,17 @@ use crate::synth::tables::Tables;
 /// Whether a scene calls for an effect, and why.
 pub type Verdict = Result<String, String>;
 
-/// One effect: when it runs and what it is made of.
+/// An effect: when it runs and which passes it consists of.
 pub struct Effect {
-    /// Name, the stem of its source, shader and parity test.
+    /// Name, also the stem of its source, shader and parity test.
     pub name: &'static str,
     /// `Ok(reason)` if the scene calls for it, `Err(reason)` if not.
     pub wanted: fn(&Tables) -> Verdict,
-    /// Its passes, in order.
+    /// Passes of the effect, in order.
     pub passes: fn(&Tables) -> Vec<&'static Pass>,
 }
 
-/// Every effect, in the order in which a frame is made.
+/// All effects, in the order of execution within a frame.
 pub static REGISTRY: &[Effect] = &[
     geometry::EFFECT,
     contact::EFFECT,
@@ -65,7 +65,7 @@ pub static REGISTRY: &[Effect] = &[
     quantise::EFFECT,
 ];
 
-/// The effects that a scene names, with their parameters. What is `None` is not simulated and costs nothing.
+/// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Effects {
@@ -91,7 +91,7 @@ pub struct Effects {
     pub blur: Option<blur::Blur>,
     /// Electronic noise and acoustic clutter.
     pub receiver: Option<receiver::Receiver>,
-    /// Gain, time-gain compensation and log compression; none shows the amplitude linearly.
+    /// Gain, time-gain compensation and log compression; without it the amplitude is shown linearly.
     pub tone: Option<tone::Tone>,
     /// Additive Gaussian noise on grey levels.
     pub noise: Option<noise::Noise>,
@@ -103,9 +103,9 @@ pub struct Effects {
 pub struct OutOfRange {
     /// Key path below `effects`, such as `speckle.axial_mm`.
     pub key: String,
-    /// The value found.
+    /// Value found.
     pub found: String,
-    /// The range expected.
+    /// Expected range.
     pub expected: String,
 }
 
@@ -123,7 +123,8 @@ pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>
 }
 
 impl Effects {
-    /// Every effect with its default parameters, save additive noise, which doubles what speckle does physically.
+    /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle does
+    /// physically.
     pub fn usual() -> Self {
         Self {
             contact: Some(contact::Contact::default()),

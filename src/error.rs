@@ -1,4 +1,4 @@
-//! The top error: each module's own, and whether the user or the machine can mend it.
+//! Top-level error type, and whether the user or the machine is at fault.
 
 use std::fmt;
 
@@ -19,6 +19,7 @@ use crate::output::sequence::SequenceError;
 use crate::phantom::PhantomError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
+use crate::simulator::InvalidImaging;
 use crate::statics::StaticsError;
 use crate::study::bench::compare::CompareError;
 use crate::study::plot::PlotError;
@@ -33,7 +34,7 @@ use crate::tracking::calibration::CalibrationError;
 use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
 
-/// Anything that can go wrong between a command and its output.
+/// Any error between a command and its output.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A scene cannot be used.
@@ -42,7 +43,7 @@ pub enum Error {
     /// A scenario cannot be run.
     #[error(transparent)]
     Scenario(#[from] ScenarioError),
-    /// A step of an insertion cannot be made.
+    /// A step of an insertion failed.
     #[error(transparent)]
     Step(#[from] StepError),
     /// A plot cannot be drawn.
@@ -57,7 +58,7 @@ pub enum Error {
     /// A needle in tissue cannot be bent.
     #[error(transparent)]
     BeamCase(#[from] BeamCaseError),
-    /// A needle in tissue of a study has no shape.
+    /// The shape of a needle in tissue cannot be computed in a study.
     #[error(transparent)]
     Beam(#[from] BeamError),
     /// Measured points cannot be read or fitted.
@@ -84,25 +85,25 @@ pub enum Error {
     /// A configuration of PLUS cannot be read.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
-    /// The GPU could not do it.
+    /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A trade-off cannot be studied.
+    /// A trade-off study failed.
     #[error(transparent)]
     Study(#[from] StudyError),
-    /// Insertions cannot be studied.
+    /// A study of insertions failed.
     #[error(transparent)]
     InsertionStudy(#[from] InsertionStudyError),
-    /// A trade-off of tissue cannot be studied.
+    /// A trade-off study of tissue failed.
     #[error(transparent)]
     Tissue(#[from] TissueError),
-    /// A trade-off of images cannot be studied.
+    /// A trade-off study of images failed.
     #[error(transparent)]
     Image(#[from] ImageError),
     /// Backends cannot be compared.
     #[error(transparent)]
     Compare(#[from] CompareError),
-    /// A puncture cannot be calculated.
+    /// A puncture cannot be computed.
     #[error(transparent)]
     Puncture(#[from] PunctureError),
     /// The files of a study cannot be written.
@@ -117,18 +118,21 @@ pub enum Error {
     /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// An output cannot be where it was asked for.
+    /// A simulator cannot image its model.
+    #[error(transparent)]
+    Imaging(#[from] InvalidImaging),
+    /// An output cannot be written at the requested path.
     #[error(transparent)]
     Place(#[from] PlaceError),
 }
 
-/// Exit status for what the machine could not do.
+/// Exit status for failures of the machine.
 pub const MACHINE: u8 = 1;
-/// Exit status for wrong arguments, files or scenes.
+/// Exit status for invalid arguments, files or scenes.
 pub const INPUT: u8 = 2;
 
 impl Error {
-    /// Whether the machine failed, rather than the input.
+    /// Whether the machine is at fault, rather than the input.
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Scene(error) => error.is_machine(),
@@ -157,6 +161,7 @@ impl Error {
             | Self::Tissue(_)
             | Self::Puncture(_)
             | Self::Completion(_)
+            | Self::Imaging(_)
             | Self::Synth(_) => false,
         }
     }

@@ -1,21 +1,21 @@
-//! Adapters, devices, pipelines, read-back and timing: all that knows wgpu, and nothing that knows ultrasound.
+//! Adapters, devices, pipelines, read-back and timing: all code that uses wgpu, independent of ultrasound.
 //!
-//! | file | what it holds |
+//! | file | contents |
 //! |---|---|
-//! | [`adapter`] | which adapters the machine has, and which one a user means |
+//! | [`adapter`] | enumeration and selection of adapters |
 //! | [`device`] | [`Gpu`]: an opened device, its limits, and its errors as values |
-//! | [`faults`] | [`Faults`]: errors that only handlers and callbacks hear of |
+//! | [`faults`] | [`Faults`]: errors reported only through handlers and callbacks |
 //! | [`error`] | [`GpuError`] |
 //! | [`pass`] | [`Pipeline`]: one compute pass and its bind group layout |
 //! | [`parameters`] | [`Parameters`]: the parameters of all passes in one buffer |
 //! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage |
 //! | [`recorder`] | [`Recorder`]: dispatches and copies of one submission |
-//! | [`readback`] | [`Readback`]: bytes back to the CPU through one kept staging buffer |
-//! | [`timing`] | [`Timer`]: GPU time of each pass, where timestamps are offered |
+//! | [`readback`] | [`Readback`]: bytes back to the CPU through one persistent staging buffer |
+//! | [`timing`] | [`Timer`]: GPU time of each pass, where timestamps are supported |
 //! | [`texture_out`] | [`TextureOut`]: a grey frame left on the GPU |
 //!
-//! Objects are made once and kept; a frame in the steady state writes [`Parameters`], records, submits and reads back.
-//! Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.
+//! Objects are created once and reused; a frame in the steady state writes [`Parameters`], records, submits and reads
+//! back. Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.
 //!
 //! Software Vulkan (llvmpipe of Mesa 22.3) ends loops silently once an invocation has gone through 65,535 rounds of all
 //! loops of its shader together: a pass that loops longer belongs in several dispatches.
@@ -66,7 +66,7 @@ pub(crate) mod testing;
 pub mod texture_out;
 pub mod timing;
 
-pub use adapter::{AdapterChoice, AdapterLimits, AdapterReport};
+pub use adapter::{AdapterChoice, AdapterReport};
 pub use buffer::StorageBuffer;
 pub use device::{Gpu, Needs};
 pub use error::GpuError;
@@ -76,4 +76,4 @@ pub use pass::{Access, PassSource, Pipeline};
 pub use readback::Readback;
 pub use recorder::{Dispatch, Recorder};
 pub use texture_out::{TextureOut, row_stride};
-pub use timing::{PassTime, Timer, Timings};
+pub use timing::Timer;

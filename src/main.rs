@@ -1,20 +1,11 @@
-//! The `insonify` command: parse, call, print.
+//! The `insonify` command.
 
-mod cli;
-
-use std::process::ExitCode;
-
-use clap::Parser;
-
-fn main() -> ExitCode {
+fn main() -> std::process::ExitCode {
     quiet_mesa();
-    match cli::Cli::try_parse() {
-        Ok(cli) => cli::exit(cli.run()),
-        Err(error) => cli::refuse(&error),
-    }
+    insonify::cli::main()
 }
 
-/// Keeps Mesa's device selection layer, which every adapter query loads, from printing an error where there is no display.
+/// Keeps Mesa's device selection layer, loaded by every adapter query, from printing an error where there is no display.
 #[allow(unsafe_code, reason = "the environment is set before any other thread runs")]
 fn quiet_mesa() {
     if std::env::var_os("NODEVICE_SELECT").is_none() {

@@ -1,4 +1,4 @@
-//! Tests of a material as a user writes them: one point of tissue in shear, under a history of stress or strain.
+//! Case files for material tests: one point of tissue in shear, under a history of stress or strain.
 //!
 //! [`CaseFile`] is the file as written; [`CaseFile::resolve`] checks it; [`Case::run`] follows the history (see
 //! [`mechanics::tissue::viscoelastic::point`](crate::mechanics::tissue::viscoelastic::point)). [`rheometer`] puts the material
@@ -31,12 +31,10 @@ mod report;
 mod resolve;
 pub mod rheometer;
 
-pub use error::{MaterialCaseError, Wrong};
-pub use file::{CaseFile, ControlName, HistorySpec, Law, MemoryName, RuleName};
-pub use report::Report;
-pub use resolve::Case;
+pub use error::MaterialCaseError;
+pub use file::CaseFile;
 
-/// A case file to start from, with every key.
+/// Example case file with every key.
 pub const EXAMPLE: &str = include_str!("../assets/liver-creep.toml");
 
 #[cfg(test)]

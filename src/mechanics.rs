@@ -1,4 +1,4 @@
-//! Mechanics in f64: tetrahedral meshes, point location, and tissue that deforms.
+//! Mechanics in f64: tetrahedral meshes, point location, and deformable tissue.
 
 pub mod insertion;
 mod ldl;

@@ -1,16 +1,16 @@
-//! Memory to be had, and requests refused before any of it is taken.
+//! Available memory, and requests refused before any of it is allocated.
 
 use std::fs;
 use std::io;
 use std::path::Path;
 
-/// A request for more memory than there is.
+/// A request for more memory than is available.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{what} needs {} of memory, and {} are available", size(*needed), size(*available))]
 pub struct TooLarge {
-    /// The thing that needs it.
+    /// What the memory is for.
     pub what: String,
-    /// Bytes asked for.
+    /// Bytes requested.
     pub needed: u64,
     /// Bytes available.
     pub available: u64,
@@ -22,10 +22,11 @@ impl From<TooLarge> for io::Error {
     }
 }
 
-/// Most memory that is left for what is not asked for here, bytes: the allocator's arenas take 64 MiB of address space each.
+/// Upper bound of the reserve for other allocations, bytes: the allocator's arenas take 64 MiB of address space each.
 const MOST_RESERVE: u64 = 128 << 20;
 
-/// Refuses `needed` bytes for `what` where fewer are available. Where the system does not say, nothing is refused.
+/// Returns an error if fewer than `needed` bytes are available for `what`. Where the system does not report
+/// available memory, nothing is refused.
 ///
 /// # Errors
 /// [`TooLarge`], a failure of the machine (exit status 1).
@@ -41,8 +42,8 @@ pub fn check(needed: u64, what: &str) -> Result<(), TooLarge> {
     }
 }
 
-/// Bytes available without swapping: the least of what the system, the control groups of this process (versions 1 and 2) and its
-/// limits of address space and data leave. None where none of them says; Linux does.
+/// Bytes available without swapping: the minimum of what the system, the control groups of this process (versions 1 and 2) and
+/// its limits of address space and data leave. `None` where none of them reports a value; Linux does.
 pub fn available() -> Option<usize> {
     let read = |path| fs::read_to_string(path).unwrap_or_default();
     let process = read("/proc/self/status");
@@ -56,7 +57,7 @@ pub fn available() -> Option<usize> {
     left.into_iter().flatten().min().map(|bytes| bytes as usize)
 }
 
-/// Bytes with the unit that reads best.
+/// Formats a number of bytes with a suitable unit.
 fn size(bytes: u64) -> String {
     let units = [(1 << 30, "GiB"), (1 << 20, "MiB"), (1 << 10, "KiB")];
     match units.into_iter().find(|(unit, _)| bytes >= *unit) {
@@ -65,21 +66,21 @@ fn size(bytes: u64) -> String {
     }
 }
 
-/// Bytes of an entry in kB.
+/// Parses an entry in kB into bytes.
 fn kib(text: &str, key: &str) -> Option<u64> {
     let line = text.lines().find_map(|line| line.strip_prefix(key))?;
     let kib: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     kib.checked_mul(1024)
 }
 
-/// Bytes that a limit of the process leaves beside what counts towards it.
+/// Bytes left under a limit of the process after what counts towards it.
 fn limit_left(limits: &str, limit: &str, process: &str, used: &str) -> Option<u64> {
     let line = limits.lines().find_map(|line| line.strip_prefix(limit))?;
     let most: u64 = line.split_whitespace().next()?.parse().ok()?;
     Some(most.saturating_sub(kib(process, used)?))
 }
 
-/// Names of a control group's limit, of what it has taken, and of the page cache in that, which is given back where memory is short.
+/// File names of a control group's limit, its usage, and the page cache within that usage, which is reclaimed under memory pressure.
 type GroupFiles = [&'static str; 4];
 const VERSION_1: GroupFiles = [
     "memory.limit_in_bytes",
@@ -89,7 +90,8 @@ const VERSION_1: GroupFiles = [
 ];
 const VERSION_2: GroupFiles = ["memory.max", "memory.current", "inactive_file ", "active_file "];
 
-/// Bytes that the tightest control group leaves, of those of the process and all above them, in the hierarchy of each version.
+/// Bytes left under the tightest control group among those of the process and their ancestors, in the hierarchy of each
+/// version.
 fn groups_left(root: &Path, memberships: &str) -> Option<u64> {
     let hierarchies = memberships.lines().filter_map(|line| {
         let (controllers, path) = line.split_once(':')?.1.split_once(':')?;
@@ -163,7 +165,7 @@ mod tests {
         );
         assert_eq!(left("0::/user/run\n"), Some(700));
 
-        // Version 1, whose path inside a container is another than the one mounted there.
+        // Version 1, whose path inside a container differs from the one mounted there.
         put(
             "memory",
             &[

@@ -1,4 +1,4 @@
-//! Files that leave the program: PNG, animated previews, image sequences with transforms, sidecars; and the places that they go to.
+//! Output files: PNG, animated previews, image sequences with transforms, sidecars, and their destinations.
 
 pub mod atomic;
 mod canvas;
@@ -14,7 +14,7 @@ mod staged;
 
 pub use staged::abandon;
 
-/// A number below `of` for the name of a file: 4 digits, and more if the largest has more, so that names sort.
+/// Formats a number below `of` for a file name: 4 digits, or as many as the largest needs, so that names sort.
 pub fn numbered(number: usize, of: usize) -> String {
     let width = of.saturating_sub(1).to_string().len().max(4);
     format!("{number:0width$}")

@@ -1,7 +1,7 @@
-//! Labelled volumes made from code: anatomy built from smooth solids, the same bytes for the same seed.
+//! Labelled volumes generated from code: anatomy built from smooth solids, byte-identical for the same seed.
 //!
 //! World coordinates are LPS millimetres with the origin inside the body. Label 0 is the outside; the other labels carry
-//! the names of the tissues they are made of, so that a tissue table needs no mapping.
+//! the names of their tissues, so that a tissue table needs no mapping.
 
 mod abdomen;
 mod dent;
@@ -23,10 +23,10 @@ use crate::volume::{InvalidVolume, LabelVolume};
 /// Finest and coarsest resolution, mm.
 pub const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
 
-/// Most voxels of a phantom: one byte each, so 256 MiB.
+/// Maximum number of voxels of a phantom: one byte each, so 256 MiB.
 pub const MAX_VOXELS: usize = 256 << 20;
 
-/// A phantom.
+/// A built-in phantom.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Phantom {
@@ -42,17 +42,17 @@ pub enum Phantom {
     /// The inclusion phantom of Dehghan et al. 2008: a harder inclusion in a softer block, with a hole for a probe. 90 x 80 x 90 mm,
     /// 0.5 mm voxels by default.
     TwoLayer,
-    /// A liver that lies bare, its inferior vena cava across the image, after the experiment of Kobayashi et al. 2010.
-    /// 110 x 74 x 48 mm, 0.5 mm voxels by default.
+    /// An exposed liver, its inferior vena cava across the image, after the experiment of Kobayashi et al. 2010. 110 x
+    /// 74 x 48 mm, 0.5 mm voxels by default.
     LiverVein,
 }
 
-/// How a phantom is made.
+/// Options for generating a phantom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhantomOptions {
-    /// Edge of a voxel, mm ([`RESOLUTION_RANGE_MM`]); none takes the phantom's own.
+    /// Voxel edge, mm ([`RESOLUTION_RANGE_MM`]); `None` uses the phantom's default.
     pub resolution_mm: Option<f64>,
-    /// Seed of all that is uneven: organ surfaces, the course of vessels, bowel gas.
+    /// Seed of all irregularity: organ surfaces, the course of vessels, bowel gas.
     pub seed: u64,
 }
 
@@ -66,35 +66,35 @@ pub enum PhantomError {
         RESOLUTION_RANGE_MM[1]
     )]
     Resolution {
-        /// What was asked for, mm.
+        /// Requested resolution, mm.
         found: f64,
     },
-    /// The volume would be larger than a phantom may be.
+    /// The volume would exceed [`MAX_VOXELS`].
     #[error("{voxels} voxels at {resolution_mm} mm; at most {limit} are made: choose a coarser resolution")]
     TooLarge {
         /// Voxels needed.
         voxels: usize,
-        /// Resolution asked for, mm.
+        /// Requested resolution, mm.
         resolution_mm: f64,
-        /// [`MAX_VOXELS`].
+        /// Maximum number of voxels, [`MAX_VOXELS`].
         limit: usize,
     },
-    /// The volume needs more memory than there is.
+    /// The volume needs more memory than is available.
     #[error(transparent)]
     Memory(#[from] TooLarge),
-    /// The parts do not make a volume.
+    /// The generated parts do not form a valid volume.
     #[error(transparent)]
     Volume(#[from] InvalidVolume),
 }
 
 impl PhantomError {
-    /// Whether the machine failed rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Memory(_))
     }
 }
 
-/// Makes a phantom. The same kind, resolution and seed give the same bytes at any thread count.
+/// Generates a phantom. The same kind, resolution and seed give the same bytes at any thread count.
 ///
 /// # Errors
 /// [`PhantomError::Resolution`] outside [`RESOLUTION_RANGE_MM`], [`PhantomError::TooLarge`] past [`MAX_VOXELS`].
@@ -118,7 +118,8 @@ pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, Phan
     }
 }
 
-/// Value and name of each label of a phantom, in order of value from 1. The names are those of tissues.
+/// Value and name of each label of a phantom, in order of value from 1. The names are tissue names.
+#[cfg(test)]
 pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
     match kind {
         Phantom::Abdomen => abdomen::labels::TABLE,
@@ -129,7 +130,7 @@ pub fn labels(kind: Phantom) -> &'static [(u8, &'static str)] {
     }
 }
 
-/// A pose (probe to world, LPS mm) that shows the phantom well:
+/// Default pose (probe to world, LPS mm) for a phantom:
 ///
 /// - abdomen: curvilinear, radius 60 mm, 70 degrees, depth 150 mm, right subcostal and oblique to the sagittal plane, feet
 ///   on the right of the image: liver with its vessels, gallbladder and right kidney, a rib's shadow at the left edge.
@@ -150,8 +151,8 @@ pub fn default_pose(kind: Phantom) -> Matrix4<f64> {
     }
 }
 
-/// Probe-to-world matrix from the array's centre, the direction into the body and a direction for the marked side (made
-/// perpendicular to it).
+/// Probe-to-world matrix from the array's centre, the direction into the body and a direction towards the marked side
+/// (orthogonalised to it).
 fn pose_at(origin: Vector3<f64>, axial: Vector3<f64>, towards_mark: Vector3<f64>) -> Matrix4<f64> {
     let [y, x, minus_z] = geometry::frame(axial, towards_mark);
     let z = -minus_z;
@@ -163,7 +164,7 @@ fn pose_at(origin: Vector3<f64>, axial: Vector3<f64>, towards_mark: Vector3<f64>
     )
 }
 
-/// Named label values of a phantom and the table of them.
+/// Declares the named label values of a phantom and their table.
 macro_rules! label_table {
     ($($label:ident = $value:literal $name:literal,)*) => {
         $(pub(in crate::phantom) const $label: u8 = $value;)*

@@ -1,7 +1,7 @@
-//! From a scene to the passes and resources that it calls for, each with its reason.
+//! Rendering plan: the passes and resources that a scene needs, each with its reason.
 //!
-//! The plan decides nothing by itself: every effect of the registry says whether the scene calls for it. What a plan does
-//! not list is not built: no pipeline, no buffer, no dispatch.
+//! The plan makes no decisions: every effect of the registry states whether the scene calls for it. What a plan does not
+//! list is not built: no pipeline, no buffer, no dispatch.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -15,38 +15,38 @@ use crate::synth::tables::Tables;
 
 /// One pass of a plan.
 pub struct PlannedPass {
-    /// Its declaration.
+    /// Declaration of the pass.
     pub pass: &'static Pass,
-    /// The effect that it belongs to.
+    /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
     /// Why the scene calls for it.
     pub reason: String,
 }
 
-/// An effect that the scene does without.
+/// An effect that the scene does not use.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Omitted {
-    /// Its name.
+    /// Name of the effect.
     pub name: &'static str,
-    /// Why.
+    /// Reason for the omission.
     pub reason: String,
 }
 
-/// One resource and its size.
+/// A resource and its size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct PlannedResource {
-    /// Which.
+    /// The resource.
     pub resource: Resource,
-    /// Bytes on the GPU.
+    /// Size on the GPU, bytes.
     pub bytes: u64,
 }
 
-/// What a frame of a scene is made of.
+/// Passes and resources of a frame.
 ///
 /// ```
-/// use insonify::effects::Effects;
-/// use insonify::plan::Plan;
-/// use insonify::scene::SceneFile;
+/// use insonify::Effects;
+/// use insonify::Plan;
+/// use insonify::SceneFile;
 /// use insonify::synth::tables::Tables;
 ///
 /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
@@ -62,18 +62,18 @@ pub struct PlannedResource {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Plan {
-    /// Passes in order.
+    /// Passes in order of execution.
     pub passes: Vec<PlannedPass>,
-    /// Effects that the scene does without.
+    /// Effects that the scene does not use.
     pub without: Vec<Omitted>,
-    /// What the passes bind.
+    /// Resources that the passes bind.
     pub resources: Vec<PlannedResource>,
-    /// What comes out otherwise than the scene asks.
+    /// Deviations of the output from what the scene requests.
     pub warnings: Vec<String>,
 }
 
 impl Plan {
-    /// The plan of a scene.
+    /// Builds the plan of a scene.
     pub fn new(tables: &Tables) -> Self {
         let (mut passes, mut without) = (Vec::new(), Vec::new());
         for effect in REGISTRY {
@@ -124,7 +124,7 @@ impl Plan {
         self.resources.iter().map(|planned| planned.bytes).sum()
     }
 
-    /// Bands of rows in which no per-pixel resource exceeds `binding_bytes`.
+    /// Bands of rows such that no per-pixel resource of a band exceeds `binding_bytes`.
     pub fn bands(&self, tables: &Tables, binding_bytes: u64) -> Vec<Band> {
         let largest = self
             .resources
@@ -161,15 +161,15 @@ impl Plan {
     }
 }
 
-/// Most workgroups along one dimension in WebGPU's default limits; a band has one a row.
+/// Maximum number of workgroups along one dimension in WebGPU's default limits; a band has one per row.
 const MAX_BAND_ROWS: u64 = 65_535;
 
-/// One pass in a report.
+/// A pass in a report.
 #[derive(Clone, Debug, Serialize)]
 pub struct NamedPass {
-    /// Its name.
+    /// Name of the pass.
     pub name: &'static str,
-    /// The effect that it belongs to.
+    /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
     /// Why the scene calls for it.
     pub reason: String,
@@ -178,17 +178,17 @@ pub struct NamedPass {
 /// A plan as plain data.
 #[derive(Clone, Debug, Serialize)]
 pub struct PlanReport {
-    /// Passes in order.
+    /// Passes in order of execution.
     pub passes: Vec<NamedPass>,
-    /// Effects that the scene does without.
+    /// Effects that the scene does not use.
     pub without: Vec<Omitted>,
-    /// What the passes bind.
+    /// Resources that the passes bind.
     pub resources: Vec<PlannedResource>,
     /// Bytes of all resources.
     pub bytes: u64,
-    /// What comes out otherwise than the scene asks.
+    /// Deviations of the output from what the scene requests.
     pub warnings: Vec<String>,
-    /// What was picked where the scene says how long a frame may take, if it does.
+    /// Settings picked for the frame time budget, if the scene states one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<Picked>,
 }

@@ -1,17 +1,17 @@
-//! Levels picked from what they cost on this machine.
+//! Automatic choice of accuracy settings from their measured cost on this machine.
 //!
-//! A scene may say how long a frame may take, and a scenario how long a step (`quality = { frame_ms = 16, step_ms = 1 }`). What they
-//! leave open is then picked: of all that stays within that time, what errs least. Keys that are stated stay as they are. Costs are
-//! measured once and kept ([`cache`]); what was picked, and why, is told, so that it can be written into the file and stays so on
-//! any machine.
+//! A scene may state a time budget for a frame, and a scenario one for a step (`quality = { frame_ms = 16, step_ms = 1 }`). Settings
+//! left open are then picked: among those within the budget, the ones with the smallest error. Keys that are stated stay unchanged.
+//! Costs are measured once and cached ([`cache`]); the choice and its reason are reported, so that it can be written into the file
+//! and reproduced on any machine.
 //!
-//! | file | what it holds |
+//! | file | contents |
 //! |---|---|
-//! | [`grid`] | grids of scanlines and samples: what a frame of a scene costs on each |
-//! | [`trial`] | picks that are tried before they are believed |
-//! | [`cache`] | where costs are kept |
+//! | [`grid`] | grids of scanlines and samples, and the frame time on each |
+//! | [`trial`] | trial runs that verify a choice |
+//! | [`cache`] | cache of measured costs |
 //!
-//! What steps cost is measured by [`crate::study::step_costs`]: nothing here knows studies or scenes.
+//! Costs of steps are measured by [`crate::study::step_costs`]: nothing here depends on studies or scenes.
 
 pub mod cache;
 pub mod grid;
@@ -22,24 +22,24 @@ pub mod trial;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// How long frames and steps may take. What a scene leaves open is picked from what it costs on this machine.
+/// Time budgets of frames and steps. What a scene leaves open is picked from what it costs on this machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct QualitySpec {
-    /// Most time of a frame, ms (0.01 to 10000): picks the scanlines and samples of a probe that states none.
+    /// Longest time of a frame, ms (0.01 to 10000): picks the scanlines and samples of a probe that states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame_ms: Option<f64>,
-    /// Most time of a step of an insertion, ms (0.01 to 10000): picks the level of remeshing, the nodes of a mesh made from the scene,
-    /// the length of links or of a beam's elements, and the thinning of the probe's candidates where a scenario states none.
+    /// Longest time of a step of an insertion, ms (0.01 to 10000): picks the level of remeshing, the nodes of a mesh made from the
+    /// scene, the length of links or of a beam's elements, and the thinning of the probe's candidates where a scenario states none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub step_ms: Option<f64>,
 }
 
 impl QualitySpec {
-    /// What is expected of both.
+    /// Expected range of both numbers.
     pub const EXPECTED: &str = "0.01 to 10000 ms";
 
-    /// The first number out of range, with its key.
+    /// Returns the first number out of range, with its key.
     pub fn out_of_range(&self) -> Option<(&'static str, f64)> {
         let numbers = [("frame_ms", self.frame_ms), ("step_ms", self.step_ms)];
         let given = numbers.into_iter().filter_map(|(key, ms)| Some((key, ms?)));
@@ -47,29 +47,29 @@ impl QualitySpec {
     }
 }
 
-/// What choices cost on a machine. Costs of different dials add up.
+/// Measured costs of settings on a machine. Costs of different dials add up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
-    /// What was measured, in words.
+    /// Description of the measurement.
     pub measured: String,
-    /// What errors are of, in words that follow a number; none where they only tell what is better.
+    /// Unit of the errors, in words that follow a number; `None` where errors only rank the rungs.
     pub errors: Option<String>,
-    /// Time with every dial at the rung that costs nothing extra, ms.
+    /// Time with every dial at the rung without extra cost, ms.
     pub base_ms: f64,
-    /// What can be chosen.
+    /// Settings that can be varied.
     pub dials: Vec<Dial>,
 }
 
-/// One choice: some keys that are set together.
+/// A setting that can be varied: keys that change together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dial {
-    /// Keys as they stand in a file.
+    /// Keys as written in a file.
     pub keys: Vec<String>,
-    /// What they may be.
+    /// Available values.
     pub rungs: Vec<Rung>,
 }
 
-/// Most rungs of a dial that is read from a file: all combinations of a few such dials are tried.
+/// Maximum number of rungs of a dial read from a file: all combinations of a few such dials are tried.
 const MOST_RUNGS: usize = 16;
 
 impl Dial {
@@ -85,77 +85,77 @@ impl Dial {
     }
 }
 
-/// One way to set a dial.
+/// One value of a dial.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rung {
-    /// A value for each key, as it stands in a file.
+    /// A value for each key, as written in a file.
     pub values: Vec<String>,
-    /// Time beyond that of [`Costs::base_ms`], ms; below zero where it saves some.
+    /// Time in addition to [`Costs::base_ms`], ms; negative if it saves time.
     pub extra_ms: f64,
-    /// How wrong it is; errors of different dials add up.
+    /// Error of this rung; errors of different dials add up.
     pub error: f64,
 }
 
-/// A key with the value picked for it.
+/// A key with its picked value.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Setting {
-    /// The key as it stands in a file.
+    /// The key as written in a file.
     pub key: String,
-    /// The value as it stands there.
+    /// The value as written in a file.
     pub value: String,
 }
 
-/// What was picked, and why.
+/// Picked settings and the reason.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Picked {
-    /// What was asked for: `frame_ms` or `step_ms`.
+    /// Key of the budget: `frame_ms` or `step_ms`.
     pub asked: String,
-    /// The time asked for, ms.
+    /// Time budget, ms.
     pub budget_ms: f64,
-    /// The time to expect, ms.
+    /// Expected time, ms.
     pub expected_ms: f64,
-    /// Whether it stays within what was asked for.
+    /// Whether the expected time is within the budget.
     pub met: bool,
-    /// What is set.
+    /// Picked settings.
     pub settings: Vec<Setting>,
-    /// All of it in words.
+    /// Explanation of the choice in words.
     pub why: String,
 }
 
 impl Picked {
-    /// The value picked for a key.
+    /// Returns the value picked for a key.
     pub fn value(&self, key: &str) -> Option<&str> {
         let setting = self.settings.iter().find(|setting| setting.key == key)?;
         Some(&setting.value)
     }
 }
 
-/// One rung of each dial, with what they come to.
+/// One rung of each dial, with total time and error.
 struct Combination<'a> {
     rungs: Vec<&'a Rung>,
     ms: f64,
     error: f64,
 }
 
-/// Picks a rung of every dial that is open: of those combinations that stay within `budget_ms` the one that errs least, the cheaper
-/// of two that err alike; where none does, the cheapest. None where no dial is open.
+/// Picks a rung of every open dial: among combinations within `budget_ms` the one with the smallest error, the cheaper of two with
+/// equal error; if none is within the budget, the cheapest. `None` if no dial is open.
 pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool) -> Option<Picked> {
     let choice = choose(costs, budget_ms, open, &[])?;
     Some(choice.picked(asked, budget_ms, costs, choice.ms, &costs.measured))
 }
 
-/// A combination that was chosen.
+/// The selected combination.
 #[derive(Clone, Debug)]
 struct Choice {
     settings: Vec<Setting>,
     ms: f64,
     error: f64,
-    /// The cheapest that errs less.
+    /// The cheapest combination with a smaller error.
     better: Option<(Vec<Setting>, f64)>,
 }
 
 impl Choice {
-    /// The choice among some costs, with the time that it takes, and how that was found.
+    /// Describes the choice among `costs`, with the time `ms` and how that was `measured`.
     fn picked(&self, asked: &str, budget_ms: f64, costs: &Costs, ms: f64, measured: &str) -> Picked {
         let met = ms <= budget_ms;
         let mut why = match met {
@@ -182,7 +182,7 @@ impl Choice {
     }
 }
 
-/// What [`pick`] picks, where some settings are known to take other times than their costs say.
+/// Picks as [`pick`] does, with times measured for some settings in place of those that their costs predict.
 fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(Vec<Setting>, f64)]) -> Option<Choice> {
     let dials: Vec<&Dial> = costs
         .dials

@@ -1,22 +1,23 @@
-//! Randomness as a hash of position and seed: the same input gives the same value on every run, thread count and backend.
+//! Random numbers as a hash of position and seed: the same input gives the same value on every run, thread count and
+//! backend.
 //!
 //! The mixing steps are those of the PCG output permutation family in three dimensions (M. Jarzynski and M. Olano, "Hash Functions for
 //! GPU Rendering", JCGT 9(3), 2020), on 32-bit integers only, since 64-bit ones are optional on GPUs.
 
 pub(crate) mod noise;
 
-/// A 64-bit seed folded to the two 32-bit words that the hashes take.
+/// Folds a 64-bit seed to the two 32-bit words that the hashes take.
 pub fn seed_words(seed: u64) -> [u32; 2] {
     [seed as u32, (seed >> 32) as u32]
 }
 
-/// The first, linear step of [`pcg3d`] on one component.
+/// Applies the first, linear step of [`pcg3d`] to one component.
 #[inline(always)]
 pub fn pcg_step(x: u32) -> u32 {
     x.wrapping_mul(1_664_525).wrapping_add(1_013_904_223)
 }
 
-/// The mixing steps of [`pcg3d`], after the linear one.
+/// Applies the mixing steps of [`pcg3d`], after the linear one.
 #[inline(always)]
 pub fn pcg_mix(mut v: [u32; 3]) -> [u32; 3] {
     v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
@@ -29,13 +30,13 @@ pub fn pcg_mix(mut v: [u32; 3]) -> [u32; 3] {
     v
 }
 
-/// Three well-mixed words from three integers.
+/// Hashes three integers to three well-mixed words.
 #[inline(always)]
 pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
     pcg_mix(v.map(pcg_step))
 }
 
-/// A lattice coordinate on one axis, seeded: what [`hash3`] feeds to [`pcg3d`].
+/// Combines a lattice coordinate on one axis with the seed: the input of [`hash3`] to [`pcg3d`].
 #[inline(always)]
 pub fn seeded(axis: usize, coordinate: i32, seed: [u32; 2]) -> u32 {
     match axis {
@@ -45,7 +46,7 @@ pub fn seeded(axis: usize, coordinate: i32, seed: [u32; 2]) -> u32 {
     }
 }
 
-/// Three words from a lattice point and a seed. Negative coordinates wrap as two's complement.
+/// Hashes a lattice point and a seed to three words. Negative coordinates wrap as two's complement.
 #[inline(always)]
 pub fn hash3(point: [i32; 3], seed: [u32; 2]) -> [u32; 3] {
     pcg3d([
@@ -55,7 +56,7 @@ pub fn hash3(point: [i32; 3], seed: [u32; 2]) -> [u32; 3] {
     ])
 }
 
-/// A word as a number in [0, 1).
+/// Maps a word to a number in [0, 1).
 #[inline(always)]
 pub fn unit(word: u32) -> f32 {
     (word >> 8) as f32 * (1.0 / 16_777_216.0)

@@ -1,4 +1,4 @@
-//! Opening and reading of files: regular ones alone, each within the limit of its kind and the memory.
+//! Opening and reading of files: regular files only, each within the limit of its kind and the memory.
 
 use std::fs::{self, File, FileType};
 use std::io::{self, Read};
@@ -6,45 +6,45 @@ use std::path::Path;
 
 use crate::memory::{self, TooLarge};
 
-/// A kind of file that is read whole.
+/// A kind of file that is read into memory at once.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kind {
-    /// Its name, with an article.
+    /// Name of the kind, with an article.
     name: &'static str,
-    /// Most bytes that are read.
+    /// Maximum size, bytes.
     most: u64,
 }
 
-/// Pictures: 16 bits of RGBA of 4096 x 4096 pixels fit.
+/// Limit for pictures: 16-bit RGBA of 4096 x 4096 pixels fits.
 pub(crate) const PNG: Kind = Kind {
     name: "a PNG file",
     most: 128 << 20,
 };
-/// Scenes, scenarios, problems: a list of a million numbers fits.
+/// Limit for scenes, scenarios and problems: a list of a million numbers fits.
 pub(crate) const TOML: Kind = Kind {
     name: "a TOML file",
     most: 16 << 20,
 };
-/// Paths, curves and points: a million poses fit.
+/// Limit for paths, curves and points: a million poses fit.
 pub(crate) const CSV: Kind = Kind {
     name: "a CSV file",
     most: 128 << 20,
 };
-/// Configurations of PLUS, of some kilobytes.
+/// Limit for configurations of PLUS, which have some kilobytes.
 pub(crate) const XML: Kind = Kind {
     name: "an XML file",
     most: 16 << 20,
 };
-/// Meshes: ten million nodes in text fit.
+/// Limit for meshes: ten million nodes in text fit.
 pub(crate) const MESH: Kind = Kind {
     name: "a mesh file",
     most: 4 << 30,
 };
 
-/// Bytes for which the system need not be asked.
+/// Allocations up to this size are not checked against the available memory, bytes.
 const UNCHECKED: u64 = 1 << 20;
 
-/// Why a file that is there is not read.
+/// Why an existing file is not read.
 #[derive(Debug, thiserror::Error)]
 enum Refused {
     #[error("found {0}; expected a regular file")]
@@ -61,7 +61,8 @@ impl From<Refused> for io::Error {
     }
 }
 
-/// Opens a regular file, through symbolic links. Anything else is refused at once: a pipe or a device may never end.
+/// Opens a regular file, following symbolic links. Anything else is refused at once: a pipe or a device may never
+/// end.
 pub(crate) fn open(path: &Path) -> io::Result<File> {
     let kind = metadata(path)?.file_type();
     if kind.is_file() {
@@ -71,7 +72,7 @@ pub(crate) fn open(path: &Path) -> io::Result<File> {
     }
 }
 
-/// Contents of a regular file, or of a pipe that this program was started with (`<(…)` of a shell, `/dev/stdin`).
+/// Reads a regular file, or a pipe that this program was started with (`<(…)` of a shell, `/dev/stdin`).
 pub(crate) fn whole(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     let found = metadata(path)?;
     let handed_over = ["/dev/fd", "/dev/stdin", "/proc/self/fd"]
@@ -93,13 +94,13 @@ pub(crate) fn whole(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// As [`whole`], as text.
+/// Reads a file as [`whole`] does, as UTF-8 text.
 pub(crate) fn text(path: &Path, kind: Kind) -> io::Result<String> {
     let utf8 = |bytes| String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
     whole(path, kind).and_then(utf8)
 }
 
-/// Room for exactly `count` values, which are part of `what`; checked before any of it is taken.
+/// Allocates capacity for exactly `count` values, which are part of `what`, after checking the available memory.
 pub(crate) fn room<T>(count: usize, what: &str) -> Result<Vec<T>, TooLarge> {
     let needed = (count as u64).saturating_mul(size_of::<T>() as u64);
     if needed > UNCHECKED {
@@ -114,7 +115,8 @@ pub(crate) fn room<T>(count: usize, what: &str) -> Result<Vec<T>, TooLarge> {
     Ok(values)
 }
 
-/// Failures of the machine, in contrast to files that are missing, forbidden, too long or no files.
+/// Whether an error is a failure of the machine, in contrast to files that are missing, forbidden, too long or not
+/// regular.
 pub(crate) fn is_machine(cause: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     !matches!(
@@ -201,7 +203,7 @@ mod tests {
         let error = whole(&path, SMALL).unwrap_err();
         let says = "found 5 bytes or more; expected a small file of at most 4 bytes";
         assert_eq!((error.to_string().as_str(), is_machine(&error)), (says, false));
-        // Files of the system say that they have no bytes.
+        // Files of `/proc` report a size of 0 bytes.
         let error = whole(Path::new("/proc/self/status"), SMALL).unwrap_err();
         assert_eq!(error.to_string(), says);
         let error = io::Error::from(room::<u64>(usize::MAX / 8, "a mesh").unwrap_err());

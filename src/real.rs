@@ -1,22 +1,22 @@
-//! The scalar of the CPU reference: `f32` is the twin of the GPU, `f64` the gold standard it is measured against.
+//! Scalar type of the CPU reference: `f32` matches the GPU, `f64` is the gold standard for it.
 
 use num_traits::{Float, FromPrimitive, NumAssign};
 
-/// A floating-point scalar that the CPU reference runs in.
+/// Floating-point scalar of the CPU reference.
 pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std::fmt::Debug + 'static {
     /// Rounds an `f64` to this type.
     fn of(value: f64) -> Self;
     /// Widens to `f64`, exactly.
     fn wide(self) -> f64;
-    /// A signed integer, rounded.
+    /// Converts a signed integer, with rounding.
     fn from_signed(value: i32) -> Self;
-    /// Towards zero; saturates.
+    /// Truncates towards zero, with saturation.
     fn truncate(self) -> i32;
-    /// The copy of a table in this type.
+    /// Returns the copy of a table in this type.
     fn pick(numbers: &Numbers) -> &[Self];
 }
 
-/// A table computed in double precision, kept in both.
+/// A table computed in double precision, stored in both precisions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Numbers {
     wide: Vec<f64>,
@@ -24,13 +24,13 @@ pub struct Numbers {
 }
 
 impl Numbers {
-    /// Keeps the numbers and their rounded copies.
+    /// Stores the numbers and their rounded copies.
     pub fn new(wide: Vec<f64>) -> Self {
         let narrow = wide.iter().map(|&x| x as f32).collect();
         Self { wide, narrow }
     }
 
-    /// The copy in the scalar of a backend.
+    /// Returns the copy in the scalar of a backend.
     pub fn of<T: Real>(&self) -> &[T] {
         T::pick(self)
     }

@@ -1,19 +1,19 @@
-//! Levels I to III of remeshing with the dense inverse on a GPU: the one place that knows both mechanics and GPUs.
+//! Remeshing levels I to IV with the dense inverse on a GPU; the only module that depends on both mechanics and GPUs.
 //!
-//! [`follow`] makes a [`Remesher`](crate::mechanics::tissue::remesh::Remesher) like those of
-//! [`levels`](crate::mechanics::tissue::remesh::levels), with which it shares all but the
-//! [`Store`](crate::mechanics::tissue::remesh::levels::Store); `Adaptation::replace` puts it to use while running, and with [`maker`] an insertion works on a GPU. The inverse stays on the device. Of each change, the rows and columns
-//! around the moved node come back (G, some 48 x 48 values), C = (I + dK G)^-1 dK is computed from them in f64 and sent, and
-//! K^c comes back. Both products are fused into one pass over the tiles of the lower triangle, which reads and writes each once:
-//! at rank 48 that is 24 multiply-adds for each byte moved, about what data-centre GPUs balance.
+//! [`follow`] creates a [`Remesher`](crate::mechanics::tissue::remesh::Remesher) like those of [`levels`](crate::mechanics::tissue::remesh::levels),
+//! with which it shares all but the [`Store`](crate::mechanics::tissue::remesh::levels::Store); `Adaptation::replace` switches to it during a run,
+//! and with [`maker`] an insertion uses a GPU. The inverse stays on the device. After each change, the rows and columns around the moved node are
+//! read back (G, some 48 x 48 values), C = (I + dK G)^-1 dK is computed from them in f64 and uploaded, and K^c is read back. Both products are fused
+//! into one pass over the tiles of the lower triangle, which reads and writes each once: at rank 48 that is 24 multiply-adds per byte moved, about
+//! the machine balance of data-centre GPUs.
 //!
-//! The base stays in the memory of the CPU and is sent again for a rebuild; everything on the device is freed with the store.
+//! The base stays in CPU memory and is uploaded again for a rebuild; all device memory is freed with the store.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | [`passes`] | the passes of `shaders/remesh.wgsl`, and their parameters |
-//! | [`tiles`] | the lower triangle in tiles, spread over buffers within the binding limit |
-//! | [`store`] | the inverse on a device |
+//! | [`passes`] | passes of `shaders/remesh.wgsl`, and their parameters |
+//! | [`tiles`] | lower triangle in tiles, spread over buffers within the binding limit |
+//! | [`store`] | inverse on a device |
 
 pub mod passes;
 pub mod store;
@@ -29,15 +29,15 @@ use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 pub use store::DeviceStore;
 
-/// A dense inverse in f32 on a GPU that follows at one of the levels I to IV.
+/// Remesher of the levels I to IV with a dense inverse in f32 on a GPU.
 pub type DeviceLevels = Following<DeviceStore>;
 
-/// Follows `mesh` from its current state at `level`, I to IV, in f32 on `gpu`. `source` is that of the base; an inverse in f64
-/// is rounded.
+/// Creates a remesher at `level`, I to IV, in f32 on `gpu` from the current state of `mesh`. `source` is the compliance
+/// of its base; an inverse in f64 is rounded.
 ///
 /// # Errors
-/// [`RemeshError::Unsuited`] where the source is not dense, the inverse does not fit the device or f32 does not suffice for the
-/// materials; [`RemeshError::Device`] where the device fails; or as
+/// [`RemeshError::Unsuited`] where the source is not dense, the inverse does not fit the device or f32 does not suffice
+/// for the materials; [`RemeshError::Device`] where the device fails; otherwise those of
 /// [`Levels::new`](crate::mechanics::tissue::remesh::levels::Levels::new).
 pub fn follow(
     gpu: &Gpu,
@@ -66,7 +66,7 @@ pub fn follow(
     Following::start(mesh, store, level, options)
 }
 
-/// What makes remeshers of the levels I to IV on `gpu`, in f32. The exact level, which needs no dense inverse, is that of the CPU.
+/// Factory of remeshers of the levels I to IV on `gpu`, in f32. The exact level, which needs no dense inverse, runs on the CPU.
 pub fn maker(gpu: &Gpu) -> Maker {
     let gpu = gpu.clone();
     Box::new(
@@ -82,8 +82,8 @@ pub fn maker(gpu: &Gpu) -> Maker {
     )
 }
 
-/// Refuses an inverse on a device that shares the memory of the CPU where that has no room: it would be taken page by page,
-/// and the system would end the program.
+/// Refuses an inverse on a device that shares CPU memory where too little is available: it would be allocated page by page,
+/// and the system would kill the program.
 fn check_memory(size: usize, name: &str, available: Option<usize>) -> Result<(), String> {
     match available {
         Some(available) if tiles::bytes_of(size) > available as u64 => {
@@ -106,7 +106,7 @@ fn gib(bytes: u64) -> f64 {
     bytes as f64 / (1u64 << 30) as f64
 }
 
-/// The dense inverse of a source in f32.
+/// Returns the dense inverse of a source in f32.
 fn single(source: &Source, level: Level) -> Result<Arc<Symmetric<f32>>, RemeshError> {
     match source {
         Source::Single(inverse) => Ok(Arc::clone(inverse)),
@@ -119,7 +119,7 @@ fn single(source: &Source, level: Level) -> Result<Arc<Symmetric<f32>>, RemeshEr
     }
 }
 
-/// Degrees of freedom that one move can touch at most.
+/// Maximum number of degrees of freedom that one node move can affect.
 fn largest_support(mesh: &AdaptedMesh) -> usize {
     let free = |node: &u32| mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
     let supports = (0..mesh.nodes().len() as u32).map(|node| mesh.neighbours(node).iter().map(free).sum());

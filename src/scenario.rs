@@ -1,10 +1,10 @@
-//! Needle insertions as a user writes them: a scene, the tissue that yields in it, a needle, a probe, in one TOML file.
+//! Scenario files for needle insertions: scene, deformable tissue, needle and probe in one TOML file.
 //!
 //! [`ScenarioFile`] is the file as written; [`ScenarioFile::resolve`] loads what it names, makes the mesh and checks every
 //! number; [`run`](run::run) moves needle and probe through it, step by step. Errors point at the line.
 //!
 //! ```
-//! use insonify::scenario::ScenarioFile;
+//! use insonify::ScenarioFile;
 //!
 //! let text = r#"
 //! version = 1
@@ -60,25 +60,15 @@ use std::path::Path;
 use crate::document;
 use crate::scene::SceneFile;
 
-pub use cylinder::CylinderSpec;
-pub use error::{ScenarioError, Wrong};
-pub use file::{ChangeSpec, RunSpec, ScenarioFile, SceneSource};
-pub use instruments::{BevelSpec, ConstraintSpec, ContactProbeSpec, EntrySpec, NeedleModel, NeedleTable};
-pub use modelling::Modelling;
-pub use needle::{Bending, NeedleSettings};
-pub use plan::{Deposit, Guide, Target};
-pub use planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateNames, TemplateSpec};
-pub use probe::Contact;
-pub use resolve::{Scenario, Timing};
-pub use stiffened::{StepSolverSpec, Stiffened, TissueViscositySpec};
-pub use summary::{Happened, LevelChanged, Reached, Seed, StepMs, Summary};
-pub use tissue::{
-    BoneSpec, ColumnsName, DEFAULT_NODES, DeviceName, FixSpec, LevelName, MaterialSpec, PeakSpec, PrecisionName,
-    TissueModel, TissueSpec,
-};
+pub use error::ScenarioError;
+pub use file::{ScenarioFile, SceneSource};
+pub use instruments::{NeedleModel, NeedleTable};
+pub use resolve::Scenario;
+pub use summary::Summary;
+pub use tissue::{DEFAULT_NODES, LevelName, TissueModel};
 pub use trial::Trial;
 
-/// The scenarios that come with the crate, by name.
+/// Built-in scenarios, by name.
 pub const EXAMPLES: &[(&str, &str)] = &[
     ("liver-biopsy", include_str!("../assets/liver-biopsy.toml")),
     ("liver-puncture", include_str!("../assets/liver-puncture.toml")),
@@ -93,7 +83,7 @@ pub const EXAMPLES: &[(&str, &str)] = &[
     ),
 ];
 
-/// Every key of a scenario, explained.
+/// Reference scenario that explains every key.
 pub const REFERENCE: &str = include_str!("../assets/scenario.toml");
 
 /// The JSON schema of a scenario file.
@@ -102,7 +92,8 @@ pub fn schema() -> serde_json::Value {
 }
 
 impl ScenarioFile {
-    /// A needle that goes to a target in a label file: the probe is placed over the target, the needle enters beside it.
+    /// Scenario for a needle to a target in a label file: the probe is placed over the target, the needle enters beside
+    /// it.
     pub fn for_labels(path: &Path, target: &str) -> Self {
         Self {
             version: Some(document::Version),
@@ -118,15 +109,15 @@ impl ScenarioFile {
     /// Reads a scenario file.
     ///
     /// # Errors
-    /// [`ScenarioError`] for a file that cannot be read or is no scenario.
+    /// [`ScenarioError`] if the file cannot be read or is not a scenario.
     pub fn read(path: &Path) -> Result<Self, ScenarioError> {
         Self::parse(&document::read(path)?, &path.display().to_string())
     }
 
-    /// Parses the text of a scenario file; `name` names it in errors.
+    /// Parses the text of a scenario file; `name` is the file name shown in errors.
     ///
     /// # Errors
-    /// [`ScenarioError`] that points at what is no TOML, at a key that no scenario has, or at a value of the wrong type.
+    /// [`ScenarioError`] that points at a syntax error, an unknown key, or a value of the wrong type.
     pub fn parse(text: &str, name: &str) -> Result<Self, ScenarioError> {
         let (mut file, source): (Self, _) = document::parse(text, name)?;
         file.source = Some(source);

@@ -1,11 +1,11 @@
-//! What a user writes, validated: a scene file in TOML becomes a [`Scene`], in which every effect and model is optional.
+//! Scene files, validated: a TOML file becomes a [`Scene`], in which every effect and model is optional.
 //!
-//! [`SceneFile`] is the file as written; [`SceneFile::resolve`] loads what it names, fills in what it leaves open, checks
-//! every number against its range and says what was assumed. The format is explained by the commented default scene,
+//! [`SceneFile`] is the file as written; [`SceneFile::resolve`] loads the files that it names, fills in defaults, checks
+//! every number against its range and reports its assumptions. The format is explained by the commented default scene,
 //! [`DEFAULT`], and described by [`schema`].
 //!
 //! ```
-//! use insonify::scene::SceneFile;
+//! use insonify::SceneFile;
 //!
 //! let file = SceneFile::parse("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 4\n", "mine.toml")?;
 //! let scene = file.resolve(".".as_ref())?;
@@ -29,19 +29,16 @@ mod timeline;
 
 use std::path::Path;
 
-use nalgebra::Point3;
+use nalgebra::{Matrix4, Point3};
 
-pub use deform::DeformSpec;
 pub use error::{Problem, SceneError};
-pub use file::{GridSpec, ImageSpec, PoseTable, SceneFile, TextureSpec, VolumeSpec};
-pub use paths::{
-    BendingSpec, MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleSequenceSpec, NeedleTable, SequenceSpec,
-};
+pub use file::{ImageSpec, PoseTable, SceneFile, VolumeSpec};
+pub use paths::{NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 
 use crate::document;
 use crate::quality::QualitySpec;
 use crate::synth::tables::{Anatomy, Settings};
-use crate::synth::{FrameState, NeedleShaft};
+use crate::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
 use crate::tracking::needle::{NeedlePath, NeedlePose};
 use crate::tracking::pose::Pose;
 use crate::tracking::sequence::SequenceFrame;
@@ -52,10 +49,10 @@ use motion::Needle;
 pub(crate) use target::Body;
 use timeline::Timeline;
 
-/// The default scene, every key explained.
+/// Default scene, with every key explained.
 pub const DEFAULT: &str = include_str!("../assets/default.toml");
 
-/// The scenes that come with the crate, by name: each an example of one thing.
+/// Built-in scenes, by name: an example of one feature each.
 pub const EXAMPLES: &[(&str, &str)] = &[
     ("default", DEFAULT),
     ("liver-needle", include_str!("../assets/liver-needle.toml")),
@@ -69,13 +66,13 @@ pub fn schema() -> serde_json::Value {
     schemars::schema_for!(SceneFile).to_value()
 }
 
-/// A scene that can be rendered: every number in its range, every file read.
+/// A scene ready to render: every number in its range, every file read.
 ///
-/// It answers what a [`Synthesizer`](crate::synth::Synthesizer) is made of, and where everything is in each frame.
+/// It provides the inputs of a [`Synthesizer`](crate::synth::Synthesizer) and the poses of each frame.
 ///
 /// ```
-/// use insonify::scene::SceneFile;
-/// use insonify::synth::FrameState;
+/// use insonify::SceneFile;
+/// use insonify::FrameState;
 ///
 /// let text = r#"
 /// version = 1
@@ -106,19 +103,19 @@ pub fn schema() -> serde_json::Value {
 /// ```
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// What is imaged.
+    /// Imaged anatomy.
     pub anatomy: Anatomy,
-    /// How it is imaged.
+    /// Imaging settings.
     pub settings: Settings,
-    /// How long frames and steps may take; nothing where the scene does not say.
+    /// Time budgets of frames and steps; empty where the scene states none.
     pub quality: QualitySpec,
-    /// Whether the scene leaves scanlines and samples open.
+    /// Whether the scene leaves the numbers of scanlines and samples open.
     pub open_grid: [bool; 2],
-    /// What was assumed, for people to read.
+    /// Assumptions made, for the user.
     pub notes: Vec<String>,
-    /// What is odd, for people to heed.
+    /// Suspicious settings, for the user.
     pub warnings: Vec<String>,
-    /// The scene file with probe, image, effects and a pose that stays filled in.
+    /// The scene file with probe, image, effects and a constant pose filled in.
     pub file: SceneFile,
     probe: Trajectory,
     recording: Vec<SequenceFrame>,
@@ -128,38 +125,38 @@ pub struct Scene {
 }
 
 impl Scene {
-    /// Frames that the scene asks for: what it states, or else one for each pose of a recording, 25 a second of any other
-    /// motion, and 1 where nothing moves.
+    /// Number of frames: the stated number, or else one for each pose of a recording, 25 per second of any other motion,
+    /// and 1 where nothing moves.
     pub fn frames(&self) -> usize {
         self.timeline.frames()
     }
 
-    /// The time of frame `frame` of `of`, s. As many frames as a recording has poses lie at its own times; otherwise frames
-    /// are spread evenly.
+    /// Time of frame `frame` of `of`, s. If there are as many frames as recorded poses, recorded times are used; otherwise
+    /// frames are evenly spaced.
     pub fn time_s(&self, frame: usize, of: usize) -> f64 {
         self.timeline.time_s(frame, of)
     }
 
-    /// Where the probe is in frame `frame` of `of`.
+    /// Pose of the probe in frame `frame` of `of`.
     pub fn probe_pose(&self, frame: usize, of: usize) -> Pose {
         self.probe.at(self.time_s(frame, of))
     }
 
-    /// What a tracked sequence that moves the probe recorded for frame `frame` of `of`: nothing where there are not as many
-    /// frames as recorded poses.
+    /// Recorded data for frame `frame` of `of` from the tracked sequence that moves the probe; `None` if the number of
+    /// frames differs from that of recorded poses.
     pub fn recorded(&self, frame: usize, of: usize) -> Option<&SequenceFrame> {
         let keys = self.probe.keys();
         let key = keys.get(frame).filter(|_| keys.len() == of)?;
         self.recording.get(key.source)
     }
 
-    /// The axes in which the scene states the motion of the probe.
+    /// World axes in which the scene states the motion of the probe.
     pub fn motion_world(&self) -> World {
         let motion = self.file.motion.as_ref();
         motion.and_then(|motion| motion.world).unwrap_or_default()
     }
 
-    /// Where the needle is in frame `frame` of `of`, if the scene has one.
+    /// Pose of the needle in frame `frame` of `of`, if the scene has one.
     pub fn needle_pose(&self, frame: usize, of: usize) -> Option<NeedlePose> {
         match self.needle.as_ref()? {
             Needle::Still(pose) => Some(pose.clone()),
@@ -167,7 +164,7 @@ impl Scene {
         }
     }
 
-    /// Labels and what they are made of.
+    /// Labels and their tissues.
     pub(crate) fn body(&self) -> Body<'_> {
         Body {
             volume: &self.anatomy.volume,
@@ -175,7 +172,7 @@ impl Scene {
         }
     }
 
-    /// The scene with a needle that moves as a table says.
+    /// Returns the scene with a needle that moves as `table` states.
     pub(crate) fn with_needle(mut self, table: NeedleTable) -> Result<Self, SceneError> {
         self.file.needle = Some(table);
         self.needle = self
@@ -185,12 +182,12 @@ impl Scene {
         Ok(self)
     }
 
-    /// The path of the probe.
+    /// Path of the probe.
     pub fn probe_path(&self) -> &Trajectory {
         &self.probe
     }
 
-    /// The path of the needle's tip, if the scene has a needle that moves.
+    /// Path of the needle tip, if the scene has a needle that moves.
     pub fn needle_path(&self) -> Option<&NeedlePath> {
         match self.needle.as_ref()? {
             Needle::Still(_) => None,
@@ -198,14 +195,36 @@ impl Scene {
         }
     }
 
-    /// Fills in what frame `frame` of `of` is made of. What `into` holds already is reused.
+    /// Fills in the state of frame `frame` of `of`, reusing what `into` already holds.
     ///
     /// # Errors
-    /// [`Problem::Frame`] where there is no such frame.
+    /// [`Problem::Frame`] if there is no such frame.
     pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), SceneError> {
         if frame >= of {
             return Err(SceneError::new(Problem::Frame { frame, of }));
         }
+        self.fill(frame, of, into);
+        Ok(())
+    }
+
+    /// States of `of` frames, in order; [`frames`](Self::frames) are what the scene asks for.
+    pub fn states(&self, of: usize) -> impl ExactSizeIterator<Item = FrameState> + '_ {
+        (0..of).map(move |frame| {
+            let mut state = FrameState::at(Matrix4::identity());
+            self.fill(frame, of, &mut state);
+            state
+        })
+    }
+
+    /// Prepares the synthesis of the scene's frames.
+    ///
+    /// # Errors
+    /// The errors of [`Synthesizer::new`].
+    pub fn synthesizer(&self, backend: Backend) -> Result<Synthesizer, SynthError> {
+        Synthesizer::new(self.anatomy.clone(), self.settings.clone(), backend)
+    }
+
+    fn fill(&self, frame: usize, of: usize, into: &mut FrameState) {
         let time_s = self.time_s(frame, of);
         into.frame = frame as u64;
         into.probe_to_world = *self.probe.at(time_s).probe_to_world();
@@ -223,7 +242,6 @@ impl Scene {
                 deformation.nodes_at(time_s, into.nodes.get_or_insert_default());
             }
         }
-        Ok(())
     }
 }
 
@@ -242,15 +260,15 @@ impl SceneFile {
     /// Reads a scene file.
     ///
     /// # Errors
-    /// [`SceneError`] for a file that cannot be read or is no scene.
+    /// [`SceneError`] if the file cannot be read or is not a scene.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
         Self::parse(&document::read(path)?, &path.display().to_string())
     }
 
-    /// Parses the text of a scene file; `name` names it in errors.
+    /// Parses the text of a scene file; `name` is the file name shown in errors.
     ///
     /// # Errors
-    /// [`SceneError`] that points at what is no TOML, at a key that no scene has, or at a value of the wrong type.
+    /// [`SceneError`] that points at a syntax error, an unknown key, or a value of the wrong type.
     pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
         let (mut file, source): (Self, _) = document::parse(text, name)?;
         file.source = Some(source);

@@ -1,20 +1,19 @@
-//! Segmentations as people have them: a label file or a folder of masks, its labels named by the file, by a table, by file
-//! names or by values.
+//! Segmentations: a label file or a folder of masks, with labels named by the file, a table, file names or label values.
 
 mod folder;
 mod info;
-mod reading;
+mod naming;
 mod table;
 
 use std::path::Path;
 
 use crate::tissue::{Preset, known};
 use crate::volume::{LabelVolume, Loaded, VolumeError, load};
-pub use info::{Info, LabelInfo};
-use reading::Sizes;
+pub use info::Info;
+use naming::Sizes;
 pub use table::Names;
 
-/// Endings of the files that hold volumes, the longer of two that fit first.
+/// File extensions of volumes, longer ones before their suffixes.
 const ENDINGS: [&str; 9] = [
     ".seg.nrrd",
     ".nrrd",
@@ -27,27 +26,27 @@ const ENDINGS: [&str; 9] = [
     ".mhd",
 ];
 
-/// How labels get their names.
+/// Sources of label names.
 #[derive(Clone, Debug, Default)]
 pub struct Naming<'a> {
-    /// Names by value, which go before those of the file.
+    /// Names by value, which take precedence over those in the file.
     pub names: Option<Names>,
-    /// The numbering by which labels without names are read.
+    /// Numbering used to name labels without names.
     pub preset: Preset,
     /// Values of labels that need no name.
     pub claimed: &'a [i64],
 }
 
-/// A label volume whose labels have their names.
+/// A label volume with named labels.
 #[derive(Clone, Debug)]
 pub struct Segmentation {
     /// The volume.
     pub volume: LabelVolume,
-    /// The numbering by which labels were named, and their values.
+    /// Numbering by which labels were named, and the values of these labels.
     pub by_value: Option<(Preset, Vec<i64>)>,
-    /// Where names come from, one sentence each.
+    /// Sources of the names, one sentence each.
     pub notes: Vec<String>,
-    /// Doubts, one sentence each.
+    /// Warnings, one sentence each.
     pub warnings: Vec<String>,
 }
 
@@ -71,7 +70,7 @@ impl From<Loaded> for Segmentation {
     }
 }
 
-/// The name of a volume's file without its folder and ending; none where the ending is not that of a volume.
+/// Name of a volume's file without folder and extension; `None` if the extension is not that of a volume.
 pub fn stem(path: &Path) -> Option<String> {
     let name = path.file_name()?.to_string_lossy().into_owned();
     let lower = name.to_ascii_lowercase();
@@ -79,12 +78,13 @@ pub fn stem(path: &Path) -> Option<String> {
     Some(name[..name.len() - ending.len()].to_owned())
 }
 
-/// Opens a label file, or a folder of binary masks named by their files, and names its labels: by `names`, or else by what
-/// the file says, by a table beside it (`liver.csv` for `liver.nii.gz`), by the name of a file that is a single mask, and by
-/// the values of a numbering.
+/// Opens a label file, or a folder of binary masks named by their files, and names its labels: by `names`, or else by the
+/// file, by a table beside it (`liver.csv` for `liver.nii.gz`), by the name of a file that is a single mask, and by the
+/// values of a numbering.
 ///
 /// # Errors
-/// [`VolumeError`] as [`load`], for folders without masks and for masks that are not binary or lie on other grids.
+/// [`VolumeError`] as in [`load`], for folders without masks and for masks that are not binary or lie on other
+/// grids.
 pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
     let is_folder = path.is_dir();
     let mut segmentation = if is_folder {
@@ -101,7 +101,7 @@ pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
     };
     segmentation.name_mask(path, naming);
     let sizes = Sizes::of(&segmentation.volume);
-    // Values that a table leaves out are in a numbering of its own.
+    // Values missing from a table belong to its own numbering.
     if !by_table || naming.preset != Preset::Auto {
         segmentation.read_values(naming, &sizes);
     }
@@ -110,7 +110,7 @@ pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
 }
 
 impl Segmentation {
-    /// Indices of the labels without names that need one.
+    /// Indices of unnamed labels that need a name.
     fn nameless<'a>(&'a self, naming: &'a Naming) -> impl Iterator<Item = usize> + 'a {
         let labels = self.volume.labels().iter().enumerate().skip(1);
         labels
@@ -136,8 +136,8 @@ impl Segmentation {
         }
     }
 
-    /// Takes the names of the table of the same stem beside a label file, and returns whether it did: one that cannot be read
-    /// is of something else.
+    /// Takes the names from the table of the same stem beside a label file, and returns whether it did: an unreadable table
+    /// belongs to something else.
     fn take_names_beside(&mut self, path: &Path) -> bool {
         let table = stem(path).map(|stem| path.with_file_name(format!("{stem}.csv")));
         let Some(table) = table.filter(|table| table.is_file()) else {
@@ -153,7 +153,7 @@ impl Segmentation {
         true
     }
 
-    /// Names the only label of a mask after its file, where that tells a tissue.
+    /// Names the only label of a mask after its file, if the name identifies a tissue.
     fn name_mask(&mut self, path: &Path, naming: &Naming) {
         let [_, only] = self.volume.labels() else {
             return;
@@ -167,7 +167,7 @@ impl Segmentation {
         if known(&stem).is_some() {
             self.notes.push(format!("the only label is named by its file: {stem}"));
             self.volume.name(1, stem);
-        } else if reading::is_mask(only.value) && naming.preset == Preset::Auto && !naming.claimed.contains(&only.value)
+        } else if naming::is_mask(only.value) && naming.preset == Preset::Auto && !naming.claimed.contains(&only.value)
         {
             self.warnings.push(format!(
                 "the only label, {}, has no name, and the file name \"{stem}\" tells no tissue: name the file after it, such \
@@ -178,7 +178,7 @@ impl Segmentation {
     }
 }
 
-/// Values for a sentence: all of a few, the first of many.
+/// Lists values for a sentence: all if few, otherwise the first ones.
 fn listed(values: &[i64]) -> String {
     const SHOWN: usize = 12;
     let shown: Vec<String> = values.iter().take(SHOWN).map(i64::to_string).collect();

@@ -1,48 +1,48 @@
-//! Loops compiled for the widest vector registers of the machine that runs them.
+//! Run-time dispatch of loops to the widest vector registers of the machine.
 
 use pulp::Arch;
 pub(crate) use pulp::{Simd, WithSimd};
 
-/// A loop with its arguments. `run` must be `#[inline(always)]`, as must what it calls: only what is inlined into
+/// A loop with its arguments. `run` and all that it calls must be `#[inline(always)]`: only code inlined into
 /// [`vectorised`] is compiled for the wide registers.
 pub(crate) trait Kernel {
-    /// What it returns.
+    /// Result of the loop.
     type Output;
 
     /// Runs the loop.
     fn run(self) -> Self::Output;
 }
 
-/// Runs a kernel, compiled for every vector extension that may be there and chosen at run time. Results do not depend on
-/// which: Rust neither fuses nor reorders floating-point operations.
+/// Runs a kernel, compiled for every supported vector extension and selected at run time. Results do not depend on the
+/// selection: Rust neither fuses nor reorders floating-point operations.
 #[inline(always)]
 pub(crate) fn vectorised<K: Kernel>(kernel: K) -> K::Output {
     dispatch(Call(kernel))
 }
 
-/// Runs a kernel that names its registers. Where it multiplies and adds, results depend on whether the machine fuses the
-/// two, but never on the number of threads.
+/// Runs a kernel written with explicit registers. Results of multiply-add depend on whether the machine fuses the two
+/// operations, but never on the number of threads.
 #[inline(always)]
 pub(crate) fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
     Arch::new().dispatch(kernel)
 }
 
-/// A scalar that fills vector registers: one name for what pulp names by type.
+/// A scalar with vector registers: one interface to pulp's per-type functions.
 pub trait Lanes: Copy + 'static {
-    /// A register full.
+    /// Vector register of this scalar.
     type Vector<S: Simd>: Copy;
 
-    /// One value in every lane.
+    /// Returns a vector with one value in every lane.
     fn splat<S: Simd>(simd: S, value: Self) -> Self::Vector<S>;
-    /// `a * b + c`, fused where the machine can.
+    /// Returns `a * b + c`, fused where the machine supports it.
     fn multiply_add<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>, c: Self::Vector<S>) -> Self::Vector<S>;
-    /// `a - b`.
+    /// Returns `a - b`.
     fn difference<S: Simd>(simd: S, a: Self::Vector<S>, b: Self::Vector<S>) -> Self::Vector<S>;
-    /// The sum of all lanes.
+    /// Returns the sum of all lanes.
     fn total<S: Simd>(simd: S, a: Self::Vector<S>) -> Self;
-    /// The whole registers of a slice; what does not fill one is left out.
+    /// Returns the part of a slice that fills complete registers; the remainder is left out.
     fn vectors<S: Simd>(values: &[Self]) -> &[Self::Vector<S>];
-    /// The whole registers of a slice; what does not fill one is left out.
+    /// Returns the mutable part of a slice that fills complete registers; the remainder is left out.
     fn vectors_mut<S: Simd>(values: &mut [Self]) -> &mut [Self::Vector<S>];
 }
 

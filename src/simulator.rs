@@ -1,13 +1,13 @@
-//! Embedding: tissue, needle and probe at the rate of the hand, images at their own.
+//! Embedding API: tissue, needle and probe at haptic rate, images at their own rate.
 //!
-//! A [`Haptic`] steps a [`Model`] on the caller's thread and answers with forces.
-//! An [`Imaging`] renders frames of it on another thread, each of the latest whole state: what a step leaves is handed
-//! over through three buffers without locks, so neither thread waits for the other and no frame shows half a step. A
-//! [`Simulator`] is both, to drive them in turn or to [split](Simulator::split) them. Where nothing is imaged, a
-//! [`Haptic`] is made alone: then no state is handed over, and the model is not asked for one.
+//! A [`Haptic`] steps a [`Model`] on the caller's thread and returns forces. An [`Imaging`] renders frames of it on
+//! another thread, each from the latest complete state: a step publishes its state through a lock-free triple buffer,
+//! so neither thread waits for the other and no frame shows half a step. A [`Simulator`] is both, to drive them in
+//! turn or to [split](Simulator::split) them. Without images, a [`Haptic`] is used alone: then no state is published
+//! or requested from the model.
 //!
-//! What haptic devices need besides is here too: a probe's pose from [`TwoPoints`] and the force on each, a [`Damper`], a
-//! [`LateralHold`], and a needle [`Guided`] by a template whose holes one device goes through in turn.
+//! Further support for haptic devices: a probe's pose from [`TwoPoints`] and the force on each, a [`Damper`], a
+//! [`LateralHold`], and a needle [`Guided`] by a template whose holes one device visits in turn.
 //!
 //! Frames of reference and signs of forces are stated by [`Forces`], late steps by [`Policy`], saving and replaying by
 //! [`State`] and [`Recording`].
@@ -26,23 +26,25 @@ use std::time::Duration;
 
 use nalgebra::Matrix4;
 
+use crate::error::Error;
 use crate::mechanics::insertion::{Instruments, LevelChange, Model, StepError};
 use crate::mechanics::tissue::remesh::Level;
-use crate::synth::{Frame, SynthError, Synthesizer};
+use crate::scenario::Scenario;
+use crate::synth::{Backend, Frame, SynthError, Synthesizer};
 pub use devices::{Damper, Guided, HoldOptions, HoleError, InvalidDevice, LateralHold, PointsPose, TwoPoints};
 pub use forces::Forces;
 pub use haptic::Haptic;
 pub use imaging::{Imaging, InvalidImaging};
 pub use recording::{Input, InvalidInput, Recording, State};
 
-/// How long a step may take, and what happens if it takes longer.
+/// Time budget of a step, and the policy for steps that exceed it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// Time for a step, hand-over to the image included. Default 1 ms.
+    /// Time budget of a step, including the hand-over to the image. Default 1 ms.
     pub budget: Duration,
-    /// What the hand gets when a step took longer. Default [`Policy::Finish`].
+    /// Forces returned by a step that exceeds the budget. Default [`Policy::Finish`].
     pub policy: Policy,
-    /// Two points that drive the probe, among which [`Forces::probe_points`] splits its force. Default none.
+    /// Two points that drive the probe, between which [`Forces::probe_points`] splits its force. Default none.
     pub probe_points: Option<TwoPoints>,
 }
 
@@ -56,33 +58,33 @@ impl Default for Options {
     }
 }
 
-/// What the hand gets from a step that took longer than its budget.
+/// Forces returned by a step that exceeds its budget.
 ///
 /// Under either policy the step is completed, so that the state does not depend on the clock, and [`Forces::overrun`]
-/// says by how much it was late. While the caller waits, a device goes on with the forces it had; when the late ones
-/// come, the instruments may have moved far, and the forces jump.
+/// is the excess time. While the caller waits, a device continues with the previous forces; by the time the late ones
+/// arrive, the instruments may have moved far, and the forces jump.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Policy {
-    /// The forces of the step, as they are.
+    /// Returns the forces of the step unchanged.
     Finish,
-    /// The forces given before go over into those of the model linearly within this much simulated time, from the late
-    /// step on. Where every step is late, forces follow the model as through a low-pass filter of this time constant:
+    /// Blends linearly from the previous forces to those of the model over this much simulated time, starting at the
+    /// late step. If every step is late, forces follow the model as through a low-pass filter of this time constant:
     /// they lag, but neither jump nor freeze.
     Ease {
-        /// Simulated time from the forces given before to those of the model.
+        /// Simulated duration of the blend.
         over: Duration,
     },
 }
 
-/// Steps and images of one model, on one thread or on two.
+/// Steps and images of one model, on one or two threads.
 pub struct Simulator {
     haptic: Haptic,
     imaging: Imaging,
 }
 
 impl Simulator {
-    /// Joins a model and what images it. `synthesizer` has the mesh of the model, in the same order, if tissue is to be
-    /// seen moving, and the needle effect if the needle is to be seen, whose diameter is `needle_diameter_mm`.
+    /// Joins a model and its imaging. `synthesizer` has the mesh of the model, in the same order, if moving tissue is
+    /// to be visible, and the needle effect if the needle is to be visible, whose diameter is `needle_diameter_mm`.
     ///
     /// # Errors
     /// [`InvalidImaging`].
@@ -97,36 +99,46 @@ impl Simulator {
         Ok(Self { haptic, imaging })
     }
 
-    /// See [`Haptic::step`].
+    /// Builds the simulator of a scenario: its model, its scene on a backend, its needle.
     ///
     /// # Errors
-    /// Those of [`Haptic::step`].
+    /// The errors of [`Scenario::model`], [`Synthesizer::new`] and [`Simulator::new`].
+    pub fn of_scenario(scenario: &Scenario, backend: Backend, options: Options) -> Result<Self, Error> {
+        let synthesizer = scenario.scene.synthesizer(backend)?;
+        let model = scenario.model(|_, _| {})?;
+        Ok(Self::new(model, synthesizer, scenario.needle.diameter_mm, options)?)
+    }
+
+    /// Makes one step; see [`Haptic::step`].
+    ///
+    /// # Errors
+    /// The errors of [`Haptic::step`].
     pub fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<Forces, StepError> {
         self.haptic.step(instruments, dt_s)
     }
 
-    /// See [`Haptic::set_level`].
+    /// Changes the remeshing level; see [`Haptic::set_level`].
     ///
     /// # Errors
-    /// Those of [`Haptic::set_level`].
+    /// The errors of [`Haptic::set_level`].
     pub fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {
         self.haptic.set_level(level)
     }
 
-    /// See [`Imaging::frame`].
+    /// Renders a frame; see [`Imaging::frame`].
     ///
     /// # Errors
-    /// Those of [`Imaging::frame`].
+    /// The errors of [`Imaging::frame`].
     pub fn frame(&mut self, probe_to_world: &Matrix4<f64>) -> Result<&Frame, SynthError> {
         self.imaging.frame(probe_to_world)
     }
 
-    /// The part that steps, to save, restore, record and replay.
+    /// Returns the stepping part, to save, restore, record and replay.
     pub fn haptic(&mut self) -> &mut Haptic {
         &mut self.haptic
     }
 
-    /// The part for the haptic thread and that for the image thread.
+    /// Splits into the part for the haptic thread and the part for the image thread.
     pub fn split(self) -> (Haptic, Imaging) {
         (self.haptic, self.imaging)
     }

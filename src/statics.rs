@@ -1,6 +1,6 @@
-//! Static problems as a user writes them: a mesh, materials, what is fixed and what is loaded, in one TOML file.
+//! Problem files for static problems: mesh, materials, constraints and loads in one TOML file.
 //!
-//! [`ProblemFile`] is the file as written; [`ProblemFile::resolve`] reads its mesh and picks the nodes it means;
+//! [`ProblemFile`] is the file as written; [`ProblemFile::resolve`] reads its mesh and selects nodes;
 //! [`Problem::solve`] solves it (see [`mechanics::tissue`](crate::mechanics::tissue)). Errors point at the line.
 //!
 //! ```
@@ -37,18 +37,15 @@ mod resolve;
 mod run;
 pub(crate) mod selection;
 
-pub use course::{HistorySpec, MOST_STEPS, MemoryName, Model, RuleName, SchemeName, SolverSpec, ViscositySpec};
+pub use course::{MemoryName, Model, SchemeName};
 pub use error::{StaticsError, Wrong};
-pub use fields::Fields;
-pub use file::{FixSpec, LoadSpec, MaterialSpec, ProblemFile};
+pub use file::ProblemFile;
 pub use report::Report;
-pub use resolve::{Problem, Solved};
-pub use run::History;
 
-/// A problem file to start from, with every key of linear tissue.
+/// Example problem file with every key of linear tissue.
 pub const EXAMPLE: &str = include_str!("../assets/press.toml");
 
-/// Another, of viscoelastic tissue with a history.
+/// Example problem file of viscoelastic tissue with a load history.
 pub const CREEP: &str = include_str!("../assets/liver-plate.toml");
 
 #[cfg(test)]

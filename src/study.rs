@@ -1,24 +1,24 @@
-//! Measurements that the program makes of itself, and what it can say of its own frames.
+//! Built-in measurements: benchmarks, accuracy studies, robustness cases and analyses of rendered frames.
 //!
-//! | file | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | [`anatomies`] | volumes with closed forms |
-//! | [`mod@bench`] | times of frames, of passes, and of frames from which effects are taken away |
-//! | [`mod@inspect`] | what made one pixel |
-//! | [`beam`] | the published centres of motion of a needle in tissue |
-//! | [`tradeoff`] | what accuracy costs in time |
-//! | `block` | what studies put needles into |
-//! | `page` | HTML of reports |
-//! | [`matching`] | probe and effects with which frames look like a real one |
-//! | [`parity`] | whether backends agree, sample by sample |
-//! | [`plot`] | points and lines on two axes, as SVG and pixels |
-//! | [`puncture`] | a needle goes into a slice of liver with a vein |
-//! | [`realism`] | frames against real frames: the same measures on both |
+//! | [`anatomies`] | synthetic volumes with closed-form geometry |
+//! | [`mod@bench`] | render times per frame and per pass, and with effects removed one by one |
+//! | [`mod@inspect`] | explanation of a single pixel |
+//! | [`beam`] | published centres of motion of a needle in tissue, reproduced |
+//! | [`tradeoff`] | accuracy against computing time |
+//! | `block` | tissue blocks and needles shared by the studies |
+//! | `page` | HTML reports |
+//! | [`matching`] | probe and effects estimated from a real frame |
+//! | [`parity`] | agreement between backends, sample by sample |
+//! | [`plot`] | scatter and line plots as SVG and pixels |
+//! | [`puncture`] | needle insertion into a slice of liver with a vein |
+//! | [`realism`] | image statistics of rendered and real frames, compared |
 //! | [`spread`] | medians and percentiles of times |
-//! | [`stability`] | hard cases, and whether they hold |
+//! | [`stability`] | hard cases for the numerics, with acceptance limits |
 //! | [`statistics`] | moments and correlations of samples |
-//! | [`step_costs`] | what a step of an insertion costs with each choice, for `quality` to pick from |
-//! | [`machine`] | what the CPU backend runs on |
+//! | [`step_costs`] | cost of an insertion step for each setting, used by `quality` |
+//! | [`machine`] | description of the CPU in use |
 
 pub mod anatomies;
 pub mod beam;

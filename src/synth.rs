@@ -1,4 +1,4 @@
-//! The synthesizer: made once from a scene and a backend, it renders frame after frame.
+//! Synthesizer: created once from a scene and a backend, it renders frame after frame.
 
 pub mod cpu;
 mod frame;
@@ -12,7 +12,7 @@ use nalgebra::Matrix4;
 
 use crate::effects::pass::Resource;
 use crate::effects::{OutOfRange, needle};
-use crate::gpu::GpuError;
+use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::memory::TooLarge;
 use crate::plan::Plan;
@@ -20,7 +20,9 @@ use crate::tracking::probe::{InvalidGrid, InvalidProbe};
 use crate::volume::InvalidVolume;
 use crate::volume::texture::AtlasFull;
 
-pub use frame::{Frame, FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
+pub use frame::{Frame, FrameState, NeedleShaft};
+#[cfg(feature = "internals")]
+pub use frame::{SEED_DIAMETER_MM, SEED_LENGTH_MM};
 use local_origin::LocalFrame;
 use tables::{Anatomy, Settings, Tables};
 
@@ -30,7 +32,7 @@ pub enum SynthError {
     /// A parameter of an effect lies outside its range.
     #[error(transparent)]
     Effect(#[from] OutOfRange),
-    /// The probe cannot be used.
+    /// The probe is invalid.
     #[error(transparent)]
     Probe(#[from] InvalidProbe),
     /// The image cannot be laid out.
@@ -42,28 +44,58 @@ pub enum SynthError {
     /// The tissues name more textures than an atlas holds.
     #[error(transparent)]
     Textures(#[from] AtlasFull),
-    /// The GPU could not do it.
+    /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// Node positions that do not match the mesh.
+    /// The number of node positions does not match the mesh.
     #[error(transparent)]
     Nodes(#[from] NodeCount),
-    /// More memory than there is.
+    /// More memory is needed than is available.
     #[error(transparent)]
     Memory(#[from] TooLarge),
-    /// A pose with numbers that are not finite, or that is singular.
+    /// The pose is singular or has numbers that are not finite.
     #[error("the probe pose is not a finite, invertible transform")]
     Pose,
 }
 
-/// Which backend to render on.
+/// Rendering backend.
 pub enum Backend {
-    /// The reference, single precision: the twin of the GPU.
+    /// CPU reference in single precision, matching the GPU.
     Cpu,
-    /// The reference in double precision: the gold standard.
+    /// CPU reference in double precision: the gold standard.
     CpuF64,
-    /// A GPU.
-    Gpu(Box<crate::gpu::Gpu>),
+    /// The best hardware GPU, or [`Backend::Cpu`] where there is none or where it cannot render the scene.
+    Auto,
+    /// A GPU adapter of this machine.
+    Adapter(AdapterChoice),
+    /// A device and its queue, lent by the host.
+    Host(Box<(wgpu::Device, wgpu::Queue)>),
+    /// An open GPU.
+    Gpu(Box<Gpu>),
+}
+
+impl Backend {
+    /// The best GPU adapter, software Vulkan included.
+    pub fn gpu() -> Self {
+        Self::Adapter(AdapterChoice::default())
+    }
+
+    fn executor(self, plan: &Plan, tables: &Tables) -> Result<Executor, SynthError> {
+        let on = |gpu: Gpu| Ok(Executor::Gpu(Box::new(gpu::GpuExecutor::new(gpu, plan, tables)?)));
+        let needs = || gpu::needs(plan);
+        match self {
+            Self::Cpu => Ok(Executor::Cpu(cpu::CpuExecutor::new(plan, tables)?)),
+            Self::CpuF64 => Ok(Executor::CpuF64(cpu::CpuExecutor::new(plan, tables)?)),
+            Self::Auto if adapter::hardware(&adapter::list()).is_err() => Self::Cpu.executor(plan, tables),
+            Self::Auto => match Self::gpu().executor(plan, tables) {
+                Err(SynthError::Gpu(error)) if error.is_machine() => Self::Cpu.executor(plan, tables),
+                made => made,
+            },
+            Self::Adapter(choice) => on(Gpu::open(&choice, &needs())?),
+            Self::Host(host) => on(Gpu::from_host(host.0, host.1, &needs())?),
+            Self::Gpu(gpu) => on(*gpu),
+        }
+    }
 }
 
 enum Executor {
@@ -72,20 +104,20 @@ enum Executor {
     Gpu(Box<gpu::GpuExecutor>),
 }
 
-/// Milliseconds that a pass took.
+/// Duration of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PassTime {
-    /// The pass.
+    /// Name of the pass.
     pub name: &'static str,
-    /// Milliseconds.
+    /// Duration, ms.
     pub ms: f64,
 }
 
-/// Renders frames of one scene: made once, then driven by whoever owns the motion.
+/// Renders frames of one scene: created once, then driven by the owner of the motion.
 ///
 /// ```
-/// use insonify::scene::SceneFile;
-/// use insonify::synth::{Backend, FrameState, Synthesizer};
+/// use insonify::SceneFile;
+/// use insonify::{Backend, FrameState, Synthesizer};
 /// use nalgebra::Translation3;
 ///
 /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 4 }";
@@ -120,15 +152,11 @@ pub struct Synthesizer {
 }
 
 impl Synthesizer {
-    /// Prepares tables, plan, and the memory or GPU objects that the plan calls for, and nothing else.
+    /// Prepares tables, plan, and the memory or GPU objects that the plan needs, and nothing else.
     pub fn new(anatomy: Anatomy, settings: Settings, backend: Backend) -> Result<Self, SynthError> {
         let tables = Tables::new(anatomy, settings)?;
         let plan = Plan::new(&tables);
-        let executor = match backend {
-            Backend::Cpu => Executor::Cpu(cpu::CpuExecutor::new(&plan, &tables)?),
-            Backend::CpuF64 => Executor::CpuF64(cpu::CpuExecutor::new(&plan, &tables)?),
-            Backend::Gpu(gpu) => Executor::Gpu(Box::new(gpu::GpuExecutor::new(*gpu, &plan, &tables)?)),
-        };
+        let executor = backend.executor(&plan, &tables)?;
         let frame = Frame {
             width: tables.width(),
             height: tables.height(),
@@ -158,8 +186,8 @@ impl Synthesizer {
         Ok(&self.frame)
     }
 
-    /// Renders one frame and leaves it on the GPU, in the texture that [`Synthesizer::texture`] gives. On a CPU backend it
-    /// is the same as [`Synthesizer::render`].
+    /// Renders one frame and leaves it on the GPU, in the texture returned by [`Synthesizer::texture`]. On a CPU backend
+    /// it is the same as [`Synthesizer::render`].
     pub fn render_to_texture(&mut self, state: &FrameState) -> Result<(), SynthError> {
         if !matches!(self.executor, Executor::Gpu(_)) {
             return self.render(state).map(drop);
@@ -172,8 +200,8 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// The texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; none on a CPU backend. It stays the
-    /// same while the size of the image does.
+    /// Texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; `None` on a CPU backend. The same
+    /// texture is reused as long as the image size does not change.
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         match &self.executor {
             Executor::Gpu(gpu) => gpu.texture(),
@@ -195,7 +223,7 @@ impl Synthesizer {
     }
 
     /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
-    /// what was is returned. On an error of the settings the synthesizer stays as it was.
+    /// the rebuilt resources are returned. On an invalid setting the synthesizer is left unchanged.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
         let previous = self.tables.settings.clone();
         let changed = self.tables.set(settings)?;
@@ -223,12 +251,12 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// The settings in force.
+    /// Current settings.
     pub fn settings(&self) -> &Settings {
         &self.tables.settings
     }
 
-    /// The plan in force.
+    /// Current plan.
     pub fn plan(&self) -> &Plan {
         &self.plan
     }
@@ -252,7 +280,7 @@ impl Synthesizer {
         }
     }
 
-    /// The GPU and its adapter, on that backend.
+    /// The GPU and its adapter, on the GPU backend.
     pub fn gpu(&self) -> Option<&crate::gpu::Gpu> {
         match &self.executor {
             Executor::Gpu(gpu) => Some(gpu.gpu()),
@@ -260,7 +288,7 @@ impl Synthesizer {
         }
     }
 
-    /// Measures passes from now on, or stops. Off at first.
+    /// Enables or disables timing of passes. Off initially.
     pub fn time_passes(&mut self, on: bool) -> Result<(), SynthError> {
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.timed = on,
@@ -270,7 +298,7 @@ impl Synthesizer {
         Ok(())
     }
 
-    /// What the passes of the last frame took; empty if not measured.
+    /// Durations of the passes of the last frame; empty if not measured.
     pub fn pass_times(&self) -> &[PassTime] {
         match &self.executor {
             Executor::Cpu(cpu) => &cpu.times,
@@ -279,8 +307,8 @@ impl Synthesizer {
         }
     }
 
-    /// GPU time of the last frame from its first timestamp to its last, ms; none on a CPU backend, on a device without
-    /// timestamps, and while passes are not measured.
+    /// GPU time of the last frame from its first timestamp to its last, ms; `None` on a CPU backend, on a device
+    /// without timestamps, and while passes are not timed.
     pub fn gpu_frame_ms(&self) -> Option<f64> {
         match &self.executor {
             Executor::Gpu(gpu) => gpu.frame_ms(),
@@ -288,13 +316,13 @@ impl Synthesizer {
         }
     }
 
-    /// The beam-space results of the last frame, places in the world, for ground-truth layers.
+    /// Beam-space results of the last frame in world coordinates, for ground-truth layers.
     pub fn beam(&self) -> Result<layers::Beam, SynthError> {
         self.beam_after(self.plan.passes.len())
     }
 
-    /// Runs the passes up to and including `pass` and returns what stands in beam space then; nothing is displayed. For
-    /// looking into a frame and for tests. All passes run if the plan has none of that name.
+    /// Runs the passes up to and including `pass` and returns the beam-space results; nothing is displayed. For
+    /// inspection of a frame and for tests. All passes run if the plan has none of that name.
     pub fn render_until(&mut self, pass: &str, state: &FrameState) -> Result<layers::Beam, SynthError> {
         self.begin(state)?;
         let state = self.local.of(state);
@@ -328,7 +356,7 @@ impl Synthesizer {
         Ok(self.tables.origin.beam_into_world(local))
     }
 
-    /// Names of the passes compiled for the GPU, each once; none on a CPU backend.
+    /// Names of the passes compiled for the GPU, each once; empty on a CPU backend.
     pub fn pipelines(&self) -> Vec<&'static str> {
         match &self.executor {
             Executor::Gpu(gpu) => gpu.pipelines().collect(),

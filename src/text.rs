@@ -1,22 +1,22 @@
-//! Text from files made fit for a terminal: control characters escaped, long text cut.
+//! Sanitising of text from files for a terminal: control characters escaped, long text truncated.
 
 use std::borrow::Cow;
 
 use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
-/// Longest message about a file, columns.
+/// Maximum length of a message about a file, columns.
 pub const MESSAGE: usize = 2000;
-/// Widest name in a table, columns.
+/// Maximum width of a name in a table, columns.
 pub const WIDEST_NAME: usize = 48;
 const ELLIPSIS: char = '…';
 
-/// Characters that change how a terminal shows others: controls, and marks that turn the direction of writing.
+/// Whether a character changes how a terminal shows others: controls, and marks that change the writing direction.
 fn is_control(c: char) -> bool {
     c.is_control()
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// The text with control characters escaped, except line feeds and tabs.
+/// Returns the text with control characters escaped, except line feeds and tabs.
 pub fn printable(text: &str) -> Cow<'_, str> {
     let foreign = |c: char| is_control(c) && !matches!(c, '\n' | '\t');
     if !text.contains(foreign) {
@@ -32,7 +32,7 @@ pub fn printable(text: &str) -> Cow<'_, str> {
     Cow::Owned(out)
 }
 
-/// One line of at most so many columns: control characters escaped, tabs as spaces, the end cut off.
+/// Returns one line of at most `columns` columns: control characters escaped, tabs as spaces, the end truncated.
 pub fn head(text: &str, columns: usize) -> String {
     match fitting(text.chars(), columns) {
         (all, true) => all.concat(),
@@ -40,7 +40,7 @@ pub fn head(text: &str, columns: usize) -> String {
     }
 }
 
-/// As [`head`], the beginning cut off.
+/// Returns one line as [`head`] does, with the beginning truncated.
 pub fn tail(text: &str, columns: usize) -> String {
     let (mut parts, whole) = fitting(text.chars().rev(), columns);
     if !whole {
@@ -50,7 +50,8 @@ pub fn tail(text: &str, columns: usize) -> String {
     parts.into_iter().rev().collect()
 }
 
-/// As [`head`], the middle cut out and numbers of very many digits in scientific notation.
+/// Returns one line as [`head`] does, with the middle cut out and numbers of very many digits in scientific
+/// notation.
 pub fn clipped(text: &str, columns: usize) -> String {
     let end = |room| {
         fitting(text.chars().rev(), room)
@@ -65,7 +66,7 @@ pub fn clipped(text: &str, columns: usize) -> String {
     })
 }
 
-/// The first names of a list and the number of the others.
+/// Lists the first names and the number of the others.
 pub(crate) fn some_of(names: &[String]) -> String {
     const SHOWN: usize = 16;
     match names.len().saturating_sub(SHOWN) {
@@ -74,7 +75,7 @@ pub(crate) fn some_of(names: &[String]) -> String {
     }
 }
 
-/// A column of a table, left-aligned: the heading, then the names, all of one width.
+/// Formats a left-aligned table column: the heading, then the names, padded to one width.
 pub fn column<'a>(heading: &'a str, names: impl IntoIterator<Item = &'a str>) -> Vec<String> {
     let mut cells: Vec<String> = std::iter::once(heading)
         .chain(names)
@@ -88,7 +89,7 @@ pub fn column<'a>(heading: &'a str, names: impl IntoIterator<Item = &'a str>) ->
     cells
 }
 
-/// Numbers of more digits than are read, such as 1e308 written out, in scientific notation.
+/// Writes numbers with too many digits to read, such as 1e308 written out, in scientific notation.
 fn shortened(text: &str) -> String {
     const DIGITS: usize = 40;
     let of_number = |c: char| c.is_ascii_digit() || c == '.';
@@ -102,14 +103,14 @@ fn shortened(text: &str) -> String {
     parts.collect()
 }
 
-/// The first characters as they are shown, and whether all of them fit.
+/// Returns the first characters as displayed, and whether all of them fit.
 fn fitting(chars: impl Iterator<Item = char>, columns: usize) -> (Vec<String>, bool) {
     let (mut parts, mut used) = (Vec::new(), 0);
     for c in chars {
         let (part, width) = match c {
             '\t' => (" ".to_owned(), 1),
             c if is_control(c) => (c.escape_default().to_string(), c.escape_default().count()),
-            // Marks without a width of their own count too: any number of them may follow a letter.
+            // Zero-width marks count too: any number of them may follow a letter.
             c => (c.to_string(), c.width().unwrap_or(1).max(1)),
         };
         used += width;

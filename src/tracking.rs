@@ -1,4 +1,4 @@
-//! Where the probe and the needle are: geometry, poses, trajectories, tracked sequences.
+//! Probe and needle tracking: geometry, poses, trajectories, tracked sequences.
 
 pub mod calibration;
 pub mod matrix;

@@ -1,4 +1,4 @@
-//! Labelled volumes and the file formats they come in.
+//! Labelled volumes and their file formats.
 //!
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
@@ -36,15 +36,15 @@ pub use save::save;
 /// One label of a volume.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Label {
-    /// The value in the file.
+    /// Label value in the file.
     pub value: i64,
-    /// The name: that of the file, or one that it was given since.
+    /// Name from the file, or one assigned later.
     pub name: Option<String>,
     /// Voxels that carried the value in the file (before any completion, and before overlapping layers were flattened).
     pub voxels: u64,
 }
 
-/// A labelled volume with its place in the world.
+/// A labelled volume with its position in the world.
 ///
 /// ```
 /// use insonify::volume::{InvalidVolume, Label, LabelVolume};
@@ -66,11 +66,11 @@ pub struct Label {
 #[derive(Clone, Debug)]
 pub struct LabelVolume {
     size: [usize; 3],
-    /// Shared with the same volume elsewhere.
+    /// Shared with moved copies of the volume.
     voxels: Arc<Vec<u8>>,
     labels: Vec<Label>,
     held: Vec<bool>,
-    /// The volume before structures were drawn into its organs, if any were.
+    /// The volume before structures were drawn into its organs, if there are any.
     undivided: Option<Arc<Self>>,
     index_to_world: Matrix4<f64>,
     world_to_index: Matrix4<f64>,
@@ -93,13 +93,13 @@ pub enum InvalidVolume {
     /// More distinct labels than a byte can index.
     #[error("at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
     TooManyLabels(usize),
-    /// The index-to-world matrix has no inverse or holds a number that is not finite.
+    /// The index-to-world matrix is singular or not finite.
     #[error("the index-to-world transform is singular or not finite")]
     Transform,
-    /// The first label must be the background, value 0.
+    /// The first label is not the background with value 0.
     #[error("label index 0 must be the background (value 0)")]
     Background,
-    /// A voxel points past the end of the labels.
+    /// A voxel has an index past the end of the labels.
     #[error("voxel {at} has label index {index}, but there are only {labels} labels")]
     Index {
         /// Linear index of the voxel.
@@ -159,10 +159,10 @@ impl LabelVolume {
         })
     }
 
-    /// The same volume elsewhere: moved by a vector in the world, mm. The voxels are shared, not copied.
+    /// Returns the volume translated in the world by a vector, mm. The voxels are shared, not copied.
     ///
     /// # Errors
-    /// [`InvalidVolume::Transform`] where its place is then no finite one.
+    /// [`InvalidVolume::Transform`] if the new position is not finite.
     pub fn moved(&self, by_mm: Vector3<f64>) -> Result<Self, InvalidVolume> {
         let mut index_to_world = self.index_to_world;
         let place = index_to_world.fixed_view::<3, 1>(0, 3) + by_mm;
@@ -188,23 +188,23 @@ impl LabelVolume {
         &self.voxels
     }
 
-    /// The labels that the voxels index; the first is the background.
+    /// Labels that the voxels index; the first is the background.
     pub fn labels(&self) -> &[Label] {
         &self.labels
     }
 
-    /// Whether any voxel has a label index. [`Label::voxels`] does not tell: it counts what a file held.
+    /// Whether any voxel has a label index. [`Label::voxels`] is no substitute: it counts voxels of the file.
     pub fn holds(&self, label_index: usize) -> bool {
         self.held.get(label_index).is_some_and(|&held| held)
     }
 
-    /// The volume with its organs in one piece, before structures such as vessels were drawn into them; itself where none were. Meshes and needles
-    /// know this one alone.
+    /// Returns the volume with undivided organs, before structures such as vessels were drawn into them; itself if there are none. Meshes and
+    /// needles use only this one.
     pub fn undivided(&self) -> &Self {
         self.undivided.as_deref().unwrap_or(self)
     }
 
-    /// States what the volume was before structures were drawn.
+    /// Stores the volume as it was before structures were drawn.
     pub(crate) fn set_undivided(&mut self, undivided: Self) {
         self.undivided = Some(Arc::new(undivided));
     }
@@ -214,12 +214,12 @@ impl LabelVolume {
         self.labels[label_index].name = Some(name);
     }
 
-    /// Voxel index to LPS millimetres.
+    /// Transform from voxel index to LPS millimetres.
     pub fn index_to_world(&self) -> &Matrix4<f64> {
         &self.index_to_world
     }
 
-    /// LPS millimetres to voxel index.
+    /// Transform from LPS millimetres to voxel index.
     pub fn world_to_index(&self) -> &Matrix4<f64> {
         &self.world_to_index
     }
@@ -259,9 +259,9 @@ impl LabelVolume {
         Some(self.voxels[self.offset(voxel)])
     }
 
-    /// The label of a point (world, mm) by the weights of cubic B-splines on its 64 nearest voxels: 0 where labels that are not `wanted`
-    /// have half of them, or else the one that has most. Its boundaries are smooth where those of the nearest voxels are stairs, and a
-    /// layer of one voxel has no holes. The lowest of equals; none outside the volume.
+    /// Label of a point (world, mm) by the weights of cubic B-splines on its 64 nearest voxels: 0 if labels that are not `wanted` have
+    /// half of the weight, otherwise the label with the largest weight, the lowest of equals. Its boundaries are smooth where those of
+    /// the nearest voxels are stairs, and a layer of one voxel has no holes. `None` outside the volume.
     pub fn smoothed_label_at(&self, world: &Point3<f64>, wanted: impl Fn(u8) -> bool) -> Option<u8> {
         let index = self.world_to_index.transform_point(world);
         let mut taps = [[(0, 0.0); 4]; 3];
@@ -303,7 +303,7 @@ impl LabelVolume {
     }
 }
 
-/// The inverse of an index-to-world transform, if both are finite.
+/// Inverts an index-to-world transform; an error unless both are finite.
 fn inverse(index_to_world: &Matrix4<f64>) -> Result<Matrix4<f64>, InvalidVolume> {
     let finite = |matrix: &Matrix4<f64>| matrix.iter().all(|x| x.is_finite());
     finite(index_to_world)

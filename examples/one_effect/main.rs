@@ -10,10 +10,7 @@ mod caption;
 use std::error::Error;
 use std::path::PathBuf;
 
-use insonify::effects::Effects;
-use insonify::output::png;
-use insonify::scene::SceneFile;
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::{Backend, Effects, FrameState, SceneFile, Synthesizer, write_png};
 use nalgebra::Matrix4;
 
 /// A needle pushes the liver before its tip; what it does is exaggerated, as are interfaces, blur and noise.
@@ -99,7 +96,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         caption::write(&mut picture, columns, [left + 8, top + height + 4], name);
         println!("{name:<10} {} passes", synth.plan().passes.len());
     }
-    png::write_grey(&path, columns, rows, &picture)?;
+    write_png(&path, columns, rows, &picture)?;
     println!("{}", path.display());
     Ok(())
 }

@@ -1,52 +1,52 @@
-//! What can be wrong with a case file.
+//! Errors of case files.
 
 use super::file::CaseFile;
 use crate::document::{Fault, Unreadable};
 use crate::mechanics::needle::beam::BeamError;
 use crate::mechanics::needle::beam::inverse::InverseError;
 
-/// Why a needle cannot be bent so: what is wrong, the key that it is about and where that stands in the file.
+/// Error of a case: the cause, the key concerned and its place in the file.
 pub type BeamCaseError = Fault<Wrong>;
 
-/// What is wrong with a case.
+/// Cause of a case error.
 #[derive(Debug, thiserror::Error)]
 pub enum Wrong {
-    /// The file cannot be read, or says what no case says.
+    /// The file cannot be read or parsed.
     #[error(transparent)]
     Text(#[from] Unreadable),
     /// A number outside its range.
     #[error("found {found}; expected {expected}")]
     Number {
-        /// The number.
+        /// The number found.
         found: f64,
-        /// The range.
+        /// The expected range.
         expected: String,
     },
-    /// Keys that contradict each other, or do not say enough.
+    /// Keys that contradict each other, or are incomplete.
     #[error("found {found}; expected {expected}")]
     Keys {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: String,
     },
-    /// The needle has no shape.
+    /// The shape of the needle cannot be computed.
     #[error(transparent)]
     Beam(BeamError),
-    /// No base motion brings about what is wanted.
+    /// No base motion gives the wanted result.
     #[error(transparent)]
     Inverse(InverseError),
 }
 
 impl BeamCaseError {
-    /// Whether the machine failed rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self.problem(), Wrong::Text(error) if error.is_machine())
     }
 }
 
 impl CaseFile {
-    /// An error about a key of this file.
+    /// Creates an error about a key of this file.
     pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> BeamCaseError {
         BeamCaseError::new(wrong).at_key(key, self.source.as_ref())
     }

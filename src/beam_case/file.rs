@@ -1,4 +1,4 @@
-//! A case file as it is written.
+//! Serde types of a case file.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use super::error::BeamCaseError;
 use crate::document::{self, Source, Version};
 
 /// A needle in layers of tissue whose base is moved sideways. It lies along x, from the base (before 0) through the entry (0) to
-/// the tip; u is its deflection across.
+/// the tip; u is its lateral deflection.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CaseFile {
@@ -18,15 +18,15 @@ pub struct CaseFile {
     pub version: Option<Version>,
     /// The needle.
     pub needle: NeedleSpec,
-    /// How its base is moved.
+    /// Motion of the base.
     pub base: BaseSpec,
-    /// How it is divided.
+    /// Discretisation of the needle.
     #[serde(default)]
     pub mesh: MeshSpec,
-    /// Layers of tissue, from the entry on.
+    /// Tissue layers, starting at the entry.
     #[serde(default)]
     pub layer: Vec<LayerSpec>,
-    /// The text that it was read from, for errors that point into it.
+    /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
 }
@@ -35,27 +35,27 @@ pub struct CaseFile {
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeedleSpec {
-    /// Young's modulus, GPa (1e-3 to 1e4): 200 of steel.
+    /// Young's modulus, GPa (1e-3 to 1e4): 200 for steel.
     pub young_gpa: f64,
-    /// mm (0.01 to 10).
+    /// Diameter, mm (0.01 to 10).
     pub diameter_mm: f64,
-    /// How deep the tip is, mm (0 to the sum of the layers). Default: that sum.
+    /// Depth of the tip, mm (0 to the sum of the layers). Default: that sum.
     pub inserted_mm: Option<f64>,
 }
 
-/// How the base is moved.
+/// Motion of the base.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BaseSpec {
-    /// From the base to the point of entry, mm (0 to 1e4).
+    /// Distance from the base to the point of entry, mm (0 to 1e4).
     pub control_distance_mm: f64,
-    /// Displacement across the needle, mm.
+    /// Lateral displacement, mm.
     pub displacement_mm: f64,
-    /// Slope du/dx. Default: the base turns freely, without moment.
+    /// Slope du/dx. Default: the base rotates freely, without moment.
     pub slope: Option<f64>,
 }
 
-/// How the needle is divided.
+/// Discretisation of the needle.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeshSpec {
@@ -69,48 +69,48 @@ impl Default for MeshSpec {
     }
 }
 
-/// A layer of tissue.
+/// A tissue layer.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LayerSpec {
-    /// mm (above 0, at most 1e4).
+    /// Thickness, mm (above 0, at most 1e4).
     pub thickness_mm: f64,
-    /// Model of the material.
+    /// Hyperelastic model.
     pub model: ModelName,
     /// `ogden` and `neo-hookean`: shear modulus, kPa (0 to 1e12).
     pub mu_kpa: Option<f64>,
-    /// `ogden`: exponent, of either sign (0.001 to 1000 in size).
+    /// `ogden`: exponent, of either sign (magnitude 0.001 to 1000).
     pub alpha: Option<f64>,
-    /// `mooney-rivlin` and `yeoh`: factor of I1 - 3, kPa.
+    /// `mooney-rivlin` and `yeoh`: coefficient of I1 - 3, kPa.
     pub c10_kpa: Option<f64>,
-    /// `mooney-rivlin`: factor of I2 - 3, kPa.
+    /// `mooney-rivlin`: coefficient of I2 - 3, kPa.
     pub c01_kpa: Option<f64>,
-    /// `yeoh`: factor of (I1 - 3)^2, kPa.
+    /// `yeoh`: coefficient of (I1 - 3)^2, kPa.
     pub c20_kpa: Option<f64>,
-    /// How it is compressed, and which stress is meant.
+    /// Compression model and stress measure.
     pub compression: CompressionName,
-    /// Length of the tissue beside the needle before it is compressed, mm (above 0); `inf`: it stays linear.
+    /// Uncompressed length of the tissue beside the needle, mm (above 0); `inf`: it stays linear.
     pub initial_length_mm: f64,
     /// Friction between needle and tissue (0 to 1). Default 0.
     #[serde(default)]
     pub friction: f64,
 }
 
-/// Models of materials.
+/// Hyperelastic model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ModelName {
-    /// W = (2 mu/alpha^2) (l1^alpha + l2^alpha + l3^alpha - 3).
+    /// Ogden: W = (2 mu/alpha^2) (l1^alpha + l2^alpha + l3^alpha - 3).
     Ogden,
-    /// W = (mu/2) (I1 - 3).
+    /// Neo-Hookean: W = (mu/2) (I1 - 3).
     NeoHookean,
-    /// W = c10 (I1 - 3) + c01 (I2 - 3).
+    /// Mooney-Rivlin: W = c10 (I1 - 3) + c01 (I2 - 3).
     MooneyRivlin,
-    /// W = c10 (I1 - 3) + c20 (I1 - 3)^2.
+    /// Yeoh: W = c10 (I1 - 3) + c20 (I1 - 3)^2.
     Yeoh,
 }
 
-/// Models of compression.
+/// Compression model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum CompressionName {
     /// Unconstrained, engineering stress.
@@ -125,15 +125,15 @@ impl CaseFile {
     /// Reads a case file.
     ///
     /// # Errors
-    /// [`BeamCaseError`] for a file that cannot be read or is no case.
+    /// [`BeamCaseError`] if the file cannot be read or is not a case.
     pub fn read(path: &Path) -> Result<Self, BeamCaseError> {
         Self::parse(&document::read(path)?, &path.display().to_string())
     }
 
-    /// Parses the text of a case file; `name` names it in errors.
+    /// Parses the text of a case file; `name` is the file name shown in errors.
     ///
     /// # Errors
-    /// [`BeamCaseError`] that points at what is no TOML, at a key that no case has, or at a value of the wrong type.
+    /// [`BeamCaseError`] that points at a syntax error, an unknown key, or a value of the wrong type.
     pub fn parse(text: &str, name: &str) -> Result<Self, BeamCaseError> {
         let (mut file, source): (Self, _) = document::parse(text, name)?;
         file.source = Some(source);

@@ -1,4 +1,4 @@
-//! Measured stretch and stress in a CSV file.
+//! Measured stretch-stress points from a CSV file.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -7,13 +7,13 @@ use crate::mechanics::needle::beam::fit::{FitError, Sample};
 use crate::read;
 use crate::text::clipped;
 
-/// Most columns of a cell that a message quotes.
+/// Maximum number of columns of a cell quoted in a message.
 const QUOTED: usize = 60;
 
 /// Names of the columns.
 const COLUMNS: [&str; 2] = ["stretch", "stress_kpa"];
 
-/// Least and largest stretch.
+/// Range of stretch.
 const STRETCHES: [f64; 2] = [1e-3, 1e3];
 /// Largest stress, kPa.
 const STRONGEST: f64 = 1e9;
@@ -24,35 +24,35 @@ pub enum PointsError {
     /// The file cannot be read.
     #[error("{}: cannot be read: {cause}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// What a line says is no point.
+    /// A line is not a valid point.
     #[error("{}, line {line}: found {found}; expected {expected}", path.display())]
     Line {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// From 1.
+        /// Line number from 1.
         line: u64,
-        /// What it says.
+        /// Text found.
         found: String,
-        /// What it should say.
+        /// Text expected.
         expected: &'static str,
     },
     /// The points cannot be fitted.
     #[error("{}: {cause}", path.display())]
     Fit {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Why.
+        /// Cause of the failed fit.
         cause: FitError,
     },
 }
 
 impl PointsError {
-    /// Whether the machine failed rather than the input: the file is there and cannot be read.
+    /// Whether the machine is at fault rather than the input: an existing file cannot be read.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Read { cause, .. } if read::is_machine(cause))
     }
@@ -61,7 +61,7 @@ impl PointsError {
 /// Reads a file of points (see [`parse`]).
 ///
 /// # Errors
-/// [`PointsError`].
+/// [`PointsError`] as in [`parse`], or if the file cannot be read.
 pub fn read(path: &Path) -> Result<Vec<Sample>, PointsError> {
     let bytes = read::whole(path, read::CSV).map_err(|cause| PointsError::Read {
         path: path.to_owned(),
@@ -70,11 +70,11 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, PointsError> {
     parse(&bytes, path)
 }
 
-/// Reads points: a header that names the columns `stretch` and `stress_kpa` in any order, or no header and these two in this order;
-/// lines that begin with `#` are left out. `path` names the file in errors.
+/// Parses points: a header with the columns `stretch` and `stress_kpa` in any order, or no header and these two in this order;
+/// lines that begin with `#` are ignored. `path` is the file name shown in errors.
 ///
 /// # Errors
-/// [`PointsError`].
+/// [`PointsError`] if a line is invalid.
 pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, PointsError> {
     let wrong = |line: u64, found: String, expected| PointsError::Line {
         path: path.to_owned(),

@@ -1,4 +1,4 @@
-//! What is printed and drawn of a bent needle.
+//! Report and plot of a bent needle.
 
 use std::fmt;
 
@@ -8,27 +8,28 @@ use super::resolve::Case;
 use crate::mechanics::needle::beam::Shape;
 use crate::study::plot::{Axis, Marker, Plot, Series};
 
-/// Rows of the shape that are shown to people.
+/// Number of rows of the shape in the text report.
 const ROWS: usize = 12;
-/// Points of the curve between two nodes.
+/// Number of curve points between two nodes.
 const FINE: usize = 4;
 
-/// The figures of a bent needle, as `insonify beam --json` prints them.
+/// Results for a bent needle, as `insonify beam --json` prints them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Deflection of the tip, mm.
     pub tip_mm: f64,
-    /// Where the tangent at the base meets the undeflected needle, mm below the entry.
+    /// Remote centre of motion: intersection of the tangent at the base with the undeflected needle, mm below the
+    /// entry.
     pub rcm_mm: Option<f64>,
-    /// Where the needle first is where it was, mm below the entry.
+    /// Centre of motion: first point with zero deflection, mm below the entry.
     pub com_mm: Option<f64>,
-    /// Largest moment out of balance over the largest moment.
+    /// Largest residual moment over the largest moment.
     pub residual: f64,
-    /// Newton steps.
+    /// Number of Newton iterations.
     pub iterations: usize,
     /// Nodes, from base to tip.
     pub shape: Vec<Node>,
-    /// Force and moment that hold the base, N and N mm.
+    /// Force and moment at the base, N and N mm.
     #[serde(skip)]
     hold: [f64; 2],
     #[serde(skip)]
@@ -38,18 +39,18 @@ pub struct Report {
 /// A node of the needle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Node {
-    /// Along the undeflected needle, mm from the entry.
+    /// Position along the undeflected needle, mm from the entry.
     pub x: f64,
     /// Deflection, mm.
     pub u: f64,
-    /// du/dx.
+    /// Slope du/dx.
     pub slope: f64,
-    /// Reaction of the tissue per length, N/mm, with the sign of the deflection; at the boundary of layers that of the deeper one.
+    /// Tissue reaction per length, N/mm, with the sign of the deflection; at the boundary of layers that of the deeper one.
     pub reaction: f64,
 }
 
 impl Report {
-    /// The figures of a shape.
+    /// Creates the report of a shape.
     pub fn new(shape: &Shape) -> Report {
         let nodes = shape.points.iter().map(|point| Node {
             x: point.x_mm,
@@ -108,12 +109,12 @@ impl fmt::Display for Report {
     }
 }
 
-/// Rounded to what is shown, so that nothing shows as a negative zero.
+/// Rounds to the displayed precision, so that no negative zero appears.
 fn whole(x: f64) -> f64 {
     (x * 1e6).round() / 1e6 + 0.0
 }
 
-/// The needle in its tissue: its shape, where its base points, and both centres of motion.
+/// Plots the needle in its tissue: its shape, the tangent at its base, and both centres of motion.
 pub fn plot(case: &Case, shape: &Shape) -> Plot {
     let nodes: Vec<f64> = shape.points.iter().map(|point| point.x_mm).collect();
     let between = |pair: &[f64]| {

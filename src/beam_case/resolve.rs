@@ -1,4 +1,4 @@
-//! From a case file to a beam, and to its shape.
+//! Resolution of a case file to a beam, and its shape.
 
 use super::error::{BeamCaseError, Wrong};
 use super::file::{CaseFile, CompressionName, LayerSpec, ModelName};
@@ -8,13 +8,13 @@ use crate::mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
-/// A case whose numbers are in their ranges.
+/// A case with all numbers in their ranges.
 #[derive(Clone, Debug)]
 pub struct Case {
     file: CaseFile,
     /// Needle and tissue.
     pub problem: Problem,
-    /// How the base is moved.
+    /// Motion of the base.
     pub base: Base,
 }
 
@@ -29,7 +29,7 @@ impl From<CompressionName> for Compression {
 }
 
 impl LayerSpec {
-    /// The material, or the key that is missing or too much.
+    /// Returns the material, or the key that is missing (`false`) or superfluous (`true`).
     fn material(&self) -> Result<Material, (&'static str, bool)> {
         let given = [
             ("mu_kpa", self.mu_kpa),
@@ -79,7 +79,7 @@ impl ModelName {
         }
     }
 
-    /// The keys of its numbers.
+    /// Keys of the parameters of a model.
     fn keys(self) -> &'static [&'static str] {
         match self {
             ModelName::Ogden => &["mu_kpa", "alpha"],
@@ -94,7 +94,7 @@ impl CaseFile {
     /// Checks every number.
     ///
     /// # Errors
-    /// [`BeamCaseError`], with the key and its place in the file.
+    /// [`BeamCaseError`] with the key and its place in the file.
     pub fn resolve(self) -> Result<Case, BeamCaseError> {
         let within = |key: &str, found: f64, [low, high]: [f64; 2], unit: &str| {
             let expected = format!("{low} to {high} {unit}");
@@ -175,16 +175,16 @@ impl CaseFile {
 }
 
 impl Case {
-    /// Bends the needle.
+    /// Solves for the shape of the needle.
     ///
     /// # Errors
-    /// [`BeamCaseError`] where it has no shape.
+    /// [`BeamCaseError`] if no shape is found.
     pub fn solve(&self) -> Result<Shape, BeamCaseError> {
         self.beam()?.solve(&self.base).map_err(|error| self.blame(error))
     }
 
-    /// What the elements leave: the largest difference (mm) that elements of half the length make to a shape of this case. None if
-    /// there can be none.
+    /// Discretisation error: largest difference (mm) between `shape` and that with elements of half the length. `None` if the
+    /// latter cannot be computed.
     pub fn element_error_mm(&self, shape: &Shape) -> Option<f64> {
         let mut finer = self.problem.clone();
         finer.element_mm /= 2.0;
@@ -196,10 +196,10 @@ impl Case {
         Some(apart.fold(0.0, f64::max))
     }
 
-    /// Finds the base motion that brings about what is wanted, and the shape of the needle then.
+    /// Finds the base motion for a wanted result, and the resulting shape of the needle.
     ///
     /// # Errors
-    /// [`BeamCaseError`] where there is none.
+    /// [`BeamCaseError`] if there is none.
     pub fn find(&self, wanted: &Wanted) -> Result<(Base, Shape), BeamCaseError> {
         inverse::find(&mut self.beam()?, wanted).map_err(|error| match error {
             InverseError::Beam(error) => self.blame(error),

@@ -1,11 +1,12 @@
 use std::path::Path;
 
 use super::points::PointsError;
+use super::resolve::Case;
 use super::*;
 use crate::mechanics::needle::beam::Base;
 use crate::mechanics::needle::beam::inverse::Wanted;
 
-/// The example with something else in place of a piece of it.
+/// The example with a piece of its text replaced.
 fn changed(from: &str, to: &str) -> Result<Case, BeamCaseError> {
     let text = EXAMPLE.replacen(from, to, 1);
     assert_ne!(text, EXAMPLE, "{from}");
@@ -83,7 +84,7 @@ fn what_is_wrong_is_shown_with_its_line() {
     assert!(none.map(drop).expect_err("refused").to_string().contains("`[[layer]]`"));
 }
 
-/// What the solver refuses is blamed on a key too.
+/// Solver errors are reported with a key too.
 #[test]
 fn needles_without_a_shape_are_shown_with_a_line() {
     let mut crushed = changed("control_distance_mm = 20.0", "control_distance_mm = 0.0").expect("a case");

@@ -1,32 +1,30 @@
-//! Which backend a run uses, and why.
+//! Selection of the rendering backend.
 
+use crate::gpu::adapter::{self, hardware};
+use crate::gpu::{AdapterChoice, Gpu, Needs};
+use crate::study::tradeoff::gather::Means;
+use crate::synth::tables::{Anatomy, Settings};
+use crate::synth::{Backend, SynthError, Synthesizer};
 use clap::{Args, ValueEnum};
-use insonify::gpu::adapter::{self, SOFTWARE};
-use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
-use insonify::plan::Plan;
-use insonify::study::tradeoff::gather::Means;
-use insonify::synth::gpu::needs;
-use insonify::synth::tables::{Anatomy, Settings, Tables};
-use insonify::synth::{Backend, SynthError, Synthesizer};
 
 use super::failure::Failure;
 
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum BackendName {
-    /// A hardware GPU where there is one, else the CPU
+    /// A hardware GPU if there is one, else the CPU
     #[default]
     Auto,
     /// The CPU in single precision
     Cpu,
     /// The CPU in double precision: the gold standard
     CpuF64,
-    /// The best GPU adapter, or nothing; software Vulkan where there is no other
+    /// The best GPU adapter, or an error; software Vulkan if there is no other
     Gpu,
 }
 
 #[derive(Args, Default)]
 pub struct BackendArgs {
-    /// What to render on
+    /// Rendering backend
     #[arg(long, value_enum, default_value = "auto")]
     pub backend: BackendName,
     /// Part of the name of the GPU adapter to use; `insonify doctor` lists them
@@ -34,7 +32,7 @@ pub struct BackendArgs {
     pub adapter: Option<String>,
 }
 
-/// A synthesizer, why its backend was taken, and what was odd about that.
+/// A synthesizer, the reason for its backend, and warnings about the choice.
 pub struct Chosen {
     pub synth: Synthesizer,
     pub reason: String,
@@ -42,7 +40,7 @@ pub struct Chosen {
 }
 
 impl Chosen {
-    /// Name of the GPU adapter; none on the CPU.
+    /// Name of the GPU adapter; `None` on the CPU.
     pub fn adapter(&self) -> Option<&str> {
         self.synth.gpu().map(|gpu| gpu.report().name.as_str())
     }
@@ -60,7 +58,7 @@ impl BackendArgs {
         }
     }
 
-    /// A synthesizer on the backend asked for.
+    /// Creates a synthesizer on the requested backend.
     pub fn synthesizer(&self, anatomy: Anatomy, settings: Settings) -> Result<Chosen, Failure> {
         let mut chosen = self.choose(anatomy, settings)?;
         chosen.warnings.extend_from_slice(&chosen.synth.plan().warnings);
@@ -84,7 +82,7 @@ impl BackendArgs {
                 warnings: Vec::new(),
             }),
             BackendName::Gpu => Ok(Chosen {
-                synth: on_gpu(anatomy, settings, &self.choice())?,
+                synth: Synthesizer::new(anatomy, settings, Backend::Adapter(self.choice()))?,
                 reason: "it was asked for".into(),
                 warnings: Vec::new(),
             }),
@@ -98,7 +96,7 @@ impl BackendArgs {
                     Ok(reason) => reason,
                     Err(none) => return cpu(anatomy, settings, none, Vec::new()),
                 };
-                match on_gpu(anatomy.clone(), settings.clone(), &choice) {
+                match Synthesizer::new(anatomy.clone(), settings.clone(), Backend::Adapter(choice.clone())) {
                     Ok(synth) => Ok(Chosen {
                         synth,
                         reason,
@@ -114,7 +112,7 @@ impl BackendArgs {
         }
     }
 
-    /// The devices to measure beside the CPU, and those that are not measured.
+    /// Devices to measure in addition to the CPU, and those that cannot be measured.
     pub fn gpus(&self) -> Result<Means, Failure> {
         let choice = self.choice();
         match self.backend {
@@ -127,27 +125,8 @@ impl BackendArgs {
         }
     }
 
-    /// The adapter that the flag or the environment names.
+    /// Adapter named by the flag or the environment.
     pub fn choice(&self) -> AdapterChoice {
         AdapterChoice::from_flag(self.adapter.as_deref())
     }
-}
-
-/// The adapter that `auto` takes of those found, best first, or the reason to take the CPU.
-pub fn hardware(adapters: &[AdapterReport]) -> Result<&AdapterReport, String> {
-    match adapters.first() {
-        Some(best) if best.software => Err(format!("{} is {SOFTWARE}", best.name)),
-        Some(best) => Ok(best),
-        None => Err("no GPU adapter was found".to_owned()),
-    }
-}
-
-/// What the passes of a scene ask of a device.
-pub fn needs_of(anatomy: &Anatomy, settings: &Settings) -> Result<Needs, SynthError> {
-    Ok(needs(&Plan::new(&Tables::new(anatomy.clone(), settings.clone())?)))
-}
-
-fn on_gpu(anatomy: Anatomy, settings: Settings, choice: &AdapterChoice) -> Result<Synthesizer, SynthError> {
-    let gpu = Gpu::open(choice, &needs_of(&anatomy, &settings)?)?;
-    Synthesizer::new(anatomy, settings, Backend::Gpu(Box::new(gpu)))
 }

@@ -1,4 +1,4 @@
-//! `insonify beam`: a needle whose base is moved, in tissue that stiffens.
+//! `insonify beam`: a needle with a moved base in stiffening tissue.
 
 mod bend;
 mod fit;

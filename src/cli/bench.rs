@@ -1,20 +1,23 @@
-//! `insonify bench`: what a frame costs on this machine.
+//! `insonify bench`: frame times on this machine.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::gpu::adapter::{self, SOFTWARE};
+use crate::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
+use crate::plan::Plan;
+use crate::scene::SceneFile;
+use crate::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
+use crate::study::bench::{BenchOptions, BenchReport, Contender, bench};
+use crate::study::tradeoff::gather::Means;
+use crate::synth::gpu::needs;
+use crate::synth::tables::Tables;
+use crate::synth::{FrameState, SynthError};
 use clap::Args;
-use insonify::gpu::adapter::{self, SOFTWARE};
-use insonify::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
-use insonify::scene::SceneFile;
-use insonify::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
-use insonify::study::bench::{BenchOptions, BenchReport, Contender, bench};
-use insonify::study::tradeoff::gather::Means;
-use insonify::synth::{FrameState, SynthError};
 use nalgebra::Matrix4;
 
-use super::backend::{BackendArgs, BackendName, needs_of};
+use super::backend::{BackendArgs, BackendName};
 use super::failure::Failure;
 use super::input::Input;
 use super::output::Force;
@@ -38,7 +41,7 @@ Examples:
   insonify bench --compare -o report           everything above, with a page, tables (CSV, JSON) and plots: some minutes
   insonify bench --compare scene.toml --json";
 
-/// Times frames and passes on each backend that the machine has, and as effects are taken away; GPU against CPU with --compare
+/// Times frames and passes on each available backend, and with effects removed; GPU against CPU with --compare
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Bench {
@@ -46,19 +49,19 @@ pub struct Bench {
     input: Input,
     #[command(flatten)]
     backend: BackendArgs,
-    /// Frames of each measurement
+    /// Number of frames of each measurement
     #[arg(long, value_name = "N", default_value = "100", value_parser = super::render::frame_count)]
     frames: usize,
-    /// Seconds after which a measurement ends early; a twentieth of it with --compare
+    /// Time limit of a measurement, s; a twentieth of it with --compare
     #[arg(long, alias = "patience-s", value_name = "S", default_value_t = 4.0, value_parser = seconds)]
     time_limit_s: f64,
     /// Print JSON
     #[arg(long)]
     json: bool,
-    /// Compare GPU and CPU over sizes, passes and solvers, and effects alone and in company
+    /// Compare GPU and CPU over sizes, passes and solvers, and effects alone and combined
     #[arg(long, conflicts_with = "frames")]
     compare: bool,
-    /// Folder for index.html, the tables and plots of --compare; made if it is not there
+    /// Folder for index.html, the tables and plots of --compare; created if missing
     #[arg(short, long, value_name = "DIR", requires = "compare")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -73,13 +76,7 @@ impl Bench {
         }
         let (scene, _) = self.input.scene(&self.backend)?;
         let count = scene.frames().min(self.frames);
-        let states = (0..count)
-            .map(|frame| {
-                let mut state = FrameState::at(Matrix4::identity());
-                scene.state(frame, count, &mut state)?;
-                Ok(state)
-            })
-            .collect::<Result<Vec<_>, Failure>>()?;
+        let states: Vec<FrameState> = scene.states(count).collect();
         let options = BenchOptions {
             frames: self.frames,
             patience: Duration::from_secs_f64(self.time_limit_s),
@@ -87,7 +84,7 @@ impl Bench {
         };
         let mut report = BenchReport::new(&scene.anatomy, &scene.settings);
         report.warnings = scene.warnings;
-        let needs = needs_of(&scene.anatomy, &scene.settings)?;
+        let needs = needs(&Plan::new(&Tables::new(scene.anatomy.clone(), scene.settings.clone())?));
         let (candidates, software) = self.candidates();
         if !self.json {
             software.iter().for_each(terminal::say);
@@ -151,7 +148,7 @@ impl Bench {
         })
     }
 
-    /// What is measured, and a sentence for each adapter that is not.
+    /// Backends to measure, and a sentence for each adapter that cannot be measured.
     fn candidates(&self) -> (Vec<Candidate>, Vec<String>) {
         let choice = self.backend.choice();
         let candidates = match self.backend.backend {
@@ -179,7 +176,7 @@ impl Bench {
     }
 }
 
-/// A backend that is to be measured, if it opens.
+/// A backend to measure, if it opens.
 enum Candidate {
     Cpu,
     CpuF64,
@@ -207,7 +204,7 @@ impl fmt::Display for Candidate {
     }
 }
 
-/// Seconds on the command line.
+/// Parses seconds on the command line.
 pub fn seconds(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(seconds) if (0.0..=3600.0).contains(&seconds) => Ok(seconds),

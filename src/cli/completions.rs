@@ -1,4 +1,4 @@
-//! `insonify completions`: scripts that let a shell complete the command line.
+//! `insonify completions`: completion scripts for shells.
 
 use clap::{Args, CommandFactory};
 use clap_complete::Shell;
@@ -9,7 +9,7 @@ use super::{Cli, terminal};
 /// Prints the completion script of a shell: insonify completions bash > ~/.local/share/bash-completion/completions/insonify
 #[derive(Args)]
 pub struct Completions {
-    /// Which shell
+    /// Name of the shell
     #[arg(value_enum)]
     shell: Shell,
 }

@@ -1,21 +1,21 @@
-//! `insonify doctor`: what this machine can render on.
+//! `insonify doctor`: rendering devices of this machine.
 
 use std::fmt;
 
+use crate::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
+use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs};
+use crate::study::machine::Machine;
 use clap::Args;
-use insonify::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
-use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs};
-use insonify::study::machine::Machine;
 use serde::Serialize;
 
-use super::backend::hardware;
 use super::failure::Failure;
 use super::terminal;
+use crate::gpu::adapter::hardware;
 
-/// Lists GPU adapters and their limits, the processor, and what would be used and why
+/// Lists GPU adapters and their limits, the processor, and the selected backend with the reason
 #[derive(Args)]
 pub struct Doctor {
-    /// Part of the name of the GPU adapter that would be asked for
+    /// Part of the name of the GPU adapter to select
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
     /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `hints`, `warnings`

@@ -1,78 +1,78 @@
-//! What a subcommand can fail of, and the exit status it ends with.
+//! Failures of subcommands and their exit status.
 
 use std::fmt;
 use std::io;
 
-use insonify::beam_case::BeamCaseError;
-use insonify::beam_case::points::PointsError;
-use insonify::error::{INPUT, MACHINE};
-use insonify::gpu::GpuError;
-use insonify::material_case::MaterialCaseError;
-use insonify::mechanics::insertion::StepError;
-use insonify::mechanics::mesh::file::MeshFileError;
-use insonify::mechanics::mesh::generate::GenerateError;
-use insonify::mechanics::needle::beam::BeamError;
-use insonify::output::atomic::WriteError;
-use insonify::output::place::PlaceError;
-use insonify::output::png::PngError;
-use insonify::output::sequence::SequenceError;
-use insonify::phantom::PhantomError;
-use insonify::scenario::ScenarioError;
-use insonify::scene::SceneError;
-use insonify::statics::StaticsError;
-use insonify::study::bench::compare::CompareError;
-use insonify::study::plot::PlotError;
-use insonify::study::puncture::PunctureError;
-use insonify::study::tradeoff::RenderError;
-use insonify::study::tradeoff::image::ImageError;
-use insonify::study::tradeoff::insertion::InsertionStudyError;
-use insonify::study::tradeoff::remesh::StudyError;
-use insonify::study::tradeoff::tissue::TissueError;
-use insonify::synth::SynthError;
-use insonify::tracking::calibration::CalibrationError;
-use insonify::volume::VolumeError;
-use insonify::volume::complete::CompletionError;
+use crate::beam_case::BeamCaseError;
+use crate::beam_case::points::PointsError;
+use crate::error::{INPUT, MACHINE};
+use crate::gpu::GpuError;
+use crate::material_case::MaterialCaseError;
+use crate::mechanics::insertion::StepError;
+use crate::mechanics::mesh::file::MeshFileError;
+use crate::mechanics::mesh::generate::GenerateError;
+use crate::mechanics::needle::beam::BeamError;
+use crate::output::atomic::WriteError;
+use crate::output::place::PlaceError;
+use crate::output::png::PngError;
+use crate::output::sequence::SequenceError;
+use crate::phantom::PhantomError;
+use crate::scenario::ScenarioError;
+use crate::scene::SceneError;
+use crate::statics::StaticsError;
+use crate::study::bench::compare::CompareError;
+use crate::study::plot::PlotError;
+use crate::study::puncture::PunctureError;
+use crate::study::tradeoff::RenderError;
+use crate::study::tradeoff::image::ImageError;
+use crate::study::tradeoff::insertion::InsertionStudyError;
+use crate::study::tradeoff::remesh::StudyError;
+use crate::study::tradeoff::tissue::TissueError;
+use crate::synth::SynthError;
+use crate::tracking::calibration::CalibrationError;
+use crate::volume::VolumeError;
+use crate::volume::complete::CompletionError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
-/// Why a subcommand ends without having done what was asked.
+/// Why a subcommand failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// The library says so.
+    /// Error of the library.
     #[error(transparent)]
-    Library(Box<insonify::error::Error>),
-    /// Arguments that make no sense together, or for this scene.
+    Library(Box<crate::error::Error>),
+    /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
-        /// What was asked.
+        /// What was requested.
         found: String,
-        /// What to ask.
+        /// What to request instead.
         help: String,
     },
-    /// Hard cases that do not hold; they have been shown.
+    /// Stability cases that failed; they have been printed.
     #[error("{failed} of {cases} hard cases do not hold")]
     Unstable {
-        /// How many do not.
+        /// Number of failed cases.
         failed: usize,
-        /// How many were run.
+        /// Number of cases run.
         cases: usize,
     },
-    /// A study that could not be made; the others were.
+    /// A study that failed; the others were completed.
     #[error("the study `{study}` could not be made: {reason}{}", others(*more))]
     Unmeasured {
-        /// Which.
+        /// Name of the study.
         study: String,
-        /// Why.
+        /// Reason of the failure.
         reason: String,
-        /// How many more could not.
+        /// Number of further failed studies.
         more: usize,
     },
-    /// Standard output is full or closed other than by a reader that had enough.
+    /// Standard output is full, or closed other than by a reader that stopped reading.
     #[error("standard output cannot be written: {0}")]
     Output(io::Error),
 }
 
 impl Failure {
-    /// Arguments that make no sense: what was asked, and what to ask instead.
+    /// Creates an error for invalid arguments: what was requested, and what to request instead.
     pub fn usage(found: impl Into<String>, help: impl Into<String>) -> Self {
         Self::Usage {
             found: found.into(),
@@ -80,7 +80,7 @@ impl Failure {
         }
     }
 
-    /// The exit status: 2 where the user can put it right by asking otherwise, 1 where the machine failed.
+    /// Exit status: 2 if the user can correct the request, 1 if the machine failed.
     pub fn status(&self) -> u8 {
         match self {
             Self::Library(error) => error.exit_status(),
@@ -114,7 +114,7 @@ impl Diagnostic for Failure {
     }
 }
 
-/// What else failed, in words.
+/// Describes further failures in words.
 fn others(more: usize) -> String {
     match more {
         0 => String::new(),
@@ -133,7 +133,7 @@ macro_rules! from_library {
 }
 
 from_library!(
-    insonify::error::Error,
+    crate::error::Error,
     BeamCaseError,
     BeamError,
     CalibrationError,

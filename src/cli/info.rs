@@ -1,21 +1,21 @@
-//! `insonify info`: what a label file, a folder of masks, a tracked sequence or a configuration of PLUS holds.
+//! `insonify info`: contents of a label file, a folder of masks, a tracked sequence or a PLUS configuration.
 
 use std::fmt;
 use std::path::PathBuf;
 
+use crate::segmentation;
+use crate::tracking::plus::PlusInfo;
+use crate::tracking::sequence::SequenceInfo;
 use clap::Args;
-use insonify::segmentation;
-use insonify::tracking::plus::PlusInfo;
-use insonify::tracking::sequence::SequenceInfo;
 use serde::Serialize;
 
 use super::failure::Failure;
 use super::input::NamesArg;
 use super::terminal;
 
-/// Prints size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the tissue that each is taken
-/// for with the evidence (`?` where it is a guess); of a tracked sequence frames, images, rate, and transforms with their
-/// validity; of a PLUS configuration (.xml) probe, images, calibration and coordinate definitions
+/// Prints size, spacing, orientation, and the labels of a file: names, voxels, millilitres, and the assigned tissue of each
+/// with the evidence (`?` for a guess); of a tracked sequence frames, images, rate, and transforms with their validity; of a
+/// PLUS configuration (.xml) probe, images, calibration and coordinate definitions
 #[derive(Args)]
 pub struct Info {
     /// Label file (NIfTI, NRRD or MetaImage), a folder of binary masks named by their files, or a tracked sequence or

@@ -1,12 +1,12 @@
-//! The scene that a subcommand works on: a file, a label file alone, or the default scene.
+//! Input scene of a subcommand: a scene file, a label file alone, or the default scene.
 
 use std::path::{Path, PathBuf};
 
+use crate::quality::Picked;
+use crate::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
+use crate::segmentation::{Names, Naming, stem};
+use crate::volume::VolumeError;
 use clap::Args;
-use insonify::quality::Picked;
-use insonify::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
-use insonify::segmentation::{Names, Naming, stem};
-use insonify::volume::VolumeError;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
@@ -17,17 +17,17 @@ use super::terminal::{note, warn};
 /// Largest width and height of a frame, pixels.
 const LARGEST_SIDE: u32 = 16_384;
 
-/// A table of label names.
+/// Argument for a table of label names.
 #[derive(Args)]
 pub struct NamesArg {
-    /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, label descriptions of ITK-SNAP
-    /// [default: the file of the same name that ends in .csv, beside labels without names]
+    /// Table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label descriptions of
+    /// ITK-SNAP [default: for labels without names, the file of the same stem that ends in .csv]
     #[arg(long, value_name = "FILE")]
     names: Option<PathBuf>,
 }
 
 impl NamesArg {
-    /// How labels get their names.
+    /// Returns the naming of labels from the table, if given.
     pub fn naming(&self) -> Result<Naming<'static>, VolumeError> {
         Ok(Naming {
             names: self.names.as_deref().map(Names::read).transpose()?,
@@ -38,11 +38,11 @@ impl NamesArg {
 
 #[derive(Args)]
 pub struct Input {
-    /// Scene file (TOML); none takes the built-in default scene, or with --labels the label file alone
+    /// Scene file (TOML); without one the built-in default scene, or with --labels the label file alone
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
-    /// Label file to image (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files; with a scene it takes
-    /// the place of the scene's volume
+    /// Label file to image (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files; with a scene it
+    /// replaces the scene's volume
     #[arg(long, value_name = "FILE")]
     labels: Option<PathBuf>,
     #[command(flatten)]
@@ -58,7 +58,7 @@ pub struct Input {
 }
 
 impl Input {
-    /// Whether nothing is asked for, so that the command may choose.
+    /// Whether no input is specified, so that the command may choose.
     pub fn is_default(&self) -> bool {
         self.scene.is_none()
             && self.labels.is_none()
@@ -86,15 +86,15 @@ impl Input {
         Ok(file.resolve(base)?)
     }
 
-    /// Files that the command reads.
+    /// Lists the files that the command reads.
     pub fn files(&self) -> Vec<PathBuf> {
         let mut files = self.scene.as_deref().map_or_else(Vec::new, inputs);
         files.extend(self.labels.iter().chain(&self.names.names).cloned());
         files
     }
 
-    /// Reads the scene and all that it names, and tells what was assumed and what is odd. Where it says how long a
-    /// frame may take, what it leaves open is picked for the backend; the second tells what.
+    /// Reads the scene and all files that it names, and prints notes and warnings. If the scene states a time
+    /// budget for a frame, its open settings are picked for the backend and returned as the second value.
     pub fn scene(&self, backend: &BackendArgs) -> Result<(Scene, Option<Picked>), Failure> {
         let mut scene = self.load()?;
         scene.notes.iter().for_each(note);
@@ -137,7 +137,7 @@ impl Input {
     }
 }
 
-/// A path relative to where the command runs, not to the scene's folder.
+/// A path relative to the working directory, not to the scene's folder.
 fn here(path: &Path) -> PathBuf {
     std::path::absolute(path).unwrap_or_else(|_| path.to_owned())
 }

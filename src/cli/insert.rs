@@ -1,14 +1,14 @@
-//! `insonify insert`: a needle goes in.
+//! `insonify insert`: needle insertion.
 
 mod writer;
 
 use std::path::{Path, PathBuf};
 
+use crate::quality::Picked;
+use crate::scenario::run::{Requests, run};
+use crate::scenario::{self, Scenario, ScenarioFile, Summary};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
-use insonify::quality::Picked;
-use insonify::scenario::run::{Asked, run};
-use insonify::scenario::{self, Scenario, ScenarioFile, Summary};
 use serde::Serialize;
 
 use super::backend::BackendArgs;
@@ -62,16 +62,17 @@ Exit status: 0 done; 2 the scenario or a file is wrong; 1 what the machine could
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Insert {
-    /// Scenario file (TOML), or the name of one that comes with the program
+    /// Scenario file (TOML), or the name of a built-in one
     #[arg(value_name = "SCENARIO.toml", required_unless_present_any = ["example", "reference", "labels"])]
     scenario: Option<PathBuf>,
     /// In place of a scenario: a label file (NIfTI, NRRD or MetaImage); the probe is placed over the target
     #[arg(long, value_name = "FILE", conflicts_with = "scenario", requires = "target")]
     labels: Option<PathBuf>,
-    /// With --labels: the needle goes from beside the probe to this label or tissue, and back; a part of a name will do
+    /// With --labels: target label or tissue, or a part of its name; the needle goes to it from beside the probe, and
+    /// back
     #[arg(long, value_name = "NAME", requires = "labels")]
     target: Option<String>,
-    /// Print a scenario that comes with the program
+    /// Print a built-in scenario
     #[arg(long, value_name = "NAME", value_parser = names(), exclusive = true)]
     example: Option<String>,
     /// Print every key of a scenario with its unit, range and default
@@ -85,10 +86,10 @@ pub struct Insert {
     images: Option<Images>,
     #[command(flatten)]
     extras: Extras,
-    /// Make an animated picture of the frames, small: preview.gif
+    /// Write a small animated picture of the frames: preview.gif
     #[arg(long)]
     preview: bool,
-    /// Write the deformed mesh every so many milliseconds of simulated time
+    /// Write the deformed mesh at this interval, in milliseconds of simulated time
     #[arg(long, value_name = "MS", value_parser = period)]
     vtu: Option<f64>,
     #[command(flatten)]
@@ -102,16 +103,16 @@ pub struct Insert {
     json: bool,
 }
 
-/// Files that images go to.
+/// File format of images.
 #[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Images {
     /// Numbered pictures in a folder
     Png,
-    /// An image sequence with the pose of each frame
+    /// Image sequence with the pose of each frame
     Mha,
 }
 
-/// The summary with where it came from.
+/// Summary with its provenance.
 #[derive(Serialize)]
 struct Report<'a> {
     scenario: String,
@@ -133,7 +134,7 @@ impl Insert {
         let folder = self.force.folder(output, "insert", FILES, &inputs(path))?;
         let (mut scenario, picked) = self.scenario(path)?;
         let mut picked: Vec<Picked> = picked.into_iter().collect();
-        let asked = Asked {
+        let asked = Requests {
             frames: self.images().is_some() || self.preview,
             mesh_s: self.vtu.map(|ms| ms * 1e-3),
         };
@@ -175,7 +176,7 @@ impl Insert {
         Ok(())
     }
 
-    /// Files that images go to; what goes beside images or over them asks for pictures.
+    /// Format of images; companion files and overlays require pictures.
     fn images(&self) -> Option<Images> {
         let Extras {
             sidecar,
@@ -187,7 +188,7 @@ impl Insert {
         self.images.or(beside.then_some(Images::Png))
     }
 
-    /// The scenario as it is written, or for a label file.
+    /// Returns the scenario as written, or the one for a label file.
     fn file(&self, path: &Path) -> Result<ScenarioFile, Failure> {
         if let Some(target) = &self.target {
             return Ok(ScenarioFile::for_labels(path, target));
@@ -210,7 +211,7 @@ impl Insert {
         })
     }
 
-    /// Reads the scenario and all that it names, and tells what was assumed and what is odd.
+    /// Reads the scenario and all files that it names, and prints notes and warnings.
     fn scenario(&self, path: &Path) -> Result<(Scenario, Option<Picked>), Failure> {
         let mut file = self.file(path)?;
         let folder = match self.labels {

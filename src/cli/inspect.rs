@@ -1,8 +1,8 @@
-//! `insonify inspect`: what made one pixel.
+//! `insonify inspect`: contributions to one pixel.
 
+use crate::study::inspect::{PixelReport, inspect};
+use crate::synth::FrameState;
 use clap::Args;
-use insonify::study::inspect::{PixelReport, inspect};
-use insonify::synth::FrameState;
 use nalgebra::Matrix4;
 use serde::Serialize;
 
@@ -19,10 +19,10 @@ pub struct Inspect {
     /// Column and row of the pixel, from 0 at the near corner of the unmarked side
     #[arg(long, value_name = "X,Y", value_parser = pixel, allow_hyphen_values = true)]
     at: [usize; 2],
-    /// Which frame, from 0
+    /// Frame number, from 0
     #[arg(long, value_name = "N", default_value_t = 0)]
     frame: usize,
-    /// How many frames the scene's motion is cut into; the scene's own number by default
+    /// Number of frames of the scene's motion; by default that of the scene
     #[arg(long, value_name = "N", value_parser = super::render::frame_count)]
     frames: Option<usize>,
     /// Print JSON

@@ -1,10 +1,10 @@
-//! `insonify match`: probe and effects from a real frame.
+//! `insonify match`: probe and effects estimated from a real frame.
 
 use std::path::{Path, PathBuf};
 
+use crate::study::matching::fit;
+use crate::study::realism::picture;
 use clap::Args;
-use insonify::study::matching::fit;
-use insonify::study::realism::picture;
 
 use super::failure::Failure;
 use super::output::{self, Force};
@@ -29,31 +29,31 @@ Examples:
 
 docs/realism.md has how well known settings are found again. Exit status: 0 matched; 2 wrong arguments or files.";
 
-/// Estimates probe and effects from a real frame, and writes a scene that looks like it
+/// Estimates probe and effects from a real frame, and writes a scene that resembles it
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Match {
-    /// The frame: a PNG file, or an image sequence (.mha, .mhd, .nrrd), whose first frame counts
+    /// Real frame: a PNG file, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
     #[arg(value_name = "REAL")]
     file: PathBuf,
     /// Side of a pixel
     #[arg(long, value_name = "MM", value_parser = pixel)]
     mm_per_pixel: Option<f64>,
-    /// Depth that the middle scanline shows
+    /// Depth shown by the middle scanline
     #[arg(long, value_name = "MM", value_parser = depth, conflicts_with = "mm_per_pixel")]
     depth_mm: Option<f64>,
     /// Seed of the phantom's speckle
     #[arg(long, value_name = "N", default_value = "0")]
     seed: u64,
-    /// Write the scene to a file, and print the figures instead of it
+    /// Write the scene to a file, and print the measures instead of it
     #[arg(short, long, value_name = "FILE.toml")]
     output: Option<PathBuf>,
-    /// Write a page with the real frame, ours, histograms and autocorrelations
+    /// Write a page with the real and the synthetic frame, histograms and autocorrelations
     #[arg(long, value_name = "PAGE.html")]
     page: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON, with the scene in it
+    /// Print JSON, including the scene
     #[arg(long)]
     json: bool,
 }
@@ -74,7 +74,7 @@ impl Match {
             ));
         }
         let mut frames = picture::read(&inputs, 1, None)?;
-        // A file without frames was refused.
+        // A file without frames has been refused.
         let mut frame = frames.swap_remove(0);
         frame.mm = self.mm_per_pixel.map(|mm| [mm; 2]).or(frame.mm);
         let found = fit(&frame, self.depth_mm, self.seed)?;
@@ -97,7 +97,7 @@ impl Match {
     }
 }
 
-/// The depth of a frame, mm.
+/// Parses the depth of a frame, mm.
 fn depth(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(mm) if (1.0..=1000.0).contains(&mm) => Ok(mm),

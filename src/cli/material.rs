@@ -1,9 +1,9 @@
-//! `insonify material`: a point of tissue under a history of stress or strain.
+//! `insonify material`: response of a point of tissue to a history of stress or strain.
 
 use std::path::PathBuf;
 
+use crate::material_case::{self, CaseFile};
 use clap::Args;
-use insonify::material_case::{self, CaseFile};
 
 use super::failure::Failure;
 use super::output::{self, Force};
@@ -42,18 +42,18 @@ pub struct Material {
     /// Case file: the material and its history
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
-    /// Print a case file to start from
+    /// Print an example case file
     #[arg(long, conflicts_with_all = ["case", "json", "output", "rheometer"])]
     example: bool,
     /// Print one JSON object: `time_s`, `strain`, `stress_kpa`
     #[arg(long)]
     json: bool,
-    /// Plot what answers against time
+    /// Plot the computed quantity against time
     #[arg(short, long, value_name = "PLOT.svg")]
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Put the material through the measurements of Kobayashi et al. 2010 in place of its history: plots, one SVG file each
+    /// Run the measurements of Kobayashi et al. 2010 on the material in place of its history: plots, one SVG file each
     #[arg(long, value_name = "DIR", conflicts_with_all = ["json", "output"])]
     rheometer: Option<PathBuf>,
 }

@@ -7,7 +7,7 @@ use clap::{Args, Subcommand};
 
 use super::failure::Failure;
 
-/// Makes tetrahedral meshes and looks into them
+/// Makes and inspects tetrahedral meshes
 #[derive(Args)]
 pub struct Mesh {
     #[command(subcommand)]

@@ -1,37 +1,38 @@
-//! Where a command writes, looked at before it computes.
+//! Destinations of a command's output, checked before the computation.
 
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use crate::output::atomic;
+use crate::output::folder::Folder;
+use crate::output::place;
+use crate::study::plot::Plot;
 use clap::Args;
-use insonify::output::atomic;
-use insonify::output::folder::Folder;
-use insonify::output::place;
-use insonify::study::plot::Plot;
 
 use super::failure::Failure;
 
-/// Scenes named by scenarios name no further ones.
+/// Maximum nesting of named documents: a scenario names a scene, which names no further ones.
 const DEEPEST: usize = 2;
-/// Largest document that is looked into for names of files, bytes.
+/// Largest document searched for names of files, bytes.
 const LARGEST: u64 = 1 << 26;
 
-/// What to do about files in the way.
+/// Policy for existing files at the destination.
 #[derive(Args, Clone, Copy, Default)]
 pub struct Force {
-    /// Replace files in the way that are of another kind, that no earlier run listed, or that are read
+    /// Replace existing files of another kind, files that no earlier run listed, and files that the run reads
     #[arg(long)]
     force: bool,
 }
 
 impl Force {
-    /// Refuses files that cannot be written before anything is computed for them; `inputs` are files that the run reads.
+    /// Refuses output files that cannot be written, before the computation; `inputs` are files that the run reads.
     pub fn check(self, files: &[&Path], inputs: &[PathBuf]) -> Result<(), Failure> {
         Ok(place::check(files, inputs, self.force)?)
     }
 
-    /// The same for one file whose name must have a certain ending; `what` it holds is said of another.
+    /// Refuses an output file that cannot be written or lacks the required extension; `what` describes its contents
+    /// in the error.
     pub fn check_ending(self, file: &Path, ending: &str, what: &str, inputs: &[PathBuf]) -> Result<(), Failure> {
         let found = file.extension();
         if !found.is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
@@ -44,7 +45,7 @@ impl Force {
         self.check(&[file], inputs)
     }
 
-    /// A folder for the files of a command: see [`Folder::open`].
+    /// Opens a folder for the files of a command: see [`Folder::open`].
     pub fn folder(
         self,
         target: &Path,
@@ -59,7 +60,7 @@ impl Force {
     }
 }
 
-/// A file in TOML and the files that it names.
+/// A TOML file and the files that it names.
 pub fn inputs(document: &Path) -> Vec<PathBuf> {
     let mut files = Vec::new();
     add_inputs(document, DEEPEST, &mut files);
@@ -68,7 +69,7 @@ pub fn inputs(document: &Path) -> Vec<PathBuf> {
 
 fn add_inputs(document: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     files.push(document.to_owned());
-    // Pipes give their text once, and to the reader.
+    // A pipe can be read only once, by its reader.
     let small = fs::metadata(document).is_ok_and(|found| found.is_file() && found.len() <= LARGEST);
     let text = small.then(|| fs::read_to_string(document).ok()).flatten();
     let table = text.and_then(|text| text.parse().ok());
@@ -87,12 +88,12 @@ fn add_inputs(document: &Path, depth: usize, files: &mut Vec<PathBuf>) {
     }
 }
 
-/// Writes a text, whole or not at all.
+/// Writes a text file atomically.
 pub fn text(path: &Path, text: &str) -> Result<(), Failure> {
     Ok(atomic::write(path, |file| file.write_all(text.as_bytes()))?)
 }
 
-/// Writes a plot, whole or not at all.
+/// Writes a plot atomically.
 pub fn plot(path: &Path, plot: &Plot) -> Result<(), Failure> {
     text(path, &plot.svg()?)
 }

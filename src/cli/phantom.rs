@@ -1,31 +1,31 @@
-//! `insonify phantom`: labelled volumes made from code.
+//! `insonify phantom`: labelled volumes generated from code.
 
 use std::path::PathBuf;
 
+use crate::phantom::{PhantomOptions, make};
+use crate::segmentation::{Info, Segmentation};
+use crate::volume::save;
 use clap::Args;
-use insonify::phantom::{PhantomOptions, make};
-use insonify::segmentation::{Info, Segmentation};
-use insonify::volume::save;
 
 use super::failure::Failure;
 use super::output::Force;
 use super::terminal;
 
-/// Makes a labelled volume from code and writes it
+/// Generates a labelled volume and writes it
 #[derive(Args)]
 pub struct Phantom {
-    /// Which
+    /// Name of the phantom
     #[arg(value_name = "NAME", value_enum)]
-    name: insonify::phantom::Phantom,
+    name: crate::phantom::Phantom,
     /// File to write: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     #[command(flatten)]
     force: Force,
-    /// Edge of a voxel, mm (0.3 to 5); the phantom's own by default
+    /// Voxel edge, mm (0.3 to 5); by default the phantom's own
     #[arg(long, value_name = "MM")]
     resolution_mm: Option<f64>,
-    /// Seed of all that is uneven
+    /// Seed of all irregularity
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 }

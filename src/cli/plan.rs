@@ -1,21 +1,22 @@
-//! `insonify plan`: what a frame of a scene is made of.
+//! `insonify plan`: passes and resources of a frame.
 
+use crate::synth::tables::Tables;
 use clap::Args;
-use insonify::synth::tables::Tables;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::input::Input;
 use super::terminal;
 
-/// Prints the passes that a scene calls for and why, those that it does without, and the bytes of each resource
+/// Prints the passes that a scene needs and why, those that it does not use, and the size of each resource
 #[derive(Args)]
 pub struct Plan {
     #[command(flatten)]
     input: Input,
     #[command(flatten)]
     backend: BackendArgs,
-    /// Print JSON: `passes`, `without`, `resources`, `bytes`, `warnings`, and `quality` where the scene asks for it
+    /// Print JSON: `passes`, `without`, `resources`, `bytes`, `warnings`, and `quality` if the scene states a
+    /// budget
     #[arg(long)]
     json: bool,
 }
@@ -24,7 +25,7 @@ impl Plan {
     pub fn run(&self) -> Result<(), Failure> {
         let (scene, picked) = self.input.scene(&self.backend)?;
         let tables = Tables::new(scene.anatomy, scene.settings)?;
-        let mut plan = insonify::plan::Plan::new(&tables).report();
+        let mut plan = crate::plan::Plan::new(&tables).report();
         plan.quality = picked;
         plan.warnings.iter().for_each(terminal::warn);
         if self.json {

@@ -1,10 +1,10 @@
-//! `insonify puncture`: a needle goes into a slice of liver with a vein.
+//! `insonify puncture`: needle insertion into a slice of liver with a vein.
 
 use std::path::{Path, PathBuf};
 
+use crate::study::puncture::fit::{self, Fitted};
+use crate::study::puncture::{self, PunctureOptions, curves, puncture};
 use clap::Args;
-use insonify::study::puncture::fit::{self, Fitted};
-use insonify::study::puncture::{self, PunctureOptions, curves, puncture};
 use serde::Serialize;
 
 use super::failure::Failure;
@@ -28,7 +28,7 @@ liver; only the knee and the order are the measured ones.
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation
 simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.";
 
-/// Pushes a needle into a slice of liver with a vein: force over its way, and how the vein flattens
+/// Pushes a needle into a slice of liver with a vein: force against travel, and the flattening of the vein
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Puncture {
@@ -38,7 +38,7 @@ pub struct Puncture {
     /// Relative strain above which tissue stiffens
     #[arg(long, value_name = "E", default_value_t = PunctureOptions::default().knee_strain, allow_negative_numbers = true)]
     knee_strain: f64,
-    /// How fast: a in E0 (1 + a (e - knee)^2); 0 is linear tissue
+    /// Stiffening coefficient a in E0 (1 + a (e - knee)^2); 0 is linear tissue
     #[arg(long, value_name = "A", default_value_t = PunctureOptions::default().stiffening, allow_negative_numbers = true)]
     stiffening: f64,
     /// Order of the viscosity, 0 (elastic) to 1
@@ -50,27 +50,28 @@ pub struct Puncture {
     /// Speed of the needle, mm/s
     #[arg(long, value_name = "MM/S", default_value_t = PunctureOptions::default().speed_mm_per_s, allow_negative_numbers = true)]
     speed: f64,
-    /// The needle's way in a step, mm
+    /// Travel of the needle per step, mm
     #[arg(long, value_name = "MM", default_value_t = PunctureOptions::default().step_mm, allow_negative_numbers = true)]
     step_mm: f64,
-    /// Force that the capsule bears, N
+    /// Strength of the capsule, N
     #[arg(long, value_name = "N", default_value_t = PunctureOptions::default().capsule_n, allow_negative_numbers = true)]
     capsule_n: f64,
-    /// Force that the wall of the vein bears, N
+    /// Strength of the wall of the vein, N
     #[arg(long, value_name = "N", default_value_t = PunctureOptions::default().wall_n, allow_negative_numbers = true)]
     wall_n: f64,
-    /// Elastic and linear tissue beside it, in the plot
+    /// Add elastic and linear tissue to the plot
     #[arg(long)]
     compare: bool,
-    /// CSV file with columns travel_mm and force_n: modulus, knee and stiffening are fitted to its first push, from those given on
+    /// CSV file with columns travel_mm and force_n: modulus, knee and stiffening are fitted to its first push, starting from the
+    /// given values
     #[arg(long, value_name = "CSV")]
     fit: Option<PathBuf>,
-    /// Folder for force.csv, force.svg and pictures of the slice; made if it is not there
+    /// Folder for force.csv, force.svg and pictures of the slice; created if missing
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print one JSON object to standard output: `options`, and `rows`, one a step; with --fit also `fit`
+    /// Print one JSON object to standard output: `options`, and `rows`, one per step; with --fit also `fit`
     #[arg(long)]
     json: bool,
 }
@@ -164,7 +165,7 @@ impl Puncture {
     }
 }
 
-/// What is printed for programs.
+/// JSON output.
 #[derive(Serialize)]
 struct Told<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -1,25 +1,26 @@
-//! What a scene or a scenario leaves open, picked from what it costs here.
+//! Choice of open settings of a scene or a scenario by their cost on this machine.
 
 mod frames;
 mod steps;
 
+use crate::quality::Picked;
+use crate::quality::cache::Cache;
+use crate::study::machine::Machine;
 use clap::Args;
-use insonify::quality::Picked;
-use insonify::quality::cache::Cache;
-use insonify::study::machine::Machine;
 
 use super::failure::Failure;
 use super::terminal;
 
 #[derive(Args)]
 pub struct QualityArgs {
-    /// Repeat the timing that `quality` chooses from, even where this machine was timed before
+    /// Repeat the timing used by `quality`, even if this machine was timed before
     #[arg(long)]
     recalibrate: bool,
 }
 
 impl QualityArgs {
-    /// What was measured before, or is measured now and kept. A file that is not `sound` is named and measured anew.
+    /// Returns a cached measurement, or measures now and caches the result. A file that is not `sound` is reported
+    /// and measured again.
     fn kept<T>(
         &self,
         thing: &[&str],
@@ -51,7 +52,7 @@ impl QualityArgs {
     }
 }
 
-/// Says what was picked, and warns where it does not suffice.
+/// Reports the picked settings, and warns if they exceed the budget.
 fn tell(picked: &Picked) {
     match picked.met {
         true => terminal::say(format_args!("quality: {}", picked.why)),

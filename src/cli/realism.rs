@@ -1,9 +1,9 @@
-//! `insonify realism`: frames against real frames.
+//! `insonify realism`: statistics of synthetic frames compared with real frames.
 
 use std::path::PathBuf;
 
+use crate::study::realism::{compare, picture};
 use clap::Args;
-use insonify::study::realism::{compare, picture};
 
 use super::failure::Failure;
 use super::output::{self, Force};
@@ -28,7 +28,7 @@ Examples:
 
 docs/realism.md has what the frames of this program measure. Exit status: 0 measured, whatever the verdicts; 2 wrong arguments or files.";
 
-/// Measures frames against real frames: speckle, grey levels, fluid, contact and edges, in units of the spread among the real ones
+/// Compares frames with real frames: speckle, grey levels, fluid, contact and edges, in units of the spread among the real ones
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Realism {
@@ -38,13 +38,13 @@ pub struct Realism {
     /// Real frames, of the same formats
     #[arg(long, value_name = "REAL", required = true, num_args = 1..)]
     against: Vec<PathBuf>,
-    /// How many evenly spaced frames to take of an image sequence
+    /// Number of evenly spaced frames to take from an image sequence
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u16).range(1..))]
     frames: u16,
-    /// Side of a pixel of frames that do not state it
+    /// Pixel size of frames that do not state it
     #[arg(long, value_name = "MM", value_parser = pixel)]
     mm_per_pixel: Option<f64>,
-    /// Side of a pixel of real frames that do not state it
+    /// Pixel size of real frames that do not state it
     #[arg(long, value_name = "MM", value_parser = pixel)]
     real_mm_per_pixel: Option<f64>,
     /// Write a page with the table, plots and a picture of each side
@@ -52,7 +52,7 @@ pub struct Realism {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON, with every frame by itself
+    /// Print JSON, including the measures of every frame
     #[arg(long)]
     json: bool,
 }
@@ -78,7 +78,7 @@ impl Realism {
     }
 }
 
-/// The side of a pixel, mm.
+/// Parses a pixel size, mm.
 pub(super) fn pixel(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(mm) if picture::PIXEL_MM.contains(&mm) => Ok(mm),

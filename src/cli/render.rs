@@ -1,4 +1,4 @@
-//! `insonify render`: frames of a scene, and what goes with them.
+//! `insonify render`: frames of a scene, and their companion files.
 
 mod coverage;
 pub mod extras;
@@ -9,10 +9,10 @@ pub mod target;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use crate::quality::Picked;
+use crate::scene::Scene;
+use crate::synth::{FrameState, PassTime, Synthesizer};
 use clap::Args;
-use insonify::quality::Picked;
-use insonify::scene::Scene;
-use insonify::synth::{FrameState, PassTime, Synthesizer};
 use nalgebra::Matrix4;
 use serde::Serialize;
 
@@ -53,12 +53,12 @@ pub struct Render {
     /// A PNG file for one frame, a folder for many, or an image sequence (.mha, .nrrd) [default: frame.png or frames]
     #[arg(short, long, value_name = "PATH")]
     output: Option<PathBuf>,
-    /// How many frames to cut the scene's motion into [default: as many as the scene says]
+    /// Number of frames of the scene's motion [default: that of the scene]
     #[arg(long, value_name = "N", value_parser = frame_count)]
     frames: Option<usize>,
     #[command(flatten)]
     extras: Extras,
-    /// Write the labels as they are imaged, the body completed: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
+    /// Write the labels as imaged, with the body completed: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(long, value_name = "FILE")]
     save_labels: Option<PathBuf>,
     #[command(flatten)]
@@ -89,7 +89,7 @@ struct FrameReport {
     ms: f64,
 }
 
-/// Mean time of a pass over the frames; none where the device takes no timestamps.
+/// Mean time of a pass over the frames; `None` if the device has no timestamps.
 #[derive(Serialize)]
 struct PassReport {
     name: &'static str,
@@ -105,7 +105,7 @@ impl Render {
         let (scene, picked) = self.input.scene(&self.backend)?;
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
-            insonify::volume::save(&scene.anatomy.volume, path)?;
+            crate::volume::save(&scene.anatomy.volume, path)?;
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
         self.extras.check(&scene)?;
@@ -146,7 +146,7 @@ impl Render {
         let synth = &mut chosen.synth;
         synth.time_passes(self.json)?;
         let mut state = FrameState::at(Matrix4::identity());
-        // Of a probe that stays the scene has told it.
+        // For a constant pose the scene has already warned.
         let told = scene.probe_path().keys().len() == 1;
         let mut passes = Passes::default();
         let mut oddities = Oddities::default();
@@ -197,7 +197,7 @@ impl Render {
     }
 }
 
-/// Said of frames that show one pose.
+/// Note about frames that show the same pose.
 fn repeated(scene: &Scene, count: usize) -> Option<String> {
     let still = count > 1 && scene.time_s(0, count) == scene.time_s(count - 1, count);
     still.then(|| {
@@ -260,7 +260,7 @@ impl Passes {
     }
 }
 
-/// Warnings of single frames, each told once with the frames that it is about.
+/// Warnings of single frames, each reported once with the frames concerned.
 #[derive(Default)]
 struct Oddities(Vec<(String, Vec<usize>)>);
 
@@ -289,7 +289,7 @@ impl Oddities {
     }
 }
 
-/// Most frames of one run.
+/// Maximum number of frames of one run.
 const MOST_FRAMES: usize = 1_000_000;
 
 /// Parses a number of frames.

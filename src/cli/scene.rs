@@ -1,16 +1,16 @@
-//! `insonify scene`: scenes that come with the program, ready to edit.
+//! `insonify scene`: built-in scenes to edit.
 
+use crate::scene::EXAMPLES;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
-use insonify::scene::EXAMPLES;
 
 use super::failure::Failure;
 use super::terminal;
 
-/// Prints the commented default scene, or another that comes with the program: insonify scene > my.toml
+/// Prints the commented default scene, or another built-in one: insonify scene > my.toml
 #[derive(Args)]
 pub struct Scene {
-    /// Which
+    /// Name of the scene
     #[arg(value_name = "NAME", default_value = "default", value_parser = names())]
     name: String,
 }
@@ -22,6 +22,6 @@ fn names() -> PossibleValuesParser {
 impl Scene {
     pub fn run(&self) -> Result<(), Failure> {
         let text = EXAMPLES.iter().find(|(name, _)| *name == self.name);
-        terminal::emit(text.map_or(insonify::scene::DEFAULT, |(_, text)| text))
+        terminal::emit(text.map_or(crate::scene::DEFAULT, |(_, text)| text))
     }
 }

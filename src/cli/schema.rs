@@ -1,10 +1,10 @@
-//! `insonify schema`: the JSON schemas of what is read and written.
+//! `insonify schema`: JSON schemas of input and output files.
 
+use crate::beam_case;
+use crate::material_case;
+use crate::output::sidecar::Sidecar;
+use crate::statics::ProblemFile;
 use clap::{Args, ValueEnum};
-use insonify::beam_case;
-use insonify::material_case;
-use insonify::output::sidecar::Sidecar;
-use insonify::statics::ProblemFile;
 use schemars::schema_for;
 
 use super::failure::Failure;
@@ -13,7 +13,7 @@ use super::terminal;
 /// Prints the JSON schema of a file, for editors and for programs that write such files
 #[derive(Args)]
 pub struct Schema {
-    /// Of what
+    /// File type
     #[arg(value_enum, default_value = "scene")]
     of: Of,
 }
@@ -39,11 +39,11 @@ enum Of {
 impl Schema {
     pub fn run(&self) -> Result<(), Failure> {
         terminal::emit_json(&match self.of {
-            Of::Scene => insonify::scene::schema(),
+            Of::Scene => crate::scene::schema(),
             Of::Solve => schema_for!(ProblemFile).to_value(),
             Of::Material => schema_for!(material_case::CaseFile).to_value(),
             Of::Beam => schema_for!(beam_case::CaseFile).to_value(),
-            Of::Insert => insonify::scenario::schema(),
+            Of::Insert => crate::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })
     }

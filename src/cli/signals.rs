@@ -1,9 +1,9 @@
-//! What an interrupt, a request to end or a limit of the system does to a run.
+//! Handling of interrupts, termination requests and system limits.
 
 use std::io;
 
-/// Ends the program on SIGINT, SIGTERM and SIGHUP with the status that shells give them, and nothing left of what is in the making; a
-/// file that grows beyond its limit is an error of the write.
+/// Ends the program on SIGINT, SIGTERM and SIGHUP with the conventional shell status, after removing unfinished output; a file that
+/// exceeds the size limit is a write error.
 #[cfg(unix)]
 pub fn watch() -> io::Result<()> {
     use std::sync::Arc;
@@ -17,14 +17,14 @@ pub fn watch() -> io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     thread::Builder::new().name("signals".to_owned()).spawn(move || {
         if let Some(signal) = signals.forever().next() {
-            insonify::output::abandon();
+            crate::output::abandon();
             low_level::exit(128 + signal);
         }
     })?;
     Ok(())
 }
 
-/// Elsewhere the next run clears what an interrupt leaves.
+/// On other systems, the next run removes what an interrupt leaves.
 #[cfg(not(unix))]
 pub fn watch() -> io::Result<()> {
     Ok(())

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::mechanics::mesh::file::{DISPLACEMENT, Values, write_vtu_with};
+use crate::statics::{self, Model, ProblemFile, Report};
 use clap::{Args, ValueEnum};
-use insonify::mechanics::mesh::file::{DISPLACEMENT, Values, write_vtu_with};
-use insonify::statics::{self, Model, ProblemFile, Report};
 
 use super::failure::Failure;
 use super::output::{self, Force};
@@ -45,10 +45,10 @@ Exit status: 0 solved; 2 the case or a file is wrong; 1 what the machine could n
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Solve {
-    /// Case file: mesh, materials, what is held and what is loaded
+    /// Case file: mesh, materials, fixed nodes and loads
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
-    /// Print a case file to start from, which says how its mesh is made
+    /// Print an example case file, which says how its mesh is made
     #[arg(
         long, value_name = "MODEL", num_args = 0..=1, require_equals = true, default_missing_value = "linear",
         conflicts_with_all = ["case", "json", "output", "history"]
@@ -62,7 +62,7 @@ pub struct Solve {
     /// zz, xy, yz, xz) and `von_mises_kpa` of its elements
     #[arg(short, long, value_name = "OUT.vtu")]
     output: Option<PathBuf>,
-    /// Write what happened over time: displacements of `report_nodes` (mm) and forces of each fix (N), a row a step
+    /// Write the history: displacements of `report_nodes` (mm) and forces of each fix (N), one row per step
     #[arg(long, value_name = "OUT.csv")]
     history: Option<PathBuf>,
     #[command(flatten)]
@@ -73,7 +73,7 @@ pub struct Solve {
 enum Example {
     /// A plate on linear tissue
     Linear,
-    /// A plate on liver that stiffens and creeps
+    /// A plate on stiffening, viscoelastic liver
     Viscoelastic,
 }
 

@@ -1,9 +1,9 @@
-//! `insonify stability`: hard cases, and whether they hold.
+//! `insonify stability`: stability tests on hard cases.
 
 use std::path::{Path, PathBuf};
 
+use crate::study::stability::{Case, Effort, GROUPS, Report, run, select};
 use clap::Args;
-use insonify::study::stability::{Case, Effort, GROUPS, Report, run, select};
 
 use super::failure::Failure;
 use super::output::{Force, text};
@@ -30,22 +30,22 @@ Seeds are fixed and shown, so a run can be repeated. Exit status: 0 all hold; 1 
 /// Files of a report.
 const FILES: [&str; 4] = ["index.html", "margins.svg", "report.md", "results.json"];
 
-/// Runs the hard cases of the numerics and shows what each must hold to, what was measured, and the margin
+/// Runs the hard cases of the numerics and shows the limit of each, the measured value, and the margin
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Stability {
-    /// Write index.html, margins.svg, report.md and results.json, with every figure, into this folder
+    /// Write index.html, margins.svg, report.md and results.json, with every value, into this folder
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Smaller counts: seconds instead of minutes
+    /// Smaller problems: seconds instead of minutes
     #[arg(long)]
     quick: bool,
-    /// Only the cases whose name, or whose group's, contains TEXT
+    /// Only the cases whose name or group contains TEXT
     #[arg(long, value_name = "TEXT")]
     only: Option<String>,
-    /// Print JSON with every figure
+    /// Print JSON with every value
     #[arg(long)]
     json: bool,
 }
@@ -83,7 +83,7 @@ impl Stability {
     }
 }
 
-/// Writes a report into a folder, each file whole or not at all.
+/// Writes a report into a folder, each file atomically.
 fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
     let results = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
     let texts = [report.page(), report.plot(), report.markdown(), results + "\n"];

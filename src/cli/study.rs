@@ -1,19 +1,19 @@
-//! What commands do with a study that they have made: text or JSON to standard output, files into a folder.
+//! Output of study results: text or JSON to standard output, files into a folder.
 
 use std::path::PathBuf;
 
+use crate::output::folder::Folder;
+use crate::study::tradeoff::Study;
 use clap::Args;
-use insonify::output::folder::Folder;
-use insonify::study::tradeoff::Study;
 
 use super::failure::Failure;
 use super::output::Force;
 use super::terminal;
 
-/// Where a study goes to.
+/// Output options of a study.
 #[derive(Args)]
 pub struct Printed {
-    /// Folder for index.html, tables (CSV, JSON) and plots (PNG, SVG); made if it is not there
+    /// Folder for index.html, tables (CSV, JSON) and plots (PNG, SVG); created if missing
     #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
@@ -23,10 +23,10 @@ pub struct Printed {
     json: bool,
 }
 
-/// Is told what a study does, and the share that is done.
+/// Progress callback of a study: current task and completed fraction.
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
-/// Shows how far something is while it runs.
+/// Shows a progress bar while `run` is running.
 pub fn watched<T>(run: impl FnOnce(Progress<'_>) -> T) -> T {
     let bar = terminal::share();
     let result = run(&mut |what, share| {
@@ -38,12 +38,12 @@ pub fn watched<T>(run: impl FnOnce(Progress<'_>) -> T) -> T {
 }
 
 impl Printed {
-    /// For a command that has arguments of its own for it.
+    /// Creates the options for a command that has its own arguments for them.
     pub fn new(output: Option<PathBuf>, force: Force, json: bool) -> Self {
         Self { output, force, json }
     }
 
-    /// Looks whether the folder can be written to, before anything is prepared for the study.
+    /// Checks that the folder can be written to, before the study is prepared.
     pub fn check(&self) -> Result<(), Failure> {
         self.folder().map(drop)
     }
@@ -53,7 +53,7 @@ impl Printed {
         self.output.as_ref().map(open).transpose()
     }
 
-    /// Makes the folder, shows how far `study` is, writes and prints what it found.
+    /// Creates the folder, runs the study with a progress bar, and writes and prints the results.
     pub fn run(&self, study: impl FnOnce(Progress<'_>) -> Result<Study, Failure>) -> Result<(), Failure> {
         let folder = self.folder()?;
         let study = watched(study)?;

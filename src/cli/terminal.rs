@@ -1,18 +1,18 @@
-//! Words to the user: results on standard output, everything else on standard error.
+//! Terminal output: results on standard output, everything else on standard error.
 
 use std::borrow::Cow;
 use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::text::{MESSAGE, clipped, printable};
 use indicatif::{ProgressBar, ProgressStyle};
-use insonify::text::{MESSAGE, clipped, printable};
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, SourceCode};
 use serde::Serialize;
 
 use super::failure::Failure;
 
-/// Writes a result to standard output. A reader that has had enough is no failure.
+/// Writes a result to standard output. A reader that stops reading causes no failure.
 pub fn emit(text: &str) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     let line_end = if text.ends_with('\n') { "" } else { "\n" };
@@ -25,7 +25,7 @@ pub fn emit(text: &str) -> Result<(), Failure> {
 /// Writes a result to standard output as indented JSON.
 pub fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Output(error.into()))?;
-    // A terminal obeys more than JSON has to escape.
+    // A terminal interprets more characters than JSON has to escape.
     let control = |c: char| c.is_control() && c != '\n';
     let escaped = text
         .split_inclusive(control)
@@ -36,10 +36,10 @@ pub fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
     emit(&escaped.collect::<String>())
 }
 
-/// Set by `--quiet`: results and errors alone are printed.
+/// Set by `--quiet`: only results and errors are printed.
 static QUIET: AtomicBool = AtomicBool::new(false);
 
-/// Silences everything but results and errors.
+/// Suppresses all output except results and errors.
 pub fn quieten() {
     QUIET.store(true, Ordering::Relaxed);
 }
@@ -48,7 +48,7 @@ fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
 }
 
-/// Writes to standard error unless quiet; a closed one is no failure.
+/// Writes to standard error unless quiet; a closed stream causes no failure.
 pub fn say(text: impl Display) {
     if is_quiet() {
         return;
@@ -56,30 +56,30 @@ pub fn say(text: impl Display) {
     let _ = writeln!(io::stderr().lock(), "{}", printable(&text.to_string()));
 }
 
-/// Warns the user, on one line.
+/// Prints a warning on one line.
 pub fn warn(text: impl Display) {
     say(clipped(&format!("warning: {text}"), MESSAGE));
 }
 
-/// Tells the user of something that is as it should be, on one line.
+/// Prints a note on one line.
 pub fn note(text: impl Display) {
     say(clipped(&format!("note: {text}"), MESSAGE));
 }
 
-/// Tells of a failure, with the lines of the file that it is about. Lines are wrapped for people, not for programs.
+/// Prints a failure with the lines of the file concerned. Lines are wrapped on a terminal only.
 pub fn report(failure: Failure) {
     const UNWRAPPED: usize = 100_000;
     let mut options = MietteHandlerOpts::new();
     if !io::stderr().is_terminal() {
         options = options.width(UNWRAPPED);
     }
-    // Fails only where a hook is set already, which serves as well.
+    // Fails only if a hook is already set, which serves as well.
     let _ = miette::set_hook(Box::new(move |_| Box::new(options.clone().build())));
-    // Not through `say`: the colours are ours.
+    // Not through `say`: the colours are intended.
     let _ = writeln!(io::stderr().lock(), "{:?}", miette::Report::new(Shown::from(failure)));
 }
 
-/// A failure as it is shown: on one line, without control characters. Its source code is without them already.
+/// A failure as displayed: on one line, without control characters. Its source code has none already.
 #[derive(Debug, thiserror::Error)]
 #[error("{message}")]
 struct Shown {
@@ -112,10 +112,10 @@ impl Diagnostic for Shown {
     }
 }
 
-/// Steps of the bar that [`share`] makes.
+/// Number of steps of the bar created by [`share`].
 pub const SHARES: u64 = 1000;
 
-/// A bar over one piece of work; hidden where standard error is no terminal, and on request.
+/// Progress bar of a single task; hidden where standard error is not a terminal, and on request.
 pub fn share() -> ProgressBar {
     if is_quiet() {
         return ProgressBar::hidden();
@@ -123,12 +123,13 @@ pub fn share() -> ProgressBar {
     styled(ProgressBar::new(SHARES), "{bar:40} {percent} %, {eta} left  {msg}")
 }
 
-/// A bar over the frames of a run; hidden where standard error is no terminal, for a single frame, and on request.
+/// Progress bar over the frames of a run; hidden where standard error is not a terminal, for a single frame, and on
+/// request.
 pub fn progress(frames: usize) -> ProgressBar {
     if is_quiet() || frames < 2 {
         return ProgressBar::hidden();
     }
-    // Hides itself where standard error is no terminal.
+    // Hides itself where standard error is not a terminal.
     styled(
         ProgressBar::new(frames as u64),
         "{bar:40} {pos}/{len} frames, {eta} left",

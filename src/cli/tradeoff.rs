@@ -1,4 +1,4 @@
-//! `insonify tradeoff`: what accuracy costs in time, measured here and now.
+//! `insonify tradeoff`: accuracy versus time, measured on this machine.
 
 mod beam;
 mod history;
@@ -9,11 +9,11 @@ mod tissue;
 
 use std::path::PathBuf;
 
+use crate::study::stability::Effort;
+use crate::study::tradeoff::Pace;
+use crate::study::tradeoff::gather::{STUDIES, gather};
+use crate::study::tradeoff::report::Report;
 use clap::{Args, Subcommand};
-use insonify::study::stability::Effort;
-use insonify::study::tradeoff::Pace;
-use insonify::study::tradeoff::gather::{STUDIES, gather};
-use insonify::study::tradeoff::report::Report;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
@@ -34,30 +34,30 @@ Examples:
 report/index.html is one page that needs nothing else; report.md, results.json and results.csv say the same to other readers.
 Exit status: 0 done; 1 a study could not be made (the others are there); 2 wrong arguments.";
 
-/// Measures what accuracy costs in time: tables, plots, the best choices marked, and what to take
+/// Measures accuracy against time: tables, plots, Pareto-optimal choices marked, and recommendations
 #[derive(Args)]
 #[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Tradeoff {
     #[command(subcommand)]
     study: Option<Study>,
-    /// Folder for index.html, report.md, results.json, results.csv and plots; made if it is not there
+    /// Folder for index.html, report.md, results.json, results.csv and plots; created if missing
     #[arg(short, long, value_name = "DIR", default_value = "tradeoff")]
     output: PathBuf,
     #[command(flatten)]
     force: Force,
-    /// Small meshes and short ways: minutes become seconds
+    /// Small meshes and short paths: minutes become seconds
     #[arg(long)]
     quick: bool,
-    /// Frames a second that the report picks for
+    /// Frame rate that the report recommends settings for
     #[arg(long, value_name = "HZ", default_value = "60", value_parser = rate)]
     frames_per_s: f64,
-    /// Steps of the mechanics a second that the report picks for
+    /// Step rate of the mechanics that the report recommends settings for
     #[arg(long, value_name = "HZ", default_value = "1000", value_parser = rate)]
     steps_per_s: f64,
-    /// Only these studies
+    /// Run only these studies
     #[arg(long, value_name = "STUDY,...", value_delimiter = ',')]
     only: Vec<String>,
-    /// Print results.json to standard output, too
+    /// Also print results.json to standard output
     #[arg(long)]
     json: bool,
 }
@@ -130,7 +130,7 @@ impl Tradeoff {
     }
 }
 
-/// A number of times a second.
+/// Parses a rate, 1/s.
 fn rate(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(hz) if (0.1..=1e5).contains(&hz) => Ok(hz),
@@ -138,7 +138,7 @@ fn rate(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Advice and flags, for the terminal.
+/// Recommendations and flags, for the terminal.
 fn in_short(report: &Report) -> String {
     let mut lines = Vec::new();
     let mut at_pace = report.in_time().peekable();
@@ -176,7 +176,7 @@ fn in_short(report: &Report) -> String {
     lines.join("\n")
 }
 
-/// How long a study runs.
+/// Effort of a study.
 fn effort(quick: bool) -> Effort {
     match quick {
         true => Effort::Quick,

@@ -1,4 +1,4 @@
-//! What is wrong with a file, and where in it.
+//! Error of a file with its key and position.
 
 use std::fmt;
 use std::ops::Range;
@@ -9,7 +9,7 @@ use miette::{Diagnostic, LabeledSpan, SourceCode};
 use super::Source;
 use crate::text::{MESSAGE, clipped, head, printable, tail};
 
-/// What is wrong with a file, the key that it is about and where that stands in the text.
+/// An error of a file: its cause, the key concerned and the place in the text.
 ///
 /// As a [`miette::Diagnostic`] it shows the line with a caret; as text it names key, file and line.
 #[derive(Debug)]
@@ -21,24 +21,24 @@ struct Inner<P> {
     key: Option<String>,
     /// Name of the file.
     file: Option<String>,
-    /// Where in it the key is written.
+    /// Position of the key in the file.
     place: Option<Place>,
     help: Option<String>,
 }
 
-/// The line that a fault is in with those around it, cut to what can be read.
+/// The line of an error with its context, shortened to a readable length.
 #[derive(Debug)]
 struct Place {
     /// Name of the file.
     name: String,
     /// The line in the file, from 1.
     line: usize,
-    /// Characters before the fault in its line.
+    /// Number of characters before the error in its line.
     column: usize,
     text: String,
-    /// Lines of the file before the text.
+    /// Number of lines of the file before the excerpt.
     lines_before: usize,
-    /// The fault in the text.
+    /// Position of the error in the excerpt.
     span: Range<usize>,
 }
 
@@ -59,7 +59,7 @@ impl<P> Fault<P> {
         self
     }
 
-    /// About a key such as `effects.speckle.axial_mm`, in the text where there is one.
+    /// Attaches a key such as `effects.speckle.axial_mm`, with its position if there is a source text.
     pub(crate) fn at_key(mut self, key: impl Into<String>, source: Option<&Arc<Source>>) -> Self {
         let key = key.into();
         if let Some(source) = source {
@@ -74,7 +74,7 @@ impl<P> Fault<P> {
         self
     }
 
-    /// The same fault of a file that holds this one.
+    /// Converts the cause into that of a containing file.
     pub(crate) fn map<Q>(self, problem: impl FnOnce(P) -> Q) -> Fault<Q> {
         let inner = *self.0;
         Fault(Box::new(Inner {
@@ -86,17 +86,17 @@ impl<P> Fault<P> {
         }))
     }
 
-    /// What is wrong.
+    /// Cause of the error.
     pub fn problem(&self) -> &P {
         &self.0.problem
     }
 
-    /// Path of the key that it is about, such as `effects.speckle.axial_mm`, where it is about one.
+    /// Path of the key concerned, such as `effects.speckle.axial_mm`, if any.
     pub fn key(&self) -> Option<&str> {
         self.0.key.as_deref()
     }
 
-    /// Name of the file and line (from 1), where the key is written in one.
+    /// Name of the file and line (from 1) of the key, if it is written in a file.
     pub fn location(&self) -> Option<(&str, usize)> {
         self.0.place.as_ref().map(|place| (place.name.as_str(), place.line))
     }
@@ -139,7 +139,7 @@ impl<P: std::error::Error> Diagnostic for Fault<P> {
 
 impl Place {
     fn new(source: &Source, span: &Range<usize>) -> Self {
-        /// Columns of text before a fault, of the fault, after it, and of another line.
+        /// Maximum columns of text before an error, of the error, after it, and of another line.
         const SHOWN: [usize; 4] = [40, 60, 40, 120];
         let text = source.text();
         let start = text.floor_char_boundary(span.start);
@@ -184,7 +184,7 @@ impl SourceCode for Place {
             inner.data(),
             *inner.span(),
             self.lines_before + inner.line(),
-            // With lines around it, the text begins with a line.
+            // With context lines, the excerpt begins with a line.
             if before == 0 { self.column } else { 0 },
             inner.line_count(),
         )))

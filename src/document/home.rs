@@ -1,9 +1,9 @@
-//! Where a key belongs that stands in the wrong table.
+//! Correct tables for misplaced keys.
 
 use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::Value;
 
-/// The tables of a file of that type that have a key of that name, in words.
+/// Lists the tables of a file of type `T` that have a key of that name.
 pub fn home_of<T: JsonSchema>(key: &str) -> Option<String> {
     let schema = SchemaGenerator::default().into_root_schema_for::<T>().to_value();
     let mut tables = Vec::new();
@@ -11,7 +11,7 @@ pub fn home_of<T: JsonSchema>(key: &str) -> Option<String> {
     (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
 }
 
-/// How deep tables lie within tables.
+/// Maximum depth of nested tables.
 const DEEPEST: usize = 3;
 
 fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, depth: usize, found: &mut Vec<String>) {

@@ -1,4 +1,4 @@
-//! Regions by name or number, the same in every file.
+//! Region references by name or number, common to all file types.
 
 use std::fmt;
 
@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 use super::nearest;
 use crate::text;
 
-/// A region: a name of it or a part that no other name has; or its number, which is a label value.
+/// A region: its name, an unambiguous part of it, or its number, which is a label value.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, JsonSchema)]
 #[serde(untagged)]
 pub enum RegionName {
-    /// Its number: the value of a label.
+    /// Region number: the value of a label.
     Value(i64),
     /// The name of a label, of a tissue (all labels made of it) or of a mesh's region, or a part of one. Case, spaces, punctuation
     /// and the order of words do not matter.
@@ -51,23 +51,23 @@ impl<'de> Deserialize<'de> for RegionName {
     }
 }
 
-/// Why a name or number means no region.
+/// Why a name or number matches no region.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoRegion {
-    /// Nothing has it.
+    /// No region has the name or number.
     #[error("there is no region {found}; expected {}", listed(.known))]
     Unknown {
-        /// As written.
+        /// The name or number as written.
         found: RegionName,
-        /// The names that there are; numbers of regions without any.
+        /// Known names; numbers of regions without a name.
         known: Vec<String>,
     },
-    /// Names of several regions have it as a part.
+    /// A part of a name that occurs in the names of several regions.
     #[error("{found} is a part of several names; expected one of {}", .names.join(", "))]
     Ambiguous {
-        /// As written.
+        /// The name as written.
         found: RegionName,
-        /// These names.
+        /// The matching names.
         names: Vec<String>,
     },
 }
@@ -80,7 +80,7 @@ fn listed(known: &[String]) -> String {
 }
 
 impl NoRegion {
-    /// The name that may have been meant.
+    /// Suggests a similar name.
     pub(crate) fn help(&self) -> Option<String> {
         let NoRegion::Unknown {
             found: RegionName::Name(found),
@@ -98,12 +98,12 @@ impl NoRegion {
 pub(crate) struct Names<K>(Vec<(K, i64, Vec<String>)>);
 
 impl<K: Copy + Ord> Names<K> {
-    /// `regions` with the number and the names of each.
+    /// Creates the list from `regions`, each with its number and names.
     pub fn new(regions: impl IntoIterator<Item = (K, i64, Vec<String>)>) -> Self {
         Names(regions.into_iter().collect())
     }
 
-    /// Regions and names that answer best: by number, else by a whole name, else by a part of one.
+    /// Best matching regions and names: by number, else by complete name, else by a part of one.
     fn best(&self, wanted: &RegionName) -> Vec<(K, &str)> {
         let (number, name) = match wanted {
             RegionName::Value(value) => (Some(*value), String::new()),
@@ -129,7 +129,7 @@ impl<K: Copy + Ord> Names<K> {
         }
     }
 
-    /// All regions that a name or number may mean, ascending.
+    /// All regions that a name or number may refer to, ascending.
     pub fn all(&self, wanted: &RegionName) -> Vec<K> {
         let mut keys: Vec<K> = self.best(wanted).into_iter().map(|(key, _)| key).collect();
         keys.sort_unstable();
@@ -137,10 +137,10 @@ impl<K: Copy + Ord> Names<K> {
         keys
     }
 
-    /// The regions that a name or number means, ascending: several where all of them bear the name.
+    /// Regions that a name or number refers to, ascending: several if they share the name.
     ///
     /// # Errors
-    /// [`NoRegion`] where there is none, or where names of several regions have it as a part.
+    /// [`NoRegion`] if there is none, or if it is a part of the names of several regions.
     pub fn find(&self, wanted: &RegionName) -> Result<Vec<K>, NoRegion> {
         let keys = self.all(wanted);
         let mut names: Vec<String> = self.best(wanted).into_iter().map(|(_, name)| name.to_owned()).collect();
@@ -157,7 +157,7 @@ impl<K: Copy + Ord> Names<K> {
         }
     }
 
-    /// All names; numbers of regions without any.
+    /// All names; numbers of regions without a name.
     pub fn known(&self) -> Vec<String> {
         let own = |(_, number, names): &(K, i64, Vec<String>)| match names[..] {
             [] => vec![number.to_string()],
@@ -170,14 +170,14 @@ impl<K: Copy + Ord> Names<K> {
     }
 }
 
-/// The words of a plain name in the order of the alphabet.
+/// Words of a plain name, sorted alphabetically.
 fn words(plain: &str) -> Vec<&str> {
     let mut words: Vec<&str> = plain.split('_').collect();
     words.sort_unstable();
     words
 }
 
-/// Lower case, and everything but letters and digits as single underscores.
+/// Normalises a name: lower case, and every run of other characters than letters and digits as a single underscore.
 pub(crate) fn plain(name: &str) -> String {
     let lower = name.to_lowercase();
     let words = lower.split(|c: char| !c.is_alphanumeric());
@@ -210,7 +210,7 @@ mod tests {
         assert_eq!(named("Kidney right"), Ok(vec![2]));
         assert_eq!(named("right kidney"), Ok(vec![2]));
         assert_eq!(named("left"), Ok(vec![3]));
-        // A name that several bear means all of them, and so does a part of that name alone.
+        // A name shared by several regions refers to all of them, and so does a part of that name alone.
         assert_eq!(named("kidney_cortex"), Ok(vec![2, 3]));
         assert_eq!(named("cortex"), Ok(vec![2, 3]));
         assert_eq!(body().all(&RegionName::Name("kidney".to_owned())), [2, 3]);

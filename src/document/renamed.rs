@@ -1,11 +1,11 @@
-//! Keys that had another name, which is still read.
+//! Renamed keys whose old names are still accepted.
 
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::Source;
 
-/// The table that a key stands in (empty: none), its old name and its name. The types read the old names as aliases.
+/// Table of a key (empty: none), its old name and its new name. The types read the old names as aliases.
 const RENAMED: &[[&str; 3]] = &[
     ["", "nonlinear", "solver"],
     ["", "region", "region_array"],
@@ -18,7 +18,7 @@ const RENAMED: &[[&str; 3]] = &[
     ["viscosity", "law", "memory"],
 ];
 
-/// The name of a key of a table now, where it has another.
+/// Current name of a renamed key of a table.
 pub(super) fn now(table: &str, key: &str) -> Option<&'static str> {
     let row = RENAMED.iter().find(|[of, old, _]| (*of, *old) == (table, key));
     row.map(|[.., new]| *new)

@@ -1,4 +1,4 @@
-//! The text of a file, and where in it a key stands.
+//! Source text of a file, and the position of keys in it.
 
 use std::ops::Range;
 
@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::renamed::now;
 
-/// The text of a file and the name that errors give it.
+/// Text of a file and its name in errors.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
     name: String,
@@ -22,30 +22,30 @@ impl Source {
         }
     }
 
-    /// The file's name as errors show it.
+    /// Name of the file as shown in errors.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// The text.
+    /// Text of the file.
     pub fn text(&self) -> &str {
         &self.text
     }
 
-    /// The line that a byte lies in, from 1.
+    /// Line that contains a byte, from 1.
     pub fn line(&self, byte: usize) -> usize {
         let before = &self.text.as_bytes()[..byte.min(self.text.len())];
         1 + before.iter().filter(|&&b| b == b'\n').count()
     }
 
-    /// Where the value at a key path such as `tissue[2].young_kpa` stands; where it is not written, the innermost table
-    /// around it that is.
+    /// Position of the value at a key path such as `tissue[2].young_kpa`; if it is not written, that of the innermost
+    /// table around it.
     pub(super) fn find(&self, path: &str) -> Option<Range<usize>> {
         let root = DeTable::parse(&self.text).ok()?;
         let (mut table, mut list, mut found, mut name) = (Some(root.get_ref()), None, None, "");
         for step in path.split(['.', '[', ']']).filter(|step| !step.is_empty()) {
             let number = step.parse::<usize>().ok();
-            // What may be a list may be written as a table on its own.
+            // A list may be written as a single table.
             if table.is_some() && number == Some(0) {
                 continue;
             }
@@ -68,8 +68,8 @@ impl Source {
         found
     }
 
-    /// Where a key of that name stands in the table that an error points at; a tagged table is pointed at as a whole, by its
-    /// header or its braces.
+    /// Position of a key in the table that an error points at; a tagged table is pointed at as a unit, by its header or its
+    /// braces.
     pub(super) fn find_key(&self, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
         fn search(value: &Spanned<DeValue<'_>>, table: &Range<usize>, name: &str) -> Option<Range<usize>> {
             match value.get_ref() {

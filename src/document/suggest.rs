@@ -1,11 +1,13 @@
-//! What a misspelt word of a file may have meant.
+//! Suggestions for misspelt words of a file.
 
-/// Least similarity (Jaro-Winkler, 0 to 1) at which a word is suggested: letters swapped, one wrong or an ending left out.
+/// Minimum similarity (Jaro-Winkler, 0 to 1) at which a word is suggested: letters swapped, one wrong or an ending left
+/// out.
 const SIMILAR: f64 = 0.8;
 
-/// The candidate most like a word, if any is.
+/// Returns the candidate most similar to a word, if any is similar enough.
 pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    // Similarity takes the product of the lengths: no key is as long as what a broken file may hold.
+    // Similarity takes time proportional to the product of the lengths: no key is as long as what a broken file may
+    // contain.
     let short: String = word.chars().take(60).collect();
     let scored = candidates.into_iter().map(|candidate| {
         (
@@ -19,12 +21,12 @@ pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a s
         .map(|(_, candidate)| candidate)
 }
 
-/// The key and the known ones of serde's message about an unknown field.
+/// Extracts the key and the known keys from serde's message about an unknown field.
 pub(super) fn unknown_field(message: &str) -> Option<(String, Vec<String>)> {
     unknown(message, "unknown field `")
 }
 
-/// A suggestion for serde's message about an unknown variant.
+/// Suggests a name for serde's message about an unknown variant.
 pub(super) fn unknown_variant(message: &str) -> Option<String> {
     let (found, known) = unknown(message, "unknown variant `")?;
     nearest(&found, known.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"))
@@ -42,7 +44,8 @@ fn unknown(message: &str, start: &str) -> Option<(String, Vec<String>)> {
     Some((rest[..end].to_owned(), known))
 }
 
-/// Help for an unknown key: a similar one beside it, or where one of that name belongs, or all that are known.
+/// Help for an unknown key: a similar key of the same table, the table where a key of that name belongs, or all
+/// known keys.
 pub(super) fn for_key(key: &str, known: &[String], home: impl FnOnce() -> Option<String>) -> Option<String> {
     let similar = nearest(key, known.iter().map(String::as_str)).map(|meant| format!("did you mean `{meant}`?"));
     let all = || (!known.is_empty()).then(|| format!("known here: {}", known.join(", ")));

@@ -1,4 +1,4 @@
-//! The version of a file's format.
+//! Version of the file format.
 
 use std::borrow::Cow;
 
@@ -6,11 +6,11 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Deserializer, Error};
 use serde::{Deserialize, Serialize, Serializer};
 
-/// The version of the format of every file that this crate reads: 1.
+/// Format version of every file that this crate reads: 1.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Version;
 
-/// Its number.
+/// Version number.
 const NUMBER: i64 = 1;
 
 impl Serialize for Version {

@@ -1,8 +1,8 @@
 //! Radial blur about the probe's virtual apex (Zhu et al. 2007, section 2.4): a lateral Gaussian along arcs of constant depth.
 //!
-//! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the edges
-//! of the sector the weights are renormalised, so that a constant stays constant. Depth along a beam is untouched, and with
-//! it the apex.
+//! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the edges of
+//! the sector the weights are renormalised, so that a constant stays constant. The axial direction is not blurred, and
+//! neither is the apex.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -22,9 +22,9 @@ use crate::tracking::probe::BeamGrid;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Blur {
-    /// Full width at half maximum at the array, mm (0 to 20); none is 2.1 mm over the frequency in MHz.
+    /// Full width at half maximum at the array, mm (0 to 20). Default: 2.1 mm over the frequency in MHz.
     pub width_mm: Option<f64>,
-    /// Growth of that width with depth, mm per cm (0 to 5); none is 0.21 mm/cm over the frequency in MHz.
+    /// Growth of that width with depth, mm per cm (0 to 5). Default: 0.21 mm/cm over the frequency in MHz.
     pub growth_mm_cm: Option<f64>,
 }
 
@@ -35,13 +35,14 @@ impl Blur {
         within("blur.growth_mm_cm", self.growth_mm_cm.unwrap_or(0.0), 0.0..=5.0)
     }
 
-    /// Full width at half maximum at a depth, mm: 0.6 mm and 0.06 mm/cm at 3.5 MHz, and in proportion to the wavelength.
+    /// Full width at half maximum at a depth, mm: by default 0.6 mm and 0.06 mm/cm at 3.5 MHz, in proportion to the
+    /// wavelength.
     pub fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
         let width = self.width_mm.unwrap_or((2.1 / frequency_mhz).min(20.0));
         width + self.growth_mm_cm.unwrap_or((0.21 / frequency_mhz).min(5.0)) * depth_mm / 10.0
     }
 
-    /// Weights at each sample depth.
+    /// Kernel with the weights at each sample depth.
     pub fn kernel(&self, grid: &BeamGrid, frequency_mhz: f64) -> LateralKernel {
         let sigma_lines = |sample: usize| {
             let depth = grid.sample_depth_mm(sample);
@@ -51,7 +52,7 @@ impl Blur {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "blur",
     wanted,
@@ -89,7 +90,7 @@ pub struct Params {
     pub lines: u32,
     /// Samples along a scanline.
     pub samples: u32,
-    /// Scanlines on each side that the kernel reaches.
+    /// Reach of the kernel on each side, scanlines.
     pub reach: u32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,
@@ -124,7 +125,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     std::mem::swap(&mut store.amplitude, &mut store.amplitude_next);
 }
 
-/// One blurred scanline.
+/// A blurred scanline.
 struct Scanline<'a, T> {
     kernel: &'a LateralKernel,
     input: &'a [T],

@@ -1,10 +1,10 @@
-//! Contact: skin conforms to the array.
+//! Contact: conformation of the skin to the array.
 //!
-//! A body at rest touches a curved or straight array in a few points only; in life both are pressed together and gel fills what is left. On
-//! each scanline the gap between array and body is found, up to a reach, and tissue is taken from deeper by that much at the array
-//! and ever less below: `s -> s + gap (1 - s / fade)^2`, which keeps the order of tissue along the beam as long as the gap is less than half the fade.
-//! Where the gap is wider there is no contact, and the scanline sees the void. Gaps are those of the tissue at rest, and smoothed over
-//! neighbouring scanlines as skin is.
+//! A body at rest touches a curved or straight array in a few points only; in practice both are pressed together and gel fills the remaining gaps. On
+//! each scanline the gap between array and body is found, up to a reach, and samples are shifted to deeper tissue by the gap at the array and less
+//! below: `s -> s + gap (1 - s / fade)^2`, which preserves the order of tissue along the beam as long as the gap is less than half the fade. If the
+//! gap is wider there is no contact, and the scanline shows the void. Gaps are those of the tissue at rest, smoothed over neighbouring scanlines
+//! because skin is smooth.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -25,9 +25,9 @@ use crate::synth::tables::Tables;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Contact {
-    /// Widest gap between array and body that pressing closes, mm (0 to 20).
+    /// Widest gap between array and body that is closed by pressure, mm (0 to 20).
     pub reach_mm: f64,
-    /// Depth at which the shift has faded to nothing, mm (50 to 1000).
+    /// Depth at which the shift vanishes, mm (50 to 1000).
     pub fade_mm: f64,
 }
 
@@ -48,7 +48,7 @@ impl Contact {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "contact",
     wanted,
@@ -80,14 +80,14 @@ fn wanted(tables: &Tables) -> Verdict {
     }
 }
 
-/// Steps in which the body is looked for, mm,
+/// Step of the search for the body, mm.
 const STEP_MM: f64 = 0.25;
-/// and halvings of the last.
+/// Number of bisections of the last step.
 const HALVINGS: usize = 4;
-/// Scanlines on each side over which gaps are smoothed.
+/// Number of scanlines on each side over which gaps are smoothed.
 const SMOOTHED: usize = 2;
 
-/// The gap on each scanline of each sub-plane, mm: 0 where the array touches the body, or none is in reach.
+/// Gap on each scanline of each sub-plane, mm: 0 if the array touches the body, or no body is in reach.
 pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f64>) {
     let reach = tables.settings.effects.contact.as_ref().map_or(0.0, |own| own.reach_mm);
     let lines = tables.lines();
@@ -143,7 +143,7 @@ pub struct Params {
     pub samples: u32,
     /// Distance between samples, mm.
     pub sample_mm: f32,
-    /// One over the depth at which the shift has faded, 1/mm.
+    /// Inverse of the depth at which the shift vanishes, 1/mm.
     pub per_fade: f32,
 }
 

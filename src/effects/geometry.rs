@@ -1,4 +1,4 @@
-//! Geometry: where each sample of each scanline lies in the world, seen from the local origin ([`crate::synth::local_origin`]).
+//! Geometry: world position of each sample of each scanline, relative to the local origin ([`crate::synth::local_origin`]).
 //!
 //! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose. With the
 //! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.
@@ -13,7 +13,7 @@ use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "geometry",
     wanted,

@@ -1,15 +1,16 @@
-//! Interface: specular echoes where the label changes along a scanline, strongest where the beam meets the surface squarely.
+//! Interface: specular echoes where the label changes along a scanline, strongest at perpendicular incidence.
 //!
 //! The echo of a surface is `mirror R cos^n(theta) m`. `R` is the reflection coefficient `|Z1 - Z2| / (Z1 + Z2)` of the
 //! impedances on either side, or that of a capsule between them if that is larger (Cobbold, Foundations of Biomedical
-//! Ultrasound, 2007, section 1.8). `theta` is the angle of incidence in the tissue at rest, against the normal of the labels'
-//! boundary in three dimensions; the power stands for the aperture of the probe and the roughness of the surface: 4 fits the
-//! ridge of bone in 3,740 columns of frames of a linear probe from 0 to 75 degrees. `m` is a complex number of unit mean power,
-//! smooth over [`ROUGHNESS_MM`] and anchored in the tissue: a constant part and a diffuse one (Beckmann and Spizzichino, The
-//! Scattering of Electromagnetic Waves from Rough Surfaces, 1963), whose amplitude is Rice distributed.
+//! Ultrasound, 2007, section 1.8). `theta` is the angle of incidence in the tissue at rest, relative to the normal of the
+//! labels' boundary in three dimensions; the exponent represents the aperture of the probe and the roughness of the surface: 4
+//! fits the ridge of bone in 3,740 columns of frames of a linear probe from 0 to 75 degrees. `m` is a complex number of unit
+//! mean power, smooth over [`ROUGHNESS_MM`] and anchored in the tissue: a constant part and a diffuse one (Beckmann and
+//! Spizzichino, The Scattering of Electromagnetic Waves from Rough Surfaces, 1963), whose amplitude is Rice distributed.
 //!
-//! With speckle the echoes join those of the scatterers before the point spread acts, and interfere with them; without, their
-//! moduli add to the amplitude. Each of the two samples beside a step of labels has one half of its echo.
+//! With speckle the echoes are added to those of the scatterers before the point spread is applied, and interfere with them;
+//! without, their moduli are added to the amplitude. Each of the two samples beside a step of labels has one half of its
+//! echo.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -28,22 +29,23 @@ use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Length over which the echo of a surface changes by its roughness, mm: of the order at which bright lines break up in
-/// clinical frames (strands of median 4 mm and up to 36 mm between breaks).
+/// Correlation length of the echo along a rough surface, mm: of the order at which bright lines break up in clinical
+/// frames (strands of median 4 mm and up to 36 mm between breaks).
 pub const ROUGHNESS_MM: f64 = 6.0;
 
-/// Normals are taken from every voxel, or every so many where voxels are finer than this, mm.
+/// Spacing of the voxels used for normals, mm; finer voxels are subsampled.
 pub const NORMAL_MM: f64 = 0.75;
 
 /// Specular echoes.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Interface {
-    /// Echo of a perfect mirror at a right angle, dB relative to liver (-40 to 80).
+    /// Echo of a perfect mirror at perpendicular incidence, dB relative to liver (-40 to 80).
     pub mirror_db: f64,
-    /// Power of the cosine of the angle of incidence (0 to 64).
+    /// Exponent of the cosine of the angle of incidence (0 to 64).
     pub directivity: f64,
-    /// Diffuse share of the power of the echo (0 to 1): 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the surface.
+    /// Diffuse fraction of the power of the echo (0 to 1): 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the
+    /// surface.
     pub roughness: f64,
 }
 
@@ -66,7 +68,7 @@ impl Interface {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "interface",
     wanted,
@@ -136,21 +138,21 @@ pub struct Params {
     pub size: [u32; 3],
     /// 1 to continue the body beyond the volume.
     pub mirrored: u32,
-    /// Voxels between those that normals are taken from.
+    /// Stride of the voxels used for normals.
     pub stride: [u32; 3],
     /// Samples along a scanline.
     pub samples: u32,
     /// Seed of the roughness.
     pub seed: [u32; 2],
-    /// Amplitude of a perfect mirror at a right angle.
+    /// Amplitude of a perfect mirror at perpendicular incidence.
     pub mirror: f32,
-    /// Power of the cosine of the angle of incidence.
+    /// Exponent of the cosine of the angle of incidence.
     pub directivity: f32,
     /// Amplitude of the constant part.
     pub steady: f32,
     /// Amplitude of the diffuse part.
     pub diffuse: f32,
-    /// Points of the roughness per mm.
+    /// Lattice points of the roughness per mm.
     pub per_mm: f32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,
@@ -175,7 +177,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     })
 }
 
-/// Voxels between those that normals are taken from, along each axis.
+/// Stride of the voxels used for normals, along each axis.
 fn strides(tables: &Tables) -> [i32; 3] {
     tables
         .volume
@@ -183,7 +185,7 @@ fn strides(tables: &Tables) -> [i32; 3] {
         .map(|spacing| ((NORMAL_MM / spacing).round() as i32).max(1))
 }
 
-/// Another lattice than that of the speckle.
+/// Seed of a lattice different from that of the speckle.
 fn roughness_seed(tables: &Tables) -> [u32; 2] {
     seed_words(!tables.settings.seed)
 }
@@ -234,7 +236,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     }
 }
 
-/// Samples tried together for a boundary between them.
+/// Number of samples tested together for a boundary between them.
 const BLOCK: usize = 32;
 
 /// Half the echo between two samples.
@@ -266,14 +268,14 @@ impl Kernel for Uniform<'_> {
     }
 }
 
-/// Half the number of voxels along each axis that a normal is taken from: the weights `(1 - (x / 3)^2)^2` fall to nothing there. On
-/// planes at random they find the normal to 3 degrees, where a cubic B-spline is 12 off.
+/// Half the number of voxels along each axis used for a normal: the weights `(1 - (x / 3)^2)^2` vanish there. On random planes they
+/// give the normal to 3 degrees, compared with 12 for a cubic B-spline.
 pub const REACH: i32 = 3;
 
-/// Taps of a normal along an axis, filled up to vector registers.
+/// Number of taps of a normal along an axis, padded to vector registers.
 const LANES: usize = 8;
 
-/// The surfaces of a volume.
+/// Surfaces of a volume.
 pub struct Surfaces<'a, T> {
     reader: LabelReader<'a, T>,
     impedance: [T; 256],
@@ -287,7 +289,7 @@ pub struct Surfaces<'a, T> {
 }
 
 impl<'a, T: Real> Surfaces<'a, T> {
-    /// Those of a scene.
+    /// Creates the surfaces of a scene.
     pub fn new(tables: &'a Tables) -> Self {
         let own = tables.settings.effects.interface.clone().unwrap_or_default();
         let row = |label: usize| tables.label_rows.get(label);
@@ -304,7 +306,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
         }
     }
 
-    /// Voxels between those that normals are taken from, along each axis.
+    /// Stride of the voxels used for normals, along each axis.
     pub fn stride(&self) -> [f64; 3] {
         self.stride.map(f64::from)
     }
@@ -322,7 +324,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
         step.max((c - d).abs())
     }
 
-    /// Half the echo of the surface between two samples of a scanline, from their labels and reference positions (mm); none where the labels
+    /// Half the echo of the surface between two samples of a scanline, from their labels and reference positions (mm); `None` if the labels
     /// are the same or reflect nothing. Each of the two samples has one half.
     #[inline(always)]
     pub fn echo(&self, labels: [u8; 2], positions: [[T; 4]; 2]) -> Option<[T; 2]> {
@@ -340,7 +342,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
         Some([size * re, size * im])
     }
 
-    /// Multiplier of the echo of a surface at a reference position, mm.
+    /// Complex multiplier of the echo of a surface at a reference position, mm.
     #[inline(always)]
     pub fn roughness(&self, position: [T; 3]) -> [T; 2] {
         let ([re], [im]) = scatterers(&position.map(|x| [x * T::of(1.0 / ROUGHNESS_MM)]), self.seed);
@@ -348,7 +350,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
     }
 
     /// Cosine of the angle between the normal of the boundary of two labels, at the second of two reference positions (mm), and the line between
-    /// them; 0 where there is no normal.
+    /// them; 0 if there is no normal.
     #[inline(always)]
     pub fn cosine(&self, labels: [u8; 2], [before, after]: [[T; 3]; 2]) -> T {
         let Some(gradient) = self.gradient(labels, after) else {
@@ -373,19 +375,19 @@ impl<'a, T: Real> Surfaces<'a, T> {
         }
     }
 
-    /// Gradient, in voxels and up to a factor, of how far the second of two labels outweighs the first around a reference
-    /// position (mm); none outside the volume.
+    /// Gradient, in voxels and up to a factor, of the weight of the second of two labels relative to the first around a
+    /// reference position (mm); `None` outside the volume.
     #[inline(always)]
     pub fn gradient(&self, [near, far]: [u8; 2], position: [T; 3]) -> Option<[T; 3]> {
         const TAPS: usize = 2 * REACH as usize;
         let half = T::of(0.5);
         let (shifted, mirrored) = self.reader.within(self.reader.index(position).map(|x| x + half))?;
         let mut base = [0; 3];
-        // Lanes past the taps weigh nothing.
+        // Lanes past the taps have zero weight.
         let (mut weights, mut slopes) = ([[T::zero(); LANES]; 3], [[T::zero(); LANES]; 3]);
         for axis in 0..3 {
             let at = (shifted[axis] - half) / T::from_signed(self.stride[axis]);
-            // Shifting by one keeps the truncation a floor: places start at -0.5.
+            // Shifting by one keeps the truncation a floor: indices start at -0.5.
             base[axis] = (at + T::one()).truncate() - 1;
             let fraction = at - T::from_signed(base[axis]);
             for tap in 0..TAPS {

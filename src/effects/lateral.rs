@@ -5,14 +5,14 @@
 
 use crate::real::{Numbers, Real};
 
-/// Weights across scanlines, one set a sample depth. Tap `t` reaches the scanline `t - reach` away.
+/// Weights across scanlines, one set per sample depth. Tap `t` applies to the scanline at offset `t - reach`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LateralKernel {
-    /// Scanlines on each side.
+    /// Number of scanlines on each side.
     pub reach: usize,
     /// Weights, tap by tap, each a row over the sample depths.
     pub weights: Numbers,
-    /// The least share of the width asked that any depth has: below 1 where a kernel would reach further than it may.
+    /// Smallest ratio of actual to requested width over all depths: below 1 where a kernel exceeds the maximum reach.
     pub least_share: f64,
     samples: usize,
 }
@@ -23,12 +23,12 @@ pub const FWHM_PER_SIGMA: f64 = 2.354_820_045_030_949_3;
 /// Widest reach of a kernel to each side, in taps.
 pub const MAX_REACH: usize = 64;
 
-/// Widest standard deviation of a kernel, in taps: cut at three of them it still has a Gaussian's shape.
+/// Largest standard deviation of a kernel, in taps: truncated at three of them it still has a Gaussian's shape.
 pub const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
 
 impl LateralKernel {
-    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), cut at three of them,
-    /// whose sum is `total(sample, weights that sum to 1)`.
+    /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), truncated at three of
+    /// them, whose sum is `total(sample, weights that sum to 1)`.
     pub fn gaussian(samples: usize, sigma_lines: impl Fn(usize) -> f64, total: impl Fn(usize, &[f64]) -> f64) -> Self {
         let asked = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
         let widest = asked.min(MAX_SIGMA);
@@ -55,13 +55,13 @@ impl LateralKernel {
     }
 }
 
-/// Samples that the lateral mean takes at most: what stays in registers and the first cache.
+/// Maximum number of samples per call of the lateral mean: fits in registers and the first cache.
 pub const BLOCK: usize = 64;
 
 impl LateralKernel {
     /// Weighted mean across the scanlines around `line`, at the samples from `start` on, as many as `output` has (at most
-    /// [`BLOCK`]). `field` holds one scanline after another. Where the kernel is cut at the last of `lines` scanlines, the
-    /// weights are renormalised.
+    /// [`BLOCK`]). `field` is stored scanline by scanline. If the kernel is truncated at the first or last of `lines`
+    /// scanlines, the weights are renormalised.
     #[inline(always)]
     pub(super) fn mean<T: Real>(&self, field: &[T], [line, lines]: [usize; 2], start: usize, output: &mut [T]) {
         let (samples, reach) = (self.samples, self.reach);

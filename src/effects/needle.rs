@@ -1,12 +1,13 @@
-//! Needle: the echo of the shaft where it crosses the thickened scan plane (Zhu et al. 2007, section 2.3), and of seeds beside it.
+//! Needle: echo of the shaft where it crosses the thickened scan plane (Zhu et al. 2007, section 2.3), and of seeds.
 //!
-//! The brightness of a sample is the share of the plane's thickness, by default the needle's diameter, that the shaft
-//! fills there: the length of the elevational chord through the cylinder, in closed form, for every segment of a bent
-//! shaft. The echo is strongest where the shaft is perpendicular to the beam and falls with a power of the sine between
-//! them. Reverberation inside the shaft repeats the echo further down the beam. Grains along the shaft make the line uneven, and
-//! the bevel at a needle's tip is brighter. Seeds that brachytherapy leaves in the tissue are short shafts of their own.
+//! The brightness of a sample is the fraction of the plane's thickness, by default the needle's diameter, that the shaft fills
+//! there: the length of the elevational chord through the cylinder, in closed form, for every segment of a bent shaft. The echo
+//! is strongest where the shaft is perpendicular to the beam and falls with a power of the sine of the angle between them.
+//! Reverberation inside the shaft repeats the echo further down the beam. Grains along the shaft make the line uneven, and the
+//! bevel at a needle's tip is brighter. Brachytherapy seeds are modelled as short shafts.
 //!
-//! With speckle the echo joins that of the scatterers before the point spread acts; without, its modulus adds to the amplitude.
+//! With speckle the echo is added to that of the scatterers before the point spread is applied; without, its modulus is added
+//! to the amplitude.
 
 mod segments;
 mod shaft;
@@ -30,19 +31,20 @@ pub use shaft::Shaft;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NeedleEcho {
-    /// Echo of a shaft in the plane and square to the beam, dB relative to liver (-40 to 80).
+    /// Echo of a shaft in the plane and perpendicular to the beam, dB relative to liver (-40 to 80).
     pub echo_db: f64,
-    /// Thickness of the scan plane for the needle, mm (0.05 to 20); none takes the needle's diameter.
+    /// Thickness of the scan plane for the needle, mm (0.05 to 20); without it the needle's diameter.
     pub thickness_mm: Option<f64>,
-    /// Power of the sine between shaft and beam (0 to 64).
+    /// Exponent of the sine of the angle between shaft and beam (0 to 64).
     pub directivity: f64,
-    /// Repetitions of the echo below the shaft (0 to 8).
+    /// Number of repetitions of the echo below the shaft (0 to 8).
     pub reverberations: u32,
     /// Distance between repetitions, mm (0.1 to 20).
     pub reverberation_mm: f64,
     /// Loss from one repetition to the next, dB (0 to 60).
     pub reverberation_db: f64,
-    /// Diffuse share of the power of the echo (0 to 1): 0 is an even line; 0.2 has a standard deviation of 3 dB along it.
+    /// Diffuse fraction of the power of the echo (0 to 1): 0 is an even line; 0.2 has a standard deviation of 3 dB along
+    /// it.
     pub roughness: f64,
 }
 
@@ -73,7 +75,7 @@ impl NeedleEcho {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "needle",
     wanted,
@@ -112,11 +114,11 @@ const fn needle_pass(entry: &'static str, bindings: &'static [(Resource, Access)
     }
 }
 
-/// Length over which grains change the echo along a shaft, mm.
+/// Correlation length of the grains along a shaft, mm.
 pub const GRAIN_MM: f64 = 2.0;
-/// Length of a needle from its tip that is brighter, mm: that of a bevel,
+/// Length of the brighter part of a needle from its tip, mm: that of a bevel.
 pub const BEVEL_MM: f64 = 3.0;
-/// and its factor on the amplitude: 6 dB.
+/// Amplitude factor of the bevel: 6 dB.
 pub const BEVEL: f64 = 2.0;
 
 /// Whether the scene has a needle or seeds and shows them.
@@ -138,27 +140,27 @@ fn wanted(tables: &Tables) -> Verdict {
 pub struct Params {
     /// Samples along a scanline.
     pub samples: u32,
-    /// Distance between samples, mm.
+    /// Number of segments of needle and seeds.
     pub sample_mm: f32,
     /// Segments of needle and seeds.
     pub segments: u32,
-    /// One over the width of the beam that shadows are seen through, 1/mm.
+    /// Inverse width of the beam used for shadows, 1/mm.
     pub beams_per_mm: f32,
     /// Amplitude of the echo.
     pub echo: f32,
-    /// Power of the sine between shaft and beam.
+    /// Exponent of the sine of the angle between shaft and beam.
     pub directivity: f32,
-    /// Repetitions.
+    /// Number of repetitions.
     pub reverberations: u32,
     /// Distance between repetitions, mm.
     pub reverberation_mm: f32,
-    /// Amplitude that one repetition leaves.
+    /// Amplitude factor per repetition.
     pub reverberation: f32,
     /// Amplitude of the constant part.
     pub steady: f32,
     /// Amplitude of the diffuse part.
     pub diffuse: f32,
-    /// 1 where surfaces have written their echoes already.
+    /// 1 if surfaces have already written their echoes.
     pub after_surfaces: u32,
     /// Seed of the grains.
     pub seed: [u32; 2],
@@ -166,7 +168,8 @@ pub struct Params {
     pub unused: [u32; 2],
 }
 
-/// A beam narrower than this is fully shaded by any needle, mm; so is a scanline by itself, which has no width.
+/// Beam width below which any needle shades the beam fully, mm; also used for a single scanline, which has no
+/// width.
 const LEAST_BEAM_MM: f64 = 1e-3;
 
 fn numbers(view: &View) -> Params {
@@ -188,7 +191,7 @@ fn numbers(view: &View) -> Params {
         steady: (1.0 - own.roughness).sqrt() as f32,
         diffuse: own.roughness.sqrt() as f32,
         after_surfaces: u32::from(tables.settings.effects.interface.is_some()),
-        // Another lattice than that of the speckle.
+        // A lattice different from that of the speckle.
         seed: seed_words(!tables.settings.seed),
         unused: [0; 2],
     }

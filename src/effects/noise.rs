@@ -1,7 +1,7 @@
 //! Noise: additive zero-mean Gaussian per pixel and frame, on grey levels after scan conversion (Zhu et al. 2007, section 2.4).
 //!
 //! A normal deviate is the sum of twelve bytes of a hash of pixel, frame and seed, shifted and scaled: integers until the
-//! last step, so that both backends draw the same noise. The sum of twelve uniform numbers departs from a Gaussian only
+//! last step, so that both backends draw the same noise. The sum of twelve uniform numbers deviates from a Gaussian only
 //! beyond three standard deviations (excess kurtosis -0.1).
 
 use bytemuck::{Pod, Zeroable};
@@ -38,7 +38,7 @@ impl Noise {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "noise",
     wanted,
@@ -80,7 +80,7 @@ pub struct Params {
     pub width: u32,
     /// First row of the band.
     pub first_row: u32,
-    /// Number of the frame.
+    /// Frame number.
     pub frame: u32,
     /// Grey levels per unit of the summed bytes.
     pub scale: f32,

@@ -1,4 +1,4 @@
-//! The declaration of a pass: one step of a frame, on both backends.
+//! Declaration of a pass: one step of a frame, on both backends.
 
 use bytemuck::Pod;
 
@@ -6,18 +6,18 @@ use crate::mechanics::mesh::pack::WarpParams;
 use crate::synth::store::Store;
 use crate::synth::{FrameState, tables::Tables};
 
-/// Everything that a pass may read besides its resources.
+/// Inputs of a pass besides its resources.
 #[derive(Clone, Copy)]
 pub struct View<'a> {
-    /// What the scene fixes until it is edited.
+    /// Tables fixed until the scene is edited.
     pub tables: &'a Tables,
-    /// What changes from frame to frame, seen from the local origin.
+    /// State of the frame, relative to the local origin.
     pub state: &'a FrameState,
-    /// Search grids of the mesh as packed for the GPU; none on the CPU.
+    /// Search grids of the mesh as packed for the GPU; `None` on the CPU.
     pub warp: Option<&'a WarpParams>,
 }
 
-/// A buffer that passes share. On the CPU it is a vector of [`Store`] or a table; on the GPU a storage buffer.
+/// A buffer shared by passes. On the CPU it is a vector of [`Store`] or a table; on the GPU a storage buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Resource {
@@ -25,9 +25,10 @@ pub enum Resource {
     Rays,
     /// Per scanline and sub-plane: gap between array and body, mm (`f32`).
     Gaps,
-    /// Per sample and sub-plane: current, then reference position, from the local origin, and a flag (`vec4<f32>`).
+    /// Per sample and sub-plane: current, then reference position, relative to the local origin, and a flag
+    /// (`vec4<f32>`).
     Position,
-    /// Per sample and sub-plane: element that held it in the last frame (`u32`).
+    /// Per sample and sub-plane: element that contained it in the last frame (`u32`).
     Element,
     /// Affine maps of the deformed and reference elements (`vec4<f32>`).
     ElementMaps,
@@ -39,7 +40,7 @@ pub enum Resource {
     CellElements,
     /// Label indices of the volume, four to a `u32`.
     Voxels,
-    /// One row a label index: echo, attenuation, texture, impedance.
+    /// Per label index: echo, attenuation, texture, impedance.
     LabelRows,
     /// Placement of the solid textures in the atlas.
     TextureEntries,
@@ -49,7 +50,7 @@ pub enum Resource {
     Label,
     /// Per sample (and sub-plane, up to `thickness`): echo amplitude; after `tone`, grey level (`f32`).
     Amplitude,
-    /// The other half of the pair that `Amplitude` flips with (`f32`).
+    /// Second buffer of the pair that `Amplitude` is swapped with (`f32`).
     AmplitudeNext,
     /// Per sample: complex echo of surfaces and needles, before the point spread (`vec2<f32>`).
     Specular,
@@ -57,23 +58,24 @@ pub enum Resource {
     Scatter,
     /// Complex echo after the axial point spread (`vec2<f32>`).
     ScatterAxial,
-    /// Weights of the axial point spread, then two factors a sample (`f32`).
+    /// Weights of the axial point spread, then two factors per sample (`f32`).
     AxialKernel,
-    /// Weights of the lateral point spread, a row a depth (`f32`).
+    /// Weights of the lateral point spread, one row per depth (`f32`).
     LateralKernel,
-    /// Weights of the radial blur, a row a depth (`f32`).
+    /// Weights of the radial blur, one row per depth (`f32`).
     BlurKernel,
-    /// Weights of the beam that shadows are seen through, a row a depth (`f32`).
+    /// Weights of the beam used for shadows, one row per depth (`f32`).
     PenumbraKernel,
     /// Segments of needle and seeds in the probe frame (`vec4<f32>` pairs).
     Needle,
-    /// Per sample: shares of the scan plane's thickness and of the beam that needle and seeds fill (`vec2<f32>`).
+    /// Per sample: fractions of the scan plane's thickness and of the beam filled by needle and seeds
+    /// (`vec2<f32>`).
     NeedleMask,
     /// Per sample: two-way loss down to it, in units of [`super::shadow::UNITS_PER_DB`] (`u32`).
     Loss,
-    /// Per ray of the aperture beside the middle and sample depth: scanlines between a place and the ray's element (`u32`).
+    /// Per off-centre ray of the aperture and sample depth: scanlines between a point and the ray's element (`u32`).
     ApertureShifts,
-    /// Per ray, element and sample: what occluders on it let through, one way (`f32`).
+    /// Per ray, element and sample: one-way transmittance of the occluders on it (`f32`).
     Through,
     /// Per scanline: sample of the first opaque tissue, or the number of samples (`u32`).
     Reflectors,
@@ -92,29 +94,30 @@ pub enum Resource {
 }
 
 impl Resource {
-    /// Whether its size goes with the pixels of the image, so that a large one is cut into bands of rows.
+    /// Whether its size is proportional to the pixels of the image, so that a large one is processed in bands of
+    /// rows.
     pub fn is_per_pixel(self) -> bool {
         matches!(self, Self::ScanMap | Self::Image | Self::Pixels)
     }
 }
 
-/// How a pass uses a resource.
+/// Access of a pass to a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// It only reads.
+    /// Read only.
     Read,
-    /// It writes, and may read.
+    /// Written, and possibly read.
     Write,
 }
 
-/// The parameter block of a pass: binding 0, at most 256 bytes.
+/// Parameter block of a pass: binding 0, at most 256 bytes.
 #[derive(Clone, Copy, Debug)]
 pub struct ParamBlock {
     bytes: [u8; Self::CAPACITY],
 }
 
 impl ParamBlock {
-    /// Bytes that a block can hold; also the alignment of the blocks' offsets in WebGPU's default limits.
+    /// Capacity of a block, bytes; also the alignment of the blocks' offsets in WebGPU's default limits.
     pub const CAPACITY: usize = 256;
 
     /// Copies a parameter struct.
@@ -126,13 +129,13 @@ impl ParamBlock {
         Self { bytes }
     }
 
-    /// The parameters as the shader sees them, padded to a whole slot.
+    /// Parameters as seen by the shader, padded to a full slot.
     pub fn slot(&self) -> &[u8; Self::CAPACITY] {
         &self.bytes
     }
 }
 
-/// The part of an image that one dispatch of a per-pixel pass covers.
+/// Rows of an image covered by one dispatch of a per-pixel pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Band {
     /// First row.
@@ -141,7 +144,7 @@ pub struct Band {
     pub rows: u32,
 }
 
-/// One step of a frame.
+/// A step of a frame.
 pub struct Pass {
     /// Name, unique over all effects.
     pub name: &'static str,
@@ -151,24 +154,25 @@ pub struct Pass {
     pub entry: &'static str,
     /// Storage bindings from binding 1 on, in order.
     pub bindings: &'static [(Resource, Access)],
-    /// The parameter block, binding 0, for one band of rows (all rows for passes that are not per pixel).
+    /// Parameter block, binding 0, for one band of rows (all rows for passes that are not per pixel).
     pub params: fn(&View, Band) -> ParamBlock,
-    /// Workgroups along x, y, z.
+    /// Number of workgroups along x, y, z.
     pub workgroups: fn(&Tables, Band) -> [u32; 3],
-    /// Whether `AmplitudeNext` becomes `Amplitude` after it.
+    /// Whether `AmplitudeNext` becomes `Amplitude` after the pass.
     pub flips: bool,
-    /// The reference in single precision, the twin of the shader.
+    /// CPU reference in single precision, matching the shader.
     pub cpu: fn(&View, &mut Store<f32>),
-    /// The reference in double precision.
+    /// CPU reference in double precision.
     pub cpu_f64: fn(&View, &mut Store<f64>),
 }
 
-/// Workgroups of `size` invocations that cover `count`.
+/// Number of workgroups of `size` invocations that cover `count`.
 pub fn groups(count: usize, size: u32) -> u32 {
     (count as u64).div_ceil(u64::from(size)) as u32
 }
 
-/// Workgroups of `size` invocations that cover `count` in one dimension, spread over y past the limit on x.
+/// Numbers of workgroups of `size` invocations that cover `count` in one dimension, spread over y past the limit on
+/// x.
 pub fn spread(count: usize, size: u32) -> [u32; 3] {
     const MOST: u32 = 65_535;
     let groups = groups(count, size);

@@ -1,13 +1,13 @@
-//! Point spread of a probe: stated lengths, and where none are stated those that its frequency and kind give.
+//! Point spread of a probe: stated lengths, with defaults from its frequency and kind.
 //!
-//! Lengths are full widths at half maximum of the autocorrelation of the echo intensity and go with the wavelength: 0.8 x 1.5 mm at 3.5 MHz,
-//! 0.3 x 0.5 mm at 10 MHz, as in frames of phantoms and muscle at those frequencies.
+//! Lengths are full widths at half maximum of the autocorrelation of the echo intensity and scale with the wavelength: 0.8 x 1.5 mm at 3.5
+//! MHz, 0.3 x 0.5 mm at 10 MHz, as in frames of phantoms and muscle at those frequencies.
 
 use super::speckle::Speckle;
 use crate::tracking::probe::{Probe, ProbeKind};
 
-/// Lengths at 1 MHz, mm: along the beam, across scanlines at the focus, out of the plane, and from the focus to where the lateral length has
-/// grown by sqrt 2 (a Rayleigh length, which goes with the wavelength as long as the f-number is the same).
+/// Lengths at 1 MHz, mm: axial, lateral at the focus, elevational, and from the focus to where the lateral length has grown by sqrt 2 (a
+/// Rayleigh length, which scales with the wavelength at constant f-number).
 pub(crate) const AXIAL_MM: f64 = 2.8;
 const LATERAL_MM: f64 = 5.25;
 const ELEVATIONAL_MM: f64 = 6.3;
@@ -22,21 +22,21 @@ const PHASED_APERTURE_MM: f64 = 20.0;
 /// Lengths of the point spread, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointSpread {
-    /// Along the beam.
+    /// Axial length.
     pub axial_mm: f64,
-    /// Across scanlines at the focus.
+    /// Lateral length at the focus.
     pub lateral_mm: f64,
-    /// Out of the plane.
+    /// Elevational length.
     pub elevational_mm: f64,
-    /// Depth of the focus.
+    /// Depth of the focus, mm.
     pub focus_mm: f64,
     focal_zone_mm: f64,
-    /// Least lateral length over depth: the diffraction of the aperture.
+    /// Minimum lateral length divided by depth: the diffraction of the aperture.
     divergence: f64,
 }
 
 impl PointSpread {
-    /// The stated lengths, completed for a probe.
+    /// Completes the stated lengths with the defaults of a probe.
     pub fn new(speckle: &Speckle, probe: &Probe) -> Self {
         let mhz = probe.frequency_mhz;
         let of = |stated: Option<f64>, at_1_mhz: f64, most: f64| stated.unwrap_or((at_1_mhz / mhz).clamp(0.05, most));
@@ -55,7 +55,7 @@ impl PointSpread {
         }
     }
 
-    /// Lateral length at a depth: that of a Gaussian beam about its focus, and no less than diffraction allows.
+    /// Lateral length at a depth, mm: that of a Gaussian beam about its focus, bounded below by diffraction.
     pub fn lateral_at(&self, depth_mm: f64) -> f64 {
         let away = (depth_mm - self.focus_mm) / self.focal_zone_mm;
         (self.lateral_mm * (1.0 + away * away).sqrt()).max(self.divergence * depth_mm)

@@ -1,4 +1,4 @@
-//! Quantise: grey levels to bytes, rounded to nearest.
+//! Quantisation: grey levels to bytes, rounded to nearest.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -9,7 +9,7 @@ use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "quantise",
     wanted,
@@ -38,7 +38,7 @@ fn wanted(_: &Tables) -> Verdict {
 pub struct Params {
     /// Pixels in a row.
     pub width: u32,
-    /// Words of four pixels in a row, padded.
+    /// Number of words of four pixels in a row, padded.
     pub words_per_row: u32,
     /// Padding to a multiple of 16 bytes.
     pub unused: [u32; 2],

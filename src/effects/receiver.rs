@@ -1,17 +1,17 @@
-//! Receiver: what a scanner shows where nothing echoes.
+//! Receiver: noise, clutter and ring-down of a scanner.
 //!
-//! The array rings down after it has transmitted: a band at its face on every scanline that is in contact. Acoustic clutter, which is
-//! reverberation in the body wall and echoes caught by side lobes, is sound: it stands still in the probe's frame, has the point spread of
-//! the probe, is strongest near the array, is attenuated like any echo and fades beyond that from one round trip to the next (`clutter`).
-//! Electronic noise has the same power at every depth; the time-gain compensation after it lifts it. None of them is in phase with the echo,
-//! so powers add: `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of ring-down and clutter at the sample, `n^2` that of the noise and `E` of
-//! mean 1. In bladders clutter was found to dominate by far, and noise to be weak (M. A. Lediju et al., Ultrasonic Imaging 30 (2008) 151).
+//! The array rings down after transmission: a band at its face on every scanline that is in contact. Acoustic clutter, which is reverberation
+//! in the body wall and echoes caught by side lobes, is sound: it is fixed in the probe's frame, has the point spread of the probe, is
+//! strongest near the array, is attenuated like any echo and in addition decays from one round trip to the next (`clutter`). Electronic noise
+//! has the same power at every depth; the subsequent time-gain compensation amplifies it. None of them is in phase with the echo, so powers
+//! add: `a' = sqrt(a^2 + c + n^2 E)`, with `c` the power of ring-down and clutter at the sample, `n^2` that of the noise and `E` of mean 1.
+//! In bladders clutter was found to dominate by far, and noise to be weak (M. A. Lediju et al., Ultrasonic Imaging 30 (2008) 151).
 //!
-//! `E` is the power of a complex Gaussian signal, whose amplitude is Rayleigh distributed. Each part of the signal is a sum of
-//! six bytes of a hash of scanline, sample, frame and seed, smoothed along the scanline with the weights 1, 2, 1 as the
-//! receive filter smooths noise, and over two scanlines, whose beams share elements (lag-1 correlation 0.5; 0.44 to 0.60 in recorded
-//! lines): all integers, so that both backends draw the same. The excess kurtosis of a part is
-//! -1.2 / 6 from the sum of bytes and a quarter of that after smoothing, -0.05. Samples of background, where no body is, stay silent.
+//! `E` is the power of a complex Gaussian signal, whose amplitude is Rayleigh distributed. Each part of the signal is a sum of six
+//! bytes of a hash of scanline, sample, frame and seed, smoothed along the scanline with the weights 1, 2, 1 as the receive filter
+//! smooths noise, and over two scanlines, whose beams share elements (lag-1 correlation 0.5; 0.44 to 0.60 in recorded lines): all
+//! integers, so that both backends draw the same. The excess kurtosis of a part is -1.2 / 6 from the sum of bytes and a quarter of
+//! that after smoothing, -0.05. Background samples, outside the body, stay silent.
 
 mod clutter;
 
@@ -34,11 +34,12 @@ use crate::tracking::probe::BeamGrid;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Receiver {
-    /// Electronic noise before gain, dB relative to the echo of liver at the array (-200 to 20), new in every frame.
+    /// Electronic noise before gain, dB relative to the echo of liver at the array (-200 to 20), independent in
+    /// every frame.
     pub noise_db: f64,
     /// Acoustic clutter at the array, dB relative to the echo of liver there (-200 to 20); it moves with the probe.
     pub clutter_db: f64,
-    /// Fading of the clutter with depth beyond the attenuation of average soft tissue, dB per cm (0 to 50).
+    /// Decay of the clutter with depth in addition to the attenuation of average soft tissue, dB per cm (0 to 50).
     pub clutter_decay_db_cm: f64,
     /// Ring-down of the array at its face, dB relative to the echo of liver there (-200 to 60).
     pub ring_down_db: f64,
@@ -55,8 +56,9 @@ impl Default for Receiver {
     }
 }
 
-/// Depth in which the amplitude of the ring-down falls to 1/e, mm at 1 MHz: as many periods at every frequency. In real frames the band
-/// is 2 to 3 mm deep under a 5 MHz abdominal array (at most 10 dB over the tissue below it) and 0.3 mm under a 14 MHz linear one.
+/// Depth over which the amplitude of the ring-down falls to 1/e, mm at 1 MHz: a constant number of periods at every frequency. In real
+/// frames the band is 2 to 3 mm deep under a 5 MHz abdominal array (at most 10 dB over the tissue below it) and 0.3 mm under a 14 MHz
+/// linear one.
 const RING_DOWN_MM: f64 = 3.15;
 
 impl Receiver {
@@ -85,7 +87,7 @@ impl Receiver {
         10f64.powf(self.ring_down_db / 10.0) * (-2.0 * depth_mm * frequency_mhz / RING_DOWN_MM).exp()
     }
 
-    /// Power of clutter and ring-down at each sample, a scanline after the other.
+    /// Power of clutter and ring-down at each sample, scanline by scanline.
     pub fn clutter(&self, settings: &Settings, grid: &BeamGrid, attenuation_db_cm: f64) -> Vec<f32> {
         let speckle = settings.effects.speckle.clone().unwrap_or_default();
         let spread = PointSpread::new(&speckle, &settings.probe);
@@ -100,7 +102,7 @@ impl Receiver {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "receiver",
     wanted,
@@ -140,7 +142,7 @@ pub struct Params {
     pub seed: [u32; 2],
     /// Samples along a scanline.
     pub samples: u32,
-    /// Number of the frame.
+    /// Frame number.
     pub frame: u32,
     /// Power of the noise, per unit of [`draw`].
     pub noise: f32,
@@ -155,7 +157,7 @@ pub const DRAW_MEAN: f64 = 2.0 * 12.0 * 32_767.5;
 /// Mean of the sum of six bytes.
 const SUM_MEAN: i32 = 6 * 255 / 2;
 
-/// Keeps these draws apart from those that other effects make with the same seed.
+/// Stream that separates these draws from those of other effects with the same seed.
 const STREAM: u32 = 0x5ec4_e1be;
 
 fn numbers(view: &View) -> Params {
@@ -175,7 +177,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     ParamBlock::of(&numbers(view))
 }
 
-/// Scanlines worked on together, which share the draws between them.
+/// Number of scanlines processed together, which share their draws.
 const LINES: usize = 8;
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
@@ -202,7 +204,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Adds noise and clutter to some scanlines.
+/// Adds noise and clutter to a group of scanlines.
 struct Scanlines<'a, T> {
     first: i32,
     numbers: &'a Params,
@@ -212,7 +214,7 @@ struct Scanlines<'a, T> {
     amplitudes: &'a mut [T],
 }
 
-/// Samples of a scanline worked on together.
+/// Number of samples of a scanline processed together.
 const BLOCK: usize = 64;
 
 impl<T: Real> Kernel for Scanlines<'_, T> {
@@ -243,7 +245,7 @@ impl<T: Real> Kernel for Scanlines<'_, T> {
     }
 }
 
-/// Both parts of the signal of samples of a scanline, smoothed along it.
+/// Both parts of the signal at samples of a scanline, smoothed along it.
 #[inline(always)]
 fn smoothed(line: i32, start: i32, length: usize, numbers: &Params) -> [[i32; BLOCK]; 2] {
     let mut parts = [[0; BLOCK + 2]; 2];

@@ -1,15 +1,16 @@
 //! Refraction: focusing and defocusing of beams where the speed of sound changes; dark lines under the edges of cysts, vessels and organs.
 //!
-//! The phase of a straight scanline leads by the path `d = sum (n - 1)`, where `n` is the refractive index. The gradient of `d` across the
+//! The phase of a straight scanline is advanced by the path `d = sum (n - 1)`, where `n` is the refractive index. The gradient of `d` across the
 //! scanlines deflects the beam (paraxial approximation of geometrical optics: M. Born and E. Wolf, Principles of Optics, 1999, chapter 3), and its
-//! curvature focuses or defocuses it. With scanlines `h(s)` apart, the factor on the one-way intensity, and so on the amplitude of an echo, is
-//! `1 / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
+//! curvature focuses or defocuses it. With scanlines `h(s)` apart, the factor on the one-way intensity, and so on the amplitude of an echo, is `1
+//! / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 //!
 //! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly interpolated between them. At a distance
 //! `z` below a lens the converging beam of f-number `F` is `z / F` wide at the lens and averages over it, so that the effect of a lens saturates at `F` beam
 //! widths: terms of the sum decay exponentially with that length ([`F_NUMBER`]).
 //!
-//! Speeds are taken from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580 m/s).
+//! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580
+//! m/s).
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -44,7 +45,7 @@ impl Refraction {
     }
 }
 
-/// Largest gain of amplitude by focusing, 3 dB: the caustics of geometrical optics are not seen in beams.
+/// Largest gain of amplitude by focusing, 3 dB: the caustics of geometrical optics do not occur in beams.
 pub const MOST: f64 = 1.4;
 
 /// F-number of the beam: an aperture of 25 to 30 mm at a depth of 6 cm.
@@ -53,9 +54,9 @@ pub const F_NUMBER: f64 = 2.0;
 /// Impedance of tissue with the speed of sound that scanners assume, 1540 m/s, MRayl.
 const REFERENCE_MRAYL: f64 = 1.58;
 
-/// Largest departure of the index of soft tissue from 1; beyond it lie gas and bone,
+/// Largest deviation of the index of soft tissue from 1; beyond it lie gas and bone.
 const FURTHEST: f64 = 0.15;
-/// which take the index of this impedance: only their shadows show.
+/// Impedance whose index is used for gas and bone, MRayl: only their shadows show.
 const SOFT_MRAYL: f64 = 1.65;
 
 /// Refractive index of a tissue of an impedance, MRayl.
@@ -69,7 +70,7 @@ pub fn index(impedance_mrayl: f64) -> f64 {
     }
 }
 
-/// Units of phase in a sample distance: a power of two with which sums down half a beam are whole numbers below 2^24, exact in any order in single
+/// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24, exact in any order in single
 /// precision.
 pub fn units_per_sample(tables: &Tables) -> f64 {
     let summed = (tables.samples() * reach(tables).max(1)) as f64;
@@ -77,12 +78,12 @@ pub fn units_per_sample(tables: &Tables) -> f64 {
     units.log2().floor().exp2()
 }
 
-/// What a sample adds to the phase, from 0 on, in those units.
+/// Phase increment of a sample, from 0 on, in these units.
 pub fn units(impedance_mrayl: f64, tables: &Tables) -> u32 {
     ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample(tables)).round() as u32
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "refraction",
     wanted,
@@ -165,13 +166,13 @@ pub struct Params {
     pub reach: u32,
     /// Average phase over half a beam width per unit of the sum, sample distances.
     pub unit: f32,
-    /// Distance between scanlines at the array, sample distances,
+    /// Distance between scanlines at the array, sample distances.
     pub spacing: f32,
-    /// and its growth per sample.
+    /// Growth of the distance between scanlines per sample, sample distances.
     pub spreading: f32,
     /// Lower limit of the distance in second differences, a quarter of the beam width, sample distances.
     pub least: f32,
-    /// Decay of terms per sample, log2.
+    /// Decay of terms per sample, as log2.
     pub fading: f32,
 }
 
@@ -256,7 +257,7 @@ pub struct Spread<T> {
 }
 
 impl<T: Real> Spread<T> {
-    /// From the settings and the probe of a scene.
+    /// Creates the spread from the settings and the probe of a scene.
     pub fn new(tables: &Tables) -> Self {
         Self {
             lines: tables.lines(),
@@ -268,8 +269,8 @@ impl<T: Real> Spread<T> {
         }
     }
 
-    /// Calls `each` for every sample of a scanline with its number, its term of the sum and the factor on its amplitude. `phases` returns the cumulative phase
-    /// of a half beam width. Scanlines at the sides use the nearest curvature that is defined.
+    /// Calls `each` for every sample of a scanline with its number, its term of the sum and the factor on its amplitude. `phases` returns the
+    /// cumulative phase of a half beam width. Scanlines at the sides use the nearest defined curvature.
     #[inline(always)]
     pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
         let (one, two, most) = (T::one(), T::of(2.0), T::of(MOST));

@@ -1,5 +1,5 @@
-//! Scan conversion: beam space to pixels, bilinear, last of all as scanners do; pixels outside the sector take the fill
-//! level.
+//! Scan conversion: bilinear interpolation from beam space to pixels, the last step as on scanners; pixels outside the
+//! sector take the fill level.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -10,7 +10,7 @@ use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "scan_conversion",
     wanted,
@@ -77,7 +77,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Value at a scanline and sample coordinate, both within the grid.
+/// Bilinear value at a scanline and sample coordinate, both within the grid.
 #[inline(always)]
 pub fn bilinear<T: Real>(beam: &[T], lines: usize, samples: usize, [line, sample]: [f32; 2]) -> T {
     let (l0, s0) = (line as usize, sample as usize);

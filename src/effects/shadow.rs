@@ -1,13 +1,12 @@
-//! Shadow: what the way down a scanline leaves of an echo.
+//! Shadow: attenuation and occlusion along the scanlines.
 //!
-//! Transmittance is a running product down each scanline, kept as a running sum of losses in fixed-point decibels, so
-//! that it is the same at any grouping of the samples, on the CPU and in a parallel scan. A tissue takes its two-way
-//! attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle takes
-//! `needle_db_mm` where it fills the scan plane. A sample sees the loss of everything above it and half its own, so the
-//! sum converges to Beer and Lambert's law with the square of the sample distance. Edges of shadows are as soft as the beam
-//! is wide (`penumbra`) and open with depth as the aperture does (`aperture`), and a needle thinner than the beam takes its
-//! share of it. In the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone, air and the needle
-//! shaft by casting rays: Zhu et al. 2007, section 2.4.
+//! Transmittance is a running product down each scanline, stored as a running sum of losses in fixed-point decibels, so that it is the same for
+//! any grouping of the samples, on the CPU and in a parallel scan. A tissue contributes its two-way attenuation `2 alpha f` and, if it occludes
+//! as bone and gas do, its occlusion per millimetre; the needle contributes `needle_db_mm` where it fills the scan plane. A sample is subject to
+//! the loss of everything above it and half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. Edges
+//! of shadows are as soft as the beam is wide (`penumbra`) and widen with depth as the aperture does (`aperture`), and a needle thinner than the
+//! beam shades its fraction of it. In the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone,
+//! air and the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
@@ -34,20 +33,20 @@ pub struct Shadow {
     pub attenuation: bool,
     /// Whether bone, gas and the like occlude.
     pub occlusion: bool,
-    /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam (0 to 100); a thinner one takes
-    /// its share.
+    /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam (0 to 100); proportionally less
+    /// for a thinner one.
     pub needle_db_mm: f64,
-    /// Full width at half maximum of the beam, mm (0 to 20): edges of shadows are as soft. 0 leaves each scanline to itself.
+    /// Full width at half maximum of the beam, mm (0 to 20), which is the softness of shadow edges. With 0, scanlines are
+    /// independent.
     pub beam_mm: f64,
-    /// Depth over the aperture that receives from it (0.5 to 20): edges of the shadows of bone, gas and needles open by as much. 4 lies
-    /// between the 2 to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15 cm. 0 casts shadows straight down the
-    /// scanlines.
+    /// F-number on reception (0.5 to 20): the rate at which the edges of the shadows of bone, gas and needles widen. 4 lies between the 2
+    /// to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15 cm. 0 casts shadows straight down the scanlines.
     pub f_number: f64,
-    /// Share of an echo's amplitude that comes back once more between the first bone, gas or lung of a scanline and the face of the array, before
-    /// attenuation and for a perfect reflector (0 to 1). 0 repeats nothing.
+    /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array relative to the echo, before
+    /// attenuation and for a perfect reflector (0 to 1). 0 disables repeats.
     pub reverberation: f64,
-    /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation (0 to 1): two reflections at a slightly rough surface. Set by
-    /// eye. 0 mirrors nothing.
+    /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation (0 to 1): two reflections at a slightly rough
+    /// surface. Set by eye. 0 disables mirror images.
     pub mirror: f64,
 }
 
@@ -65,16 +64,16 @@ impl Default for Shadow {
     }
 }
 
-/// Fixed-point units in one decibel.
+/// Fixed-point units per decibel.
 pub const UNITS_PER_DB: f64 = 1_048_576.0;
 
-/// Most that one sample may take, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
+/// Maximum loss per sample, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
 pub const MOST_PER_SAMPLE_DB: f64 = 256.0;
 
-/// Where the running sum saturates: 2^31 - 1 units, 2,048 dB.
+/// Saturation value of the running sum: 2^31 - 1 units, 2,048 dB.
 pub const MOST_UNITS: u32 = 0x7fff_ffff;
 
-/// An occlusion of 1 per mm is not infinite but this, dB per mm.
+/// Loss for an occlusion of 1 per mm, which would be infinite, dB per mm.
 const FULL_OCCLUSION_DB_MM: f64 = 200.0;
 
 impl Shadow {
@@ -106,7 +105,7 @@ pub fn units(db: f64) -> u32 {
     (db.clamp(0.0, MOST_PER_SAMPLE_DB) * UNITS_PER_DB).round() as u32
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "shadow",
     wanted,
@@ -173,7 +172,7 @@ const RAYS_AND_NEEDLE: Pass = rays_pass(
     ],
 );
 
-/// What the rays of the aperture let through.
+/// Pass for the transmittance of the rays of the aperture.
 const fn rays_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
     Pass {
         name: "shadow_rays",
@@ -200,7 +199,7 @@ const APERTURE: Pass = Pass {
     cpu_f64: aperture::mean::<f64>,
 };
 
-/// Whether shadows open with depth: something that occludes may be in the way.
+/// Whether shadows widen with depth: the scene has occluders.
 pub fn opens(tables: &Tables) -> bool {
     let Some(shadow) = tables
         .settings
@@ -217,7 +216,7 @@ pub fn opens(tables: &Tables) -> bool {
     occludes || (super::needle::present(tables) && shadow.needle_db_mm > 0.0)
 }
 
-/// The loss down each scanline, and what it lets through one way, which it leaves in `AmplitudeNext`.
+/// Pass for the loss down each scanline, and its one-way transmittance, which is stored in `AmplitudeNext`.
 const fn loss_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
     Pass {
         name: "shadow_loss",
@@ -319,21 +318,21 @@ pub struct Params {
     pub lines: u32,
     /// Samples along a scanline.
     pub samples: u32,
-    /// Scanlines on each side that the beam reaches.
+    /// Reach of the beam on each side, scanlines.
     pub reach: u32,
-    /// Loss of a sample from which its tissue is opaque, units.
+    /// Loss per sample above which a tissue is opaque, units.
     pub opaque_units: u32,
     /// Loss of a sample where the needle fills plane and beam, units.
     pub needle_units: f32,
     /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
     pub exponent: f32,
-    /// 1 where what occludes is left to the rays of the aperture.
+    /// 1 if occluders are handled by the rays of the aperture.
     pub opens: u32,
-    /// Share of an echo that comes back once more, before attenuation.
+    /// Amplitude of a repeated echo relative to the echo, before attenuation.
     pub reverberation: f32,
     /// Distance between scanlines at the array, in sample distances.
     pub spacing: f32,
-    /// What it grows by from sample to sample.
+    /// Growth of the distance between scanlines per sample, in sample distances.
     pub spreading: f32,
     /// Amplitude of a mirror image relative to the echo.
     pub mirror: f32,
@@ -360,13 +359,13 @@ fn params(view: &View, _: Band) -> ParamBlock {
     })
 }
 
-/// log2 of the amplitude that one unit of loss leaves, both ways.
+/// log2 of the amplitude factor of one unit of loss, both ways.
 pub fn exponent_per_unit() -> f64 {
     -(10.0f64.log2()) / 20.0 / UNITS_PER_DB
 }
 
-/// Loss of a sample where a needle as thick as the beam is wide fills the scan plane, units. The needle pass says what share
-/// of the beam is in its way.
+/// Loss of a sample where a needle as thick as the beam is wide fills the scan plane, units. The needle pass computes the
+/// fraction of the beam that is shaded.
 pub fn needle_units(tables: &Tables) -> f32 {
     let shadow = tables.settings.effects.shadow.as_ref();
     units(shadow.map_or(0.0, |shadow| shadow.needle_db_mm) * tables.sample_mm()) as f32
@@ -411,7 +410,7 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Loss down to the middle of each sample, from each sample's own loss.
+/// Accumulates the loss down to the centre of each sample, from each sample's own loss.
 #[inline(always)]
 pub fn accumulate(own: impl Fn(usize) -> u32, down_to: &mut [u32]) {
     let mut above = 0u32;
@@ -422,7 +421,7 @@ pub fn accumulate(own: impl Fn(usize) -> u32, down_to: &mut [u32]) {
     }
 }
 
-/// What a loss leaves of an amplitude.
+/// Amplitude factor of a loss.
 #[inline(always)]
 pub fn transmittance<T: Real>(units: u32) -> T {
     (T::of(f64::from(units)) * T::of(exponent_per_unit())).exp2()

@@ -1,10 +1,10 @@
-//! Slice: the label of every sample, and the constant echo of its tissue.
+//! Slice: label of every sample, and the constant echo of its tissue.
 //!
-//! The label is the one that holds the largest share of the cubic B-spline weights of the 64 voxels around the sample, which
-//! takes the staircase off the boundaries of coarse segmentations; with `boundary = "vote"` that of the trilinear weights of
-//! the eight, with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are
-//! background (label index 0). With
-//! `beyond = "continue"` the body goes on where a face of the volume cuts it: labels are mirrored at the face, once.
+//! The label is the one with the largest sum of cubic B-spline weights over the 64 voxels around the sample, which smooths the
+//! staircase boundaries of coarse segmentations; with `boundary = "vote"` that of the trilinear weights of the eight voxels,
+//! with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are background
+//! (label index 0). With `beyond = "continue"` the body is continued where a face of the volume cuts it: labels are mirrored at
+//! the face, once.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -20,11 +20,11 @@ use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// How labels are read.
+/// Sampling of labels.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Slice {
-    /// What decides the label near a boundary.
+    /// Rule for the label near a boundary.
     pub boundary: Boundary,
     /// Continuation of the body beyond the faces of the volume that cut it.
     pub beyond: Beyond,
@@ -34,27 +34,27 @@ pub struct Slice {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Beyond {
-    /// Nothing: sound passes without echo or loss.
+    /// Void: sound passes without echo or loss.
     #[default]
     Void,
-    /// The labels within, mirrored at the face.
+    /// The labels inside, mirrored at the face.
     Continue,
 }
 
-/// What decides the label of a sample near a boundary.
+/// Rule for the label of a sample near a boundary.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Boundary {
     /// The nearest voxel.
     Nearest,
-    /// The largest share of the trilinear weights of the eight voxels around; ties go to the lowest label index.
+    /// The largest sum of the trilinear weights of the eight voxels around; ties go to the lowest label index.
     Vote,
-    /// The same by the weights of cubic B-splines on the 64 voxels around, for labels of the eight.
+    /// The largest sum of cubic B-spline weights of the 64 voxels around, among the labels of the eight.
     #[default]
     Smooth,
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "slice",
     wanted,
@@ -179,15 +179,15 @@ impl<T: Real> Kernel for Scanline<'_, T> {
 #[derive(Default)]
 pub struct Cell {
     base: Option<[i32; 3]>,
-    /// The eight around it; bits 0, 1, 2 of their number step along x, y, z.
+    /// Labels of the eight voxels around it; bits 0, 1, 2 of their number step along x, y, z.
     labels: [u8; 8],
-    /// The rows along x of the 64 around it, if they were read.
+    /// Rows along x of the 64 voxels around it, if they were read.
     around: [[u8; 4]; 16],
     is_wide: bool,
 }
 
-/// Distance from a face of the volume within which a mirrored place is kept, voxels: 10,000 voxels are told apart from it in single
-/// precision.
+/// Distance from a face of the volume within which a mirrored position is kept, voxels: in single precision, 10,000 voxels can
+/// still be distinguished from it.
 pub const WITHIN: f64 = 1e-3;
 
 /// Reads labels at world positions.
@@ -200,7 +200,7 @@ pub struct LabelReader<'a, T> {
 }
 
 impl<'a, T: Real> LabelReader<'a, T> {
-    /// A reader of the scene's volume.
+    /// Creates a reader of the scene's volume.
     pub fn new(tables: &'a Tables) -> Self {
         Self {
             voxels: tables.volume.voxels(),
@@ -223,8 +223,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
             .map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
     }
 
-    /// Label index at a world position; 0 outside the volume, or outside the body that goes on beyond it. `cell` has the voxels around the position
-    /// before.
+    /// Label index at a world position; 0 outside the volume and outside the body continued beyond it. `cell` caches the voxels around the previous
+    /// position.
     #[inline(always)]
     pub fn at(&self, position: [T; 3], cell: &mut Cell) -> u8 {
         let half = T::of(0.5);
@@ -237,8 +237,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         }
     }
 
-    /// The place in the volume that stands for a place (voxels, from the corner of the first), and the axes along which it is mirrored;
-    /// none where nothing is known.
+    /// Position in the volume that corresponds to `shifted` (voxels, from the corner of the first), and the axes along which it is
+    /// mirrored; `None` if there is none.
     #[inline(always)]
     pub fn within(&self, mut shifted: [T; 3]) -> Option<([T; 3], [bool; 3])> {
         let mut mirrored = [false; 3];
@@ -259,7 +259,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
             if shifted[axis] < T::zero() {
                 shifted[axis] = -shifted[axis];
             } else if shifted[axis] >= size {
-                // A hair below the face for what lies on it.
+                // Slightly below the face for points on it.
                 shifted[axis] = (size + size - shifted[axis]).min(size - T::of(WITHIN));
             }
         }
@@ -288,7 +288,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
             }
             (cell.base, cell.is_wide) = (Some(base), false);
         }
-        // The eight hold more than half of the B-spline's weights, wherever the sample is among them.
+        // The eight hold more than half of the B-spline's weights, wherever the sample lies among them.
         if cell.labels == [cell.labels[0]; 8] {
             return cell.labels[0];
         }
@@ -299,7 +299,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
         }
     }
 
-    /// Of the labels of a cell, the one with the largest sum of B-spline weights.
+    /// Label of a cell with the largest sum of B-spline weights.
     #[inline(always)]
     fn smooth(&self, base: [i32; 3], cell: &mut Cell, fraction: [T; 3]) -> u8 {
         if !cell.is_wide {
@@ -341,7 +341,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
         best
     }
 
-    /// Offsets of every `stride`-th voxel along an axis from `first` on, each moved to the nearest voxel of the volume.
+    /// Offsets of every `stride`-th voxel along an axis from `first` on, each clamped to the volume.
     #[inline(always)]
     pub fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
         let pitch: usize = self.size[..axis].iter().product();
@@ -349,7 +349,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
         std::array::from_fn(|at| ((first + at as i32 * stride).max(0) as usize).min(last) * pitch)
     }
 
-    /// Labels at offsets along the first axis, beside the sum of those along the others.
+    /// Labels at offsets along the first axis, given the sum of the offsets along the others.
     #[inline(always)]
     pub fn row<const N: usize>(&self, columns: &[usize; N], offset: usize) -> [u8; N] {
         let mut row = [0; N];
@@ -364,7 +364,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
     }
 }
 
-/// The label with the largest sum of trilinear weights; corner bits 0, 1, 2 step along x, y, z.
+/// Label with the largest sum of trilinear weights; corner bits 0, 1, 2 step along x, y, z.
 #[inline(always)]
 pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
     let weight = |corner: usize, axis: usize| {
@@ -391,7 +391,7 @@ pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
 }
 
 /// Weights of the cubic B-spline on the four points around a fraction of a step, times 6: without thirds, samples on faces of voxels
-/// have exact shares in any precision.
+/// have exact sums in any precision.
 #[inline(always)]
 pub fn spline<T: Real>(t: T) -> [T; 4] {
     let [one, three] = [1.0, 3.0].map(T::of);

@@ -1,12 +1,12 @@
 //! Speckle: fully developed, anchored in the tissue.
 //!
-//! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, from the local origin on
-//! ([`crate::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample interpolates the eight around its reference position, weighted by its echo
-//! amplitude; the point spread of the probe then acts in the beam frame as a separable convolution: across the plane
-//! (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The
-//! envelope is the modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over
-//! standard deviation 1.91; Wagner et al., IEEE Trans. Sonics Ultrason. 30(3), 1983), and since the lattice lies in the
-//! reference state the pattern moves with the tissue. It is the speckle model that Zhu et al. 2007 stand in for by noise.
+//! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, starting at the local origin
+//! ([`crate::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample interpolates the eight around its
+//! reference position, weighted by its echo amplitude; the point spread of the probe is then applied in the beam frame as a separable convolution:
+//! across the plane (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The envelope is the
+//! modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over standard deviation 1.91; Wagner et al., IEEE
+//! Trans. Sonics Ultrason. 30(3), 1983), and since the lattice lies in the reference state the pattern moves with the tissue. Zhu et al. 2007
+//! approximate this speckle model by noise.
 //!
 //! Kernels are scaled so that the mean power of an echo is the square of its amplitude.
 
@@ -21,7 +21,6 @@ use glam::Vec4;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use power::lattice_correlation;
 pub use scatter::scatterers;
 use scatter::{add_specular, scatter};
 use spread::{axial, lateral};
@@ -32,23 +31,23 @@ use super::{Effect, OutOfRange, Verdict, needle, within};
 use crate::random::seed_words;
 use crate::synth::tables::Tables;
 
-/// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity: what
-/// one measures on a frame. What is not stated follows the probe ([`super::point_spread`]).
+/// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as
+/// measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Speckle {
-    /// Along the beam, mm (0.05 to 10); none is 2.8 mm over the frequency in MHz.
+    /// Axial length, mm (0.05 to 10). Default: 2.8 mm over the frequency in MHz.
     pub axial_mm: Option<f64>,
-    /// Across scanlines at the focus, mm (0.05 to 20); none is 5.25 mm over the frequency in MHz, and for phased probes no less than
-    /// an aperture of 20 mm diffracts.
+    /// Lateral length at the focus, mm (0.05 to 20). Default: 5.25 mm over the frequency in MHz, and for phased probes at least the
+    /// diffraction limit of an aperture of 20 mm.
     pub lateral_mm: Option<f64>,
-    /// Out of the plane, mm (0.05 to 20); none is 6.3 mm over the frequency in MHz. More than 4 times the shortest of the three
-    /// lengths comes out as 4 times.
+    /// Elevational length, mm (0.05 to 20). Default: 6.3 mm over the frequency in MHz. Limited to 4 times the shortest of the
+    /// three lengths.
     pub elevational_mm: Option<f64>,
-    /// Depth of the lateral focus, mm (0 to 1000); none is half the imaging depth.
+    /// Depth of the lateral focus, mm (0 to 1000). Default: half the imaging depth.
     pub focus_mm: Option<f64>,
     /// Distance from the focus at which the lateral length has grown by sqrt 2, mm (1 to 10000): the Rayleigh length of a
-    /// Gaussian beam; none is 175 mm over the frequency in MHz.
+    /// Gaussian beam. Default: 175 mm over the frequency in MHz.
     pub focal_zone_mm: Option<f64>,
 }
 
@@ -64,7 +63,7 @@ impl Speckle {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "speckle",
     wanted,
@@ -82,14 +81,14 @@ const SHADER: &str = concat!(
     include_str!("../../shaders/speckle.wgsl")
 );
 
-/// Whether surfaces or needles echo.
+/// Whether the scene has echoes of surfaces or needles.
 fn has_specular(tables: &Tables) -> bool {
     tables.settings.effects.interface.is_some() || needle::present(tables)
 }
 
 const SCATTER: Pass = scatter_pass("scatter_pass", &[(Position, Read), (Amplitude, Read), (Scatter, Write)]);
 
-/// Where a mesh deforms the tissue, the sub-planes bend with it.
+/// Scatter pass for a deforming mesh, whose sub-planes bend with the tissue.
 const WARPED_SCATTER: Pass = scatter_pass(
     "warped_scatter_pass",
     &[
@@ -115,7 +114,7 @@ const fn scatter_pass(entry: &'static str, bindings: &'static [(Resource, Access
     }
 }
 
-/// Echoes of surfaces and needles join those of the scatterers.
+/// Adds the echoes of surfaces and needles to those of the scatterers.
 const SPECULAR: Pass = Pass {
     name: "speckle_specular",
     shader: SHADER,
@@ -188,19 +187,19 @@ pub struct Params {
     pub lines: u32,
     /// Samples along a scanline.
     pub samples: u32,
-    /// Fine scanlines to each scanline.
+    /// Number of fine scanlines per scanline.
     pub oversampling: u32,
-    /// Sub-planes.
+    /// Number of sub-planes.
     pub plane_count: u32,
     /// Distance between sub-planes, mm.
     pub plane_mm: f32,
     /// Lattice points per mm.
     pub per_mm: f32,
-    /// Samples on each side of the axial kernel.
+    /// Reach of the axial kernel on each side, samples.
     pub axial_reach: u32,
-    /// Fine scanlines on each side of the lateral kernel.
+    /// Reach of the lateral kernel on each side, fine scanlines.
     pub lateral_reach: u32,
-    /// Where the world-to-reference maps of the deformed elements begin, in vec4.
+    /// Offset of the world-to-reference maps of the deformed elements, in vec4.
     pub carries_at: u32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,
@@ -230,5 +229,5 @@ fn params(view: &View, _: Band) -> ParamBlock {
     })
 }
 
-/// Samples worked on together, so that the inner loops run in vector registers.
+/// Number of samples processed together, so that the inner loops run in vector registers.
 const BLOCK: usize = 64;

@@ -1,7 +1,8 @@
-//! Texture: the echo amplitude of a tissue's solid texture (Zhu et al. 2007, section 2.1), trilinear and without seams.
+//! Texture: echo amplitude of a tissue's solid texture (Zhu et al. 2007, section 2.1), by trilinear interpolation.
 //!
-//! Texture coordinates are the reference position turned and scaled as the tissue says, so that textures move with the
-//! tissue; like all places that passes see they count from the local origin ([`crate::synth::local_origin`]). A texture multiplies the tissue's mean echo; its own mean square is 1.
+//! Texture coordinates are the reference position, rotated and scaled for the tissue, so that textures move with the tissue; like all positions in
+//! passes they are relative to the local origin ([`crate::synth::local_origin`]). A texture multiplies the tissue's mean echo; its own mean square is
+//! 1.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -23,7 +24,7 @@ use crate::volume::texture::{Atlas, AtlasFull, Placement, SolidTexture};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Texture {
-    /// How much of each texture's departure from its mean is applied (0 to 2; 1 as made).
+    /// Scale of each texture's deviation from its mean (0 to 2; 1 leaves it unchanged).
     pub strength: f64,
 }
 
@@ -40,7 +41,7 @@ impl Texture {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "texture",
     wanted,
@@ -95,7 +96,7 @@ pub struct Params {
     pub lines: u32,
     /// Samples along a scanline.
     pub samples: u32,
-    /// How much of each texture's departure from its mean is applied.
+    /// Scale of each texture's deviation from its mean.
     pub strength: f32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,
@@ -149,8 +150,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// The solid textures that the labels of an anatomy name, in the order of their first use; none without the effect or
-/// without textures. Those of the anatomy override those of the bank.
+/// Packs the solid textures named by the tissues of an anatomy's labels, in the order of their first use; `None`
+/// without the effect or without textures. Textures of the anatomy override those of the bank.
 pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, AtlasFull> {
     if settings.effects.texture.is_none() {
         return Ok(None);
@@ -178,7 +179,7 @@ pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, At
     Atlas::pack(&pairs).map(Some)
 }
 
-/// One more than the atlas entry of a label's tissue; 0 for none.
+/// Atlas entry of a label's tissue plus one; 0 for none.
 pub fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
     let tissue = anatomy.tissues.of(label);
     placed(anatomy)
@@ -187,7 +188,7 @@ pub fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
         .map_or(0, |at| at as u32 + 1)
 }
 
-/// Tissues of the volume's labels that have a texture to be found, each once.
+/// Tissues of the volume's labels with an available texture, each once.
 fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
     let mut tissues: Vec<&Tissue> = Vec::new();
     for label in 0..anatomy.volume.labels().len() {

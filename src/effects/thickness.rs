@@ -1,7 +1,7 @@
-//! Thickness: the beam has an elevational width, so an echo is averaged over parallel sub-planes.
+//! Thickness: averaging of echoes over parallel sub-planes, for the elevational width of the beam.
 //!
-//! The scatterers of different sub-planes are incoherent: what is averaged, with the weights of a Gaussian beam profile,
-//! is power. Labels, shadows and speckle stay those of the central plane.
+//! The scatterers of different sub-planes are incoherent: power is averaged, with the weights of a Gaussian beam
+//! profile. Labels, shadows and speckle are those of the central plane.
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
@@ -22,7 +22,7 @@ use crate::synth::tables::Tables;
 pub struct Thickness {
     /// Full width at half maximum of the beam's elevational power profile, mm (0.1 to 20).
     pub width_mm: f64,
-    /// Sub-planes, odd (3 to 9).
+    /// Number of sub-planes, odd (3 to 9).
     pub planes: u32,
 }
 
@@ -50,12 +50,13 @@ impl Thickness {
         })
     }
 
-    /// Distance between sub-planes, mm: together they span two widths, where the profile has fallen to 1/16.
+    /// Distance between sub-planes, mm: together they span two widths, at whose ends the profile has fallen to
+    /// 1/16.
     pub fn plane_mm(&self) -> f64 {
         2.0 * self.width_mm / f64::from(self.planes - 1)
     }
 
-    /// Weights of the sub-planes' power, in the order of [`plane_step`]; they sum to 1.
+    /// Power weights of the sub-planes, in the order of [`plane_step`]; they sum to 1.
     pub fn weights(&self) -> impl Iterator<Item = f64> + use<> {
         let (plane_mm, width_mm) = (self.plane_mm(), self.width_mm);
         let planes = 0..self.planes as usize;
@@ -68,10 +69,10 @@ impl Thickness {
     }
 }
 
-/// Most sub-planes that the parameter block holds.
+/// Maximum number of sub-planes in the parameter block.
 const MAX_PLANES: usize = 9;
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "thickness",
     wanted,
@@ -110,7 +111,7 @@ pub struct Params {
     pub count: u32,
     /// Sub-planes.
     pub planes: u32,
-    /// Invocations along x, to unfold the dispatch.
+    /// Number of invocations along x, to linearise the dispatch.
     pub stride: u32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,

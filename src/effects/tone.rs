@@ -1,8 +1,8 @@
 //! Tone: gain, time-gain compensation and log compression to grey levels.
 //!
-//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] of the grey scale, and the
-//! dynamic range spans the scale. Automatic gain (`auto_gain`) evens out the level of tissue over depth, and an S-shaped curve darkens
-//! the lower half of the scale and brightens the upper one. Without a tone the grey level is 255 times the amplitude.
+//! An echo of amplitude 1 (the mean power of normal liver) at gain 0 is shown at [`MID_GREY`] of the grey scale, and the dynamic range
+//! spans the scale. Automatic gain (`auto_gain`) equalises the level of tissue over depth, and an S-shaped curve darkens the lower
+//! half of the scale and brightens the upper one. Without a tone the grey level is 255 times the amplitude.
 
 pub mod auto_gain;
 
@@ -23,46 +23,48 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use auto_gain::{AutoGain, BANDS};
 
-/// Share of the grey scale at which an echo of 0 dB is shown: the phantom frames among real B-mode data have their mean
-/// grey level at 91 to 150 of 255.
+/// Grey level of an echo of 0 dB, as a fraction of the scale: phantom frames among real B-mode data have a mean grey
+/// level of 91 to 150 of 255.
 pub const MID_GREY: f64 = 0.42;
 
-/// Share of the grey scale that noise may reach by the compensation a scene does not state.
+/// Largest grey level of noise under the default compensation, as a fraction of the scale.
 pub const NOISE_GREY: f64 = 0.1;
 
-/// How far the S-shaped curve goes from a straight line towards the cubic 3 g^2 - 2 g^3, share: it departs from the line by 0.06 of the scale at
-/// most. In-vivo frames have a median grey of 18 to 24 and a skewness of 1.0 to 2.2; on a straight line those made here had 40 to 100 and 0.
+/// Blend of the S-shaped curve from a straight line (0) to the cubic 3 g^2 - 2 g^3 (1): it deviates from the line by at most 0.06 of the scale.
+/// In-vivo frames have a median grey of 18 to 24 and a skewness of 1.0 to 2.2; with a straight line synthetic frames had 40 to 100 and 0.
 const S_BEND: f64 = 0.6;
 
-/// From share of the dynamic range to share of the grey scale.
+/// Curve from fraction of the dynamic range to fraction of the grey scale.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Curve {
     /// A straight line.
     Linear,
-    /// Dark greys darker, bright ones brighter.
+    /// An S: dark greys are darkened, bright ones brightened.
     #[default]
     S,
 }
 
-/// From echo amplitude to grey level.
+/// Mapping from echo amplitude to grey level.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Tone {
     /// Overall gain, dB (-60 to 60).
     pub gain_db: f64,
-    /// Time-gain compensation, dB per cm of depth (-20 to 20); none matches the attenuation of average soft tissue when
-    /// the scene simulates attenuation, down to where the receiver's noise would show.
+    /// Time-gain compensation, dB per cm of depth (-20 to 20); without it, compensation matches the attenuation of
+    /// average soft tissue if the scene simulates attenuation, down to where the receiver's noise would show.
     pub tgc_db_cm: Option<f64>,
-    /// Further time-gain compensation: points `[depth_mm, dB]` in rising depth, linear between, flat outside.
+    /// Further time-gain compensation: points `[depth_mm, dB]` in ascending depth, linear between, constant
+    /// outside.
     pub tgc_points: Vec<[f64; 2]>,
-    /// Share of the departure of tissue from its usual level that automatic gain takes out at each depth, frame by frame (0 to 1).
+    /// Fraction of the deviation of tissue from its usual level that automatic gain removes at each depth, frame by frame (0 to
+    /// 1).
     pub auto_gain: f64,
-    /// Dynamic range shown, dB (10 to 120).
+    /// Displayed dynamic range, dB (10 to 120).
     pub dynamic_range_db: f64,
     /// Shape of the grey map.
     pub curve: Curve,
-    /// Exponent of the grey map after that (0.2 to 5); below 1 it lifts the dark greys.
+    /// Exponent of the grey map after the curve (0.2 to 5); below 1 it lifts the dark greys.
     pub gamma: f64,
 }
 
@@ -85,10 +87,10 @@ impl Default for Tone {
 pub const SOFT_TISSUE_DB_CM_MHZ: f64 = 0.5;
 
 impl Tone {
-    /// Decibels of a factor of two in amplitude.
+    /// Decibels per factor of two in amplitude.
     pub const DB_PER_OCTAVE: f64 = 20.0 * std::f64::consts::LOG10_2;
 
-    /// Log compression by itself: no automatic gain, decibels become grey levels in a straight line.
+    /// Plain log compression: no automatic gain, grey levels linear in decibels.
     pub fn linear() -> Self {
         Self {
             auto_gain: 0.0,
@@ -97,7 +99,7 @@ impl Tone {
         }
     }
 
-    /// Share of the grey scale at which a share of the dynamic range is shown.
+    /// Fraction of the grey scale at a fraction of the dynamic range.
     pub fn shown(&self, share: f64) -> f64 {
         GreyMap::new(Some(self)).bent(share.clamp(0.0, 1.0)).powf(self.gamma)
     }
@@ -123,8 +125,8 @@ impl Tone {
         Ok(())
     }
 
-    /// Gain at a depth, dB. `attenuation_db_cm` is what the compensation matches where none is given; it then ends where noise of
-    /// `noise_db` would be shown at [`NOISE_GREY`].
+    /// Gain at a depth, dB. `attenuation_db_cm` is the attenuation that the default compensation matches; it then ends where
+    /// noise of `noise_db` would be shown at [`NOISE_GREY`].
     pub fn gain_at_db(&self, depth_mm: f64, attenuation_db_cm: f64, noise_db: Option<f64>) -> f64 {
         let compensation = self.tgc_db_cm.map_or_else(
             || {
@@ -137,7 +139,7 @@ impl Tone {
         self.gain_db + compensation + self.curve_db(depth_mm)
     }
 
-    /// How far the curve is bent into an S, 0 to 1.
+    /// Blend of the S-shaped curve, 0 to 1.
     pub(crate) fn bend(&self) -> f64 {
         match self.curve {
             Curve::Linear => 0.0,
@@ -159,7 +161,7 @@ impl Tone {
     }
 }
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "tone",
     wanted,
@@ -236,19 +238,19 @@ pub struct Params {
     pub lines: u32,
     /// 1 to compress, 0 to show the amplitude linearly.
     pub compress: u32,
-    /// Share of the grey scale per factor of two of amplitude.
+    /// Fraction of the grey scale per factor of two of amplitude.
     pub per_octave: f32,
-    /// Share of the grey scale at amplitude 1.
+    /// Fraction of the grey scale at amplitude 1.
     pub middle: f32,
-    /// How far the curve is bent into an S.
+    /// Blend of the S-shaped curve, 0 to 1.
     pub bend: f32,
     /// Exponent of the grey map.
     pub gamma: f32,
-    /// [`AutoGain::scale`].
+    /// Amplitude factor, [`AutoGain::scale`].
     pub scale: f32,
-    /// [`AutoGain::share`].
+    /// Corrected fraction of the deviation, [`AutoGain::share`].
     pub share: f32,
-    /// [`AutoGain::ceiling`].
+    /// Maximum gain, [`AutoGain::ceiling`].
     pub ceiling: f32,
     /// Padding to a multiple of 16 bytes.
     pub unused: [u32; 2],
@@ -274,14 +276,14 @@ impl<T: Real> GreyMap<T> {
         }
     }
 
-    /// Grey level of an amplitude after gain, lifted by some octaves.
+    /// Grey level of an amplitude after gain and a further gain in octaves.
     #[inline(always)]
     fn grey(&self, amplitude: T, octaves: T, power: impl Fn(T) -> T) -> T {
         let full = T::of(255.0);
         if !self.compress {
             return (amplitude * full).max(T::zero()).min(full);
         }
-        // Below the smallest amplitude worth a logarithm everything is black.
+        // Below the smallest amplitude that is compressed everything is black.
         let share = self.middle + self.per_octave * (amplitude.max(T::of(SMALLEST)).log2() + octaves);
         full * power(self.bent(share.max(T::zero()).min(T::one())))
     }
@@ -293,7 +295,7 @@ impl<T: Real> GreyMap<T> {
         share - self.bend * (share * (one - share) * (one - (share + share)))
     }
 
-    /// Shows a scanline.
+    /// Converts a scanline to grey levels.
     #[inline(always)]
     fn show(&self, amplitudes: &mut [T], gain: &[T], automatic: &[T], power: impl Fn(T) -> T) {
         for (sample, (amplitude, &gain)) in amplitudes.iter_mut().zip(gain).enumerate() {
@@ -333,7 +335,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let gain = tables.gain.of::<T>();
     let automatic = &store.auto_gain;
     let scanlines = store.amplitude[..tables.lines() * samples].par_chunks_mut(samples);
-    // Two loops: in one the power is taken of every sample, wanted or not.
+    // Two loops: a single one would compute the power for every sample, needed or not.
     if map.gamma == T::one() {
         scanlines.for_each(|line| map.show(line, gain, automatic, |share| share));
     } else {
@@ -363,7 +365,7 @@ mod tests {
         assert_eq!(GreyMap::<f64>::new(None).grey(0.5, 0.0, |share| share), 127.5);
     }
 
-    /// As much darker below the middle as brighter above; an octave of gain is an octave of amplitude.
+    /// Point symmetry of the curve about the middle; an octave of gain is an octave of amplitude.
     #[test]
     fn the_s_is_odd_about_the_middle_and_gain_moves_along_it() {
         let tone = Tone::default();

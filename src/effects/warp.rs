@@ -1,7 +1,7 @@
-//! Warp: from where a sample is now to where its tissue was in the reference state (Zhu et al. 2007, section 2.2).
+//! Warp: mapping of current sample positions to the reference state of the tissue (Zhu et al. 2007, section 2.2).
 //!
-//! Every later look-up, of labels, textures and scatterers, happens in the reference state. See
-//! [`crate::mechanics::mesh::map`] for the point location and what happens outside the mesh.
+//! All later look-ups, of labels, textures and scatterers, use the reference state. See
+//! [`crate::mechanics::mesh::map`] for the point location and the treatment of points outside the mesh.
 
 use bytemuck::Zeroable;
 
@@ -13,7 +13,7 @@ use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Registration.
+/// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "warp",
     wanted,

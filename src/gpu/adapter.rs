@@ -1,4 +1,4 @@
-//! Which GPU adapters the machine has, and which one a user means.
+//! Enumeration and selection of GPU adapters.
 
 use std::borrow::Cow;
 use std::ffi::{OsStr, OsString};
@@ -7,47 +7,47 @@ use serde::Serialize;
 
 use super::GpuError;
 
-/// Environment variable that names an adapter where no flag does.
+/// Environment variable that names an adapter if no flag does.
 pub const ADAPTER_VARIABLE: &str = "INSONIFY_ADAPTER";
 
-/// Sentence about an adapter that is not used unless it is named.
+/// Sentence about a software adapter, which is used only if it is named.
 pub const SOFTWARE: &str = "software on the CPU, which is faster by itself, and used only where `--adapter` names it";
 
-/// What an adapter is and can do.
+/// Properties and capabilities of an adapter.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AdapterReport {
-    /// Name that the driver gives it.
+    /// Name given by the driver.
     pub name: String,
-    /// Graphics interface through which it is reached: `vulkan`, `metal` or `dx12`.
+    /// Graphics API: `vulkan`, `metal` or `dx12`.
     pub backend: String,
-    /// `discrete`, `integrated`, `virtual`, `cpu` or `other`.
+    /// Device type: `discrete`, `integrated`, `virtual`, `cpu` or `other`.
     pub device_type: &'static str,
     /// Name of the driver.
     pub driver: String,
     /// Version and build of the driver.
     pub driver_info: String,
-    /// Whether it is software on the CPU: right for checking, not for speed.
+    /// Whether it is a software implementation on the CPU: suitable for checking, not for speed.
     pub software: bool,
     /// Whether it can time passes on the GPU.
     pub timestamps: bool,
-    /// The most that a device opened on it can be given.
+    /// Maximum limits of a device opened on it.
     pub limits: AdapterLimits,
 }
 
-/// The limits of an adapter that decide which scenes fit.
+/// Limits of an adapter that determine which scenes fit.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct AdapterLimits {
     /// Largest storage buffer that a pass can bind, bytes.
     pub max_storage_buffer_binding_size: u64,
     /// Largest buffer, bytes.
     pub max_buffer_size: u64,
-    /// Storage buffers that one pass can bind.
+    /// Maximum number of storage buffers that one pass can bind.
     pub max_storage_buffers_per_shader_stage: u32,
-    /// Invocations in one workgroup.
+    /// Maximum number of invocations in one workgroup.
     pub max_compute_invocations_per_workgroup: u32,
-    /// Shared memory of one workgroup, bytes.
+    /// Maximum shared memory of one workgroup, bytes.
     pub max_compute_workgroup_storage_size: u32,
-    /// Workgroups along one dimension of a dispatch.
+    /// Maximum number of workgroups along one dimension of a dispatch.
     pub max_compute_workgroups_per_dimension: u32,
     /// Largest width or height of a texture, pixels.
     pub max_texture_dimension_2d: u32,
@@ -82,17 +82,17 @@ impl AdapterReport {
     }
 }
 
-/// Which adapter to open; by default the first of [`list`].
+/// Adapter to open; by default the first of [`list`].
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct AdapterChoice {
-    /// Part of `name (backend)`, in any case, or `None` for the best adapter.
+    /// Part of `name (backend)`, case-insensitive, or `None` for the best adapter.
     pub name: Option<String>,
     /// Origin of the name for errors, in brackets; empty for a flag.
     origin: &'static str,
 }
 
 impl AdapterChoice {
-    /// The adapter of a name.
+    /// Selects an adapter by name.
     pub fn named(name: String) -> Self {
         Self {
             name: Some(name),
@@ -100,7 +100,7 @@ impl AdapterChoice {
         }
     }
 
-    /// The adapter that a command-line flag names, else the one that [`ADAPTER_VARIABLE`] names, else the best.
+    /// Selects the adapter named by a command-line flag, else by [`ADAPTER_VARIABLE`], else the best.
     pub fn from_flag(flag: Option<&str>) -> Self {
         let variable = || std::env::var_os(ADAPTER_VARIABLE);
         let choice = flag.map_or_else(|| Self::of_variable(variable()), |name| Self::named(name.to_owned()));
@@ -122,7 +122,8 @@ impl AdapterChoice {
     }
 }
 
-/// The adapters of this machine, each once: discrete first, then integrated, virtual and software ones.
+/// Lists the adapters of this machine without duplicates: discrete first, then integrated, virtual and software
+/// ones.
 pub fn list() -> Vec<AdapterReport> {
     adapters()
         .iter()
@@ -130,7 +131,17 @@ pub fn list() -> Vec<AdapterReport> {
         .collect()
 }
 
-/// The first adapter of [`list`]'s order whose `name (backend)` contains the name chosen in any case, or the very first.
+/// Adapter that `auto` selects from `adapters`, best first, or the reason to use the CPU.
+pub fn hardware(adapters: &[AdapterReport]) -> Result<&AdapterReport, String> {
+    match adapters.first() {
+        Some(best) if best.software => Err(format!("{} is {SOFTWARE}", best.name)),
+        Some(best) => Ok(best),
+        None => Err("no GPU adapter was found".to_owned()),
+    }
+}
+
+/// Returns the first adapter in the order of [`list`] whose `name (backend)` contains the chosen name, case-insensitive,
+/// or the first one if no name was chosen.
 pub fn pick(choice: &AdapterChoice) -> Result<wgpu::Adapter, GpuError> {
     let mut adapters = adapters();
     let titles: Vec<String> = adapters.iter().map(|adapter| title(&adapter.get_info())).collect();
@@ -164,7 +175,7 @@ fn adapters() -> Vec<wgpu::Adapter> {
     in_order(found, wgpu::Adapter::get_info)
 }
 
-/// Without the doubles that a driver registered twice makes, best first, ties in the order found.
+/// Sorts adapters best first, ties in the order found, without duplicates from a driver registered twice.
 fn in_order<A>(found: Vec<A>, info: impl Fn(&A) -> wgpu::AdapterInfo) -> Vec<A> {
     let mut seen = std::collections::HashSet::new();
     let mut kept: Vec<(u8, A)> = found

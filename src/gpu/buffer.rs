@@ -12,7 +12,7 @@ pub struct StorageBuffer {
 }
 
 impl StorageBuffer {
-    /// A buffer of at least `bytes` zeros; sizes are rounded up to whole 32-bit words, none is empty.
+    /// Creates a buffer of at least `bytes` zeros; sizes are rounded up to complete 32-bit words, at least one.
     pub fn zeroed(gpu: &Gpu, label: &str, bytes: u64) -> Result<Self, GpuError> {
         gpu.check_storage(&format!("buffer '{label}'"), bytes)?;
         let size = whole_words(bytes.max(1));
@@ -31,15 +31,15 @@ impl StorageBuffer {
         })
     }
 
-    /// A buffer that holds `data`.
+    /// Creates a buffer that contains `data`.
     pub fn upload<T: NoUninit>(gpu: &Gpu, label: &str, data: &[T]) -> Result<Self, GpuError> {
         let buffer = Self::zeroed(gpu, label, size_of_val(data) as u64)?;
         buffer.write(gpu, 0, data)?;
         Ok(buffer)
     }
 
-    /// Overwrites from `byte_offset`, a multiple of 4, before the next submission. Bytes up to the next whole word
-    /// after `data` become zero.
+    /// Overwrites from `byte_offset`, a multiple of 4, before the next submission. Bytes up to the next word
+    /// boundary after `data` become zero.
     pub fn write<T: NoUninit>(&self, gpu: &Gpu, byte_offset: u64, data: &[T]) -> Result<(), GpuError> {
         let bytes: &[u8] = bytemuck::cast_slice(data);
         if bytes.is_empty() {
@@ -61,17 +61,17 @@ impl StorageBuffer {
         })
     }
 
-    /// The name it was made with.
+    /// Label of the buffer.
     pub fn label(&self) -> &str {
         &self.label
     }
 
-    /// Size in bytes, a multiple of 4.
+    /// Size, bytes, a multiple of 4.
     pub fn bytes(&self) -> u64 {
         self.buffer.size()
     }
 
-    /// The buffer itself.
+    /// Underlying wgpu buffer.
     pub fn raw(&self) -> &wgpu::Buffer {
         &self.buffer
     }
@@ -90,7 +90,7 @@ impl StorageBuffer {
     }
 }
 
-/// Copies and writes move whole 32-bit words.
+/// Granularity of copies and writes: 32-bit words.
 const WORD: u64 = wgpu::COPY_BUFFER_ALIGNMENT;
 
 pub(super) fn whole_words(bytes: u64) -> u64 {

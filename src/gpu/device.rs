@@ -1,4 +1,4 @@
-//! An opened device whose errors are values, never panics.
+//! GPU device whose errors are returned as values, never as panics.
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -8,23 +8,23 @@ use super::adapter::{self, AdapterChoice, AdapterReport};
 use super::error::check_limit;
 use super::{Faults, GpuError, Recorder};
 
-/// How long the CPU waits for the GPU unless told otherwise: Windows gives a GPU 2 s before it resets it, software
-/// Vulkan on a busy machine needs more.
+/// Default time limit for waiting on the GPU: Windows resets a GPU after 2 s, software Vulkan on a busy machine
+/// needs more.
 const PATIENCE: Duration = Duration::from_secs(60);
 
-/// What a device must offer beyond wgpu's default limits; zero asks for the default.
+/// Device requirements beyond wgpu's default limits; zero means the default.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Needs {
     /// Largest storage buffer that a pass binds, bytes (default limit 128 MiB).
     pub storage_binding_bytes: u64,
     /// Largest buffer, bytes (default limit 256 MiB).
     pub buffer_bytes: u64,
-    /// Storage buffers that one pass binds (default limit 8).
+    /// Number of storage buffers that one pass binds (default limit 8).
     pub storage_buffers_per_stage: u32,
 }
 
 impl Needs {
-    /// wgpu's default limits, raised where needed, or the first limit that `available` cannot meet.
+    /// Returns wgpu's default limits, raised where needed, or the first limit that `available` cannot meet.
     fn limits(&self, what: &str, available: &wgpu::Limits) -> Result<wgpu::Limits, GpuError> {
         let mut limits = wgpu::Limits::default();
         limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.max(self.storage_binding_bytes);
@@ -48,7 +48,7 @@ impl Needs {
     }
 }
 
-/// A device, its queue, and the errors that it has met. Clones share the device.
+/// A device, its queue, and its pending errors. Clones share the device.
 #[derive(Debug, Clone)]
 pub struct Gpu {
     report: AdapterReport,
@@ -60,7 +60,7 @@ pub struct Gpu {
 }
 
 impl Gpu {
-    /// Opens a device on the chosen adapter, with wgpu's default limits raised only where `needs` goes beyond them.
+    /// Opens a device on the chosen adapter, with wgpu's default limits raised only where `needs` exceeds them.
     pub fn open(choice: &AdapterChoice, needs: &Needs) -> Result<Self, GpuError> {
         let adapter = adapter::pick(choice)?;
         let report = AdapterReport::new(&adapter.get_info(), &adapter.limits(), adapter.features());
@@ -95,10 +95,10 @@ impl Gpu {
         })
     }
 
-    /// Works on a host's own device and queue, checked against `needs`.
+    /// Wraps a host's own device and queue, checked against `needs`.
     ///
     /// The host keeps its error handler and its device-lost callback: errors of calls made here are caught by error
-    /// scopes, and a loss shows at the next read-back. A host that wants a loss known at once passes it on from its
+    /// scopes, and a loss is detected at the next read-back. To report a loss at once, a host forwards it from its
     /// callback through [`Gpu::faults`].
     pub fn from_host(device: wgpu::Device, queue: wgpu::Queue, needs: &Needs) -> Result<Self, GpuError> {
         let limits = device.limits();
@@ -114,27 +114,27 @@ impl Gpu {
         })
     }
 
-    /// What the adapter is; of a host's device, with the limits and features that the host asked for.
+    /// Report of the adapter; for a host's device, with the limits and features that the host requested.
     pub fn report(&self) -> &AdapterReport {
         &self.report
     }
 
-    /// The limits of the opened device.
+    /// Limits of the opened device.
     pub fn limits(&self) -> &wgpu::Limits {
         &self.limits
     }
 
-    /// The device.
+    /// Underlying wgpu device.
     pub fn device(&self) -> &wgpu::Device {
         &self.device
     }
 
-    /// The queue.
+    /// Underlying wgpu queue.
     pub fn queue(&self) -> &wgpu::Queue {
         &self.queue
     }
 
-    /// Where errors that reach a handler or callback are kept.
+    /// Store of the errors that reach a handler or callback.
     pub fn faults(&self) -> &Faults {
         &self.faults
     }
@@ -144,12 +144,13 @@ impl Gpu {
         self.device.features().contains(wgpu::Features::TIMESTAMP_QUERY)
     }
 
-    /// The first error since the last check that no call returned. A lost device stays lost: each check says so.
+    /// Returns the first asynchronous error since the last check. A lost device stays lost: every check returns the
+    /// loss.
     pub fn check(&self) -> Result<(), GpuError> {
         self.faults.take()
     }
 
-    /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in them.
+    /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in these errors.
     pub(super) fn scoped<T>(&self, what: &str, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
@@ -163,7 +164,7 @@ impl Gpu {
         }
     }
 
-    /// Records commands and submits them in one go. `label` names them in errors and in graphics debuggers.
+    /// Records and submits commands. `label` names them in errors and in graphics debuggers.
     pub fn submit(
         &self,
         label: &str,
@@ -177,12 +178,12 @@ impl Gpu {
         })
     }
 
-    /// How long to wait for the GPU before a [`GpuError::Timeout`]; 60 s unless set.
+    /// Sets the time limit for waiting on the GPU before a [`GpuError::Timeout`]; 60 s by default.
     pub fn set_patience(&mut self, patience: Duration) {
         self.patience = patience;
     }
 
-    /// Waits until all that was submitted is done; `what` names it in errors.
+    /// Waits until all submitted work is complete; `what` names it in errors.
     pub fn wait(&self, what: &str) -> Result<(), GpuError> {
         let patience = self.patience;
         let wait = wgpu::PollType::Wait {
@@ -208,7 +209,7 @@ impl Gpu {
         }
     }
 
-    /// Destroys the device, for itself and for all clones, as a driver reset would: for tests of what comes after.
+    /// Destroys the device and all its clones, as a driver reset would: for tests of error handling.
     pub fn simulate_loss(&self) -> Result<(), GpuError> {
         self.device.destroy();
         match self.wait("the destruction of the device") {
@@ -217,7 +218,7 @@ impl Gpu {
         }
     }
 
-    /// An error where `bytes` fit no storage buffer of this device.
+    /// Returns an error if `bytes` exceed the storage buffer limit of this device.
     pub fn check_storage(&self, what: &str, bytes: u64) -> Result<(), GpuError> {
         let binding = self.limits.max_storage_buffer_binding_size;
         check_limit(|| what.to_owned(), "max_storage_buffer_binding_size", bytes, binding)?;

@@ -1,115 +1,115 @@
-//! What can go wrong between this crate and a GPU.
+//! Errors of the GPU layer.
 
 /// An error of the GPU layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum GpuError {
-    /// The machine offers no adapter to wgpu.
+    /// wgpu finds no adapter on the machine.
     #[error(
         "no GPU adapter was found; install a Vulkan driver of your card, or a software one \
          (Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1)"
     )]
     NoAdapter,
 
-    /// No adapter's name contains what the user asked for.
+    /// No adapter's name contains the requested name.
     #[error("no GPU adapter is named like '{wanted}'{origin}; available: {}", available.join(", "))]
     UnknownAdapter {
-        /// The name asked for.
+        /// Requested name.
         wanted: String,
-        /// Origin of that name, in brackets; empty for a flag.
+        /// Origin of the requested name, in brackets; empty for a flag.
         origin: &'static str,
-        /// The adapters there are, as `name (backend)`.
+        /// Available adapters, as `name (backend)`.
         available: Vec<String>,
     },
 
-    /// The adapter refused to open a device.
+    /// No device could be opened on the adapter.
     #[error("adapter '{adapter}' opened no device: {message}")]
     Open {
         /// Name of the adapter.
         adapter: String,
-        /// The driver's or wgpu's words.
+        /// Message of the driver or wgpu.
         message: String,
     },
 
-    /// Something needs more than the device allows.
+    /// A requirement exceeds a limit of the device.
     #[error("{what} needs {limit} of at least {needed}, this device has {available}")]
     Limit {
         /// What exceeds the limit.
         what: String,
-        /// wgpu's name of the limit.
+        /// Name of the limit in wgpu.
         limit: &'static str,
-        /// The value needed, in the unit of the limit (bytes or a count).
+        /// Required value, in the unit of the limit (bytes or a count).
         needed: u64,
-        /// The value that the device has, in the same unit.
+        /// Value of the device, in the same unit.
         available: u64,
     },
 
-    /// A pass did not compile, or does not fit its bindings.
+    /// A pass does not compile, or does not fit its bindings.
     #[error("pass '{pass}'{}: {message}", line.map(|line| format!(", line {line} of its WGSL")).unwrap_or_default())]
     Shader {
         /// Label of the pass.
         pass: String,
-        /// Line of the WGSL source, counted from 1, where known.
+        /// Line of the WGSL source, counted from 1, if known.
         line: Option<u32>,
-        /// The compiler's words.
+        /// Message of the compiler.
         message: String,
     },
 
-    /// Two counts or sizes that must agree do not.
+    /// Two counts or sizes that must be equal differ.
     #[error("{what}: expected {expected}, found {found}")]
     Mismatch {
         /// What is counted.
         what: String,
-        /// The value it must have.
+        /// Expected value.
         expected: u64,
-        /// The value it has.
+        /// Value found.
         found: u64,
     },
 
-    /// The device is gone: unplugged, reset by its driver or destroyed. Open a new one.
+    /// The device is lost: unplugged, reset by its driver or destroyed. Open a new one.
     #[error("the GPU device was lost: {reason}")]
     Lost {
-        /// The driver's words.
+        /// Message of the driver.
         reason: String,
     },
 
     /// The GPU ran out of memory.
     #[error("the GPU ran out of memory: {what}")]
     OutOfMemory {
-        /// What was being done.
+        /// Operation in progress.
         what: String,
     },
 
     /// The GPU did not finish in time.
     #[error("{what}: the GPU did not finish within {seconds} s")]
     Timeout {
-        /// What was being waited for.
+        /// Operation in progress.
         what: String,
-        /// How long, s.
+        /// Waiting time, s.
         seconds: f64,
     },
 
-    /// wgpu found a call invalid: a fault of this program, not of its input.
+    /// wgpu rejected a call as invalid: a fault of this program, not of its input.
     #[error("{what}: {message}")]
     Validation {
-        /// What was being done.
+        /// Operation in progress.
         what: String,
-        /// wgpu's words.
+        /// Message of wgpu.
         message: String,
     },
 
-    /// The driver failed for a reason of its own.
+    /// An internal error of the driver.
     #[error("{what}: the GPU driver failed: {message}")]
     Internal {
-        /// What was being done.
+        /// Operation in progress.
         what: String,
-        /// The driver's words.
+        /// Message of the driver.
         message: String,
     },
 }
 
 impl GpuError {
-    /// Whether the machine is at fault (`true`) or what the user asked for (`false`).
+    /// Whether the machine is at fault (`true`) or the user's request (`false`).
     pub fn is_machine(&self) -> bool {
         !matches!(self, Self::UnknownAdapter { .. })
     }
@@ -130,7 +130,7 @@ impl GpuError {
     }
 }
 
-/// An error where `needed` is more than `available`.
+/// Returns an error if `needed` exceeds `available`.
 pub(super) fn check_limit(
     what: impl FnOnce() -> String,
     limit: &'static str,

@@ -1,10 +1,10 @@
-//! Errors that no call returns: they reach handlers and callbacks instead.
+//! Asynchronous GPU errors, reported through handlers and callbacks.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::GpuError;
 
-/// Errors that arrive through handlers and callbacks, kept until [`Gpu::check`](super::Gpu::check) returns them. Clones share them.
+/// Errors from handlers and callbacks, stored until [`Gpu::check`](super::Gpu::check) returns them. Clones share them.
 #[derive(Debug, Clone, Default)]
 pub struct Faults(Arc<Mutex<FaultState>>);
 
@@ -15,14 +15,14 @@ struct FaultState {
 }
 
 impl Faults {
-    /// Keeps an uncaptured error, unless an earlier one still waits to be returned.
+    /// Stores an uncaptured error, unless an earlier one is still pending.
     pub fn report(&self, error: wgpu::Error) {
         self.lock()
             .first
             .get_or_insert_with(|| GpuError::from_wgpu("an uncaptured GPU error", error));
     }
 
-    /// Keeps the loss of the device for good; `message` may be empty.
+    /// Stores the loss of the device permanently; `message` may be empty.
     pub fn report_lost(&self, reason: &str, message: &str) {
         let separator = if message.is_empty() { "" } else { ": " };
         let lost = GpuError::Lost {

@@ -1,14 +1,15 @@
-//! The parameters of all passes in one storage buffer, written once a frame.
+//! Parameters of all passes in one storage buffer, written once per frame.
 //!
-//! It is no uniform buffer: where a uniform decides a branch or ends a loop, software Vulkan (lavapipe of Mesa 22.3) compiles the
-//! pass anew at every dispatch and keeps the result for as long as the device lives.
+//! A uniform buffer is avoided: if a uniform decides a branch or ends a loop, software Vulkan (lavapipe of Mesa 22.3) recompiles
+//! the pass at every dispatch and keeps the result as long as the device exists.
 
 use bytemuck::NoUninit;
 
 use super::error::check_limit;
 use super::{Gpu, GpuError};
 
-/// Bytes of one slot: the largest `min_storage_buffer_offset_alignment` that WebGPU lets a device ask for.
+/// Size of one slot, bytes: the largest `min_storage_buffer_offset_alignment` that WebGPU allows a device to
+/// require.
 pub const SLOT_BYTES: u64 = 256;
 
 /// Slots of [`SLOT_BYTES`] bytes, each the parameter block (binding 0) of one dispatch.
@@ -20,7 +21,7 @@ pub struct Parameters {
 }
 
 impl Parameters {
-    /// `slots` blocks of zeros, at least one.
+    /// Creates `slots` blocks of zeros, at least one.
     pub fn new(gpu: &Gpu, label: &str, slots: u32) -> Result<Self, GpuError> {
         let size = u64::from(slots.max(1)) * SLOT_BYTES;
         check_limit(
@@ -50,8 +51,8 @@ impl Parameters {
         (self.buffer.size() / SLOT_BYTES) as u32
     }
 
-    /// Sets a slot on the CPU side. `block` is laid out as its struct in WGSL, at most
-    /// [`SLOT_BYTES`] bytes; the rest of the slot keeps its value.
+    /// Sets a slot on the CPU side. `block` is laid out as its struct in WGSL, at most [`SLOT_BYTES`] bytes; the
+    /// rest of the slot is unchanged.
     pub fn set<T: NoUninit>(&mut self, slot: u32, block: &T) -> Result<(), GpuError> {
         let bytes = bytemuck::bytes_of(block);
         let mismatch = |what: &str, expected: u64, found: u64| GpuError::Mismatch {
@@ -70,7 +71,7 @@ impl Parameters {
         Ok(())
     }
 
-    /// Sends all slots, in one write, to be there before the next submission.
+    /// Uploads all slots in one write, effective before the next submission.
     pub fn write(&self, gpu: &Gpu) -> Result<(), GpuError> {
         gpu.scoped(&self.label, || {
             gpu.queue().write_buffer(&self.buffer, 0, &self.values);

@@ -1,25 +1,25 @@
-//! One compute pass: its pipeline and its explicit bind group layout.
+//! Compute pass: its pipeline and its explicit bind group layout.
 
 use super::error::check_limit;
 use super::parameters::SLOT_BYTES;
 use super::{Gpu, GpuError, Parameters, StorageBuffer};
 
-/// How a pass uses a storage buffer.
+/// Access to a storage buffer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Access {
-    /// `var<storage, read>`.
+    /// Read only: `var<storage, read>`.
     Read,
-    /// `var<storage, read_write>`.
+    /// Read and write: `var<storage, read_write>`.
     ReadWrite,
 }
 
-/// What a pass is made from.
+/// Source and layout of a pass.
 ///
-/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes (a pass without
-/// parameters leaves it out), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
+/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes (omitted in a
+/// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
-    /// Names the pass in errors, timings and graphics debuggers.
+    /// Name of the pass in errors, timings and graphics debuggers.
     pub label: &'a str,
     /// WGSL source.
     pub source: &'a str,
@@ -41,7 +41,7 @@ pub struct Pipeline {
 }
 
 impl Pipeline {
-    /// Compiles a pass. A [`GpuError::Shader`] names the pass and, where known, the line of its WGSL.
+    /// Compiles a pass. A [`GpuError::Shader`] names the pass and, if known, the line of its WGSL.
     pub fn new(gpu: &Gpu, pass: &PassSource<'_>) -> Result<Self, GpuError> {
         check_limit(
             || format!("pass '{}'", pass.label),
@@ -88,7 +88,8 @@ impl Pipeline {
         &self.label
     }
 
-    /// Binds the buffers of [`PassSource::storage`], in that order, to be kept for as long as they stay the same.
+    /// Binds the buffers of [`PassSource::storage`], in that order. The bind group can be reused as long as the
+    /// buffers stay the same.
     pub fn bind(
         &self,
         gpu: &Gpu,

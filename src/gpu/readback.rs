@@ -1,4 +1,4 @@
-//! Bytes from the GPU to the CPU through one staging buffer that is kept.
+//! Read-back from the GPU to the CPU through one persistent staging buffer.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU8, Ordering};
@@ -22,7 +22,7 @@ pub struct Readback {
 }
 
 impl Readback {
-    /// Room for `bytes`, rounded up to whole 32-bit words.
+    /// Creates a staging buffer of `bytes`, rounded up to complete 32-bit words.
     pub fn new(gpu: &Gpu, label: &str, bytes: u64) -> Result<Self, GpuError> {
         check_limit(
             || format!("read-back of '{label}'"),
@@ -46,24 +46,25 @@ impl Readback {
         })
     }
 
-    /// Size in bytes, a multiple of 4.
+    /// Size, bytes, a multiple of 4.
     pub fn bytes(&self) -> u64 {
         self.staging.size()
     }
 
-    /// The staging buffer itself.
+    /// Underlying staging buffer.
     pub fn raw(&self) -> &wgpu::Buffer {
         &self.staging
     }
 
-    /// Waits for what was submitted, and fills `out` with the first bytes copied.
+    /// Waits for the submitted work, and fills `out` with the first bytes copied.
     pub fn read<T: Pod>(&mut self, gpu: &Gpu, out: &mut [T]) -> Result<(), GpuError> {
         let bytes: &mut [u8] = bytemuck::cast_slice_mut(out);
         let length = bytes.len();
         self.read_rows(gpu, bytes, length, length)
     }
 
-    /// As [`Readback::read`], from rows of `row_bytes` that start `stride` bytes apart, into `out` without gaps.
+    /// Reads as [`Readback::read`] does, from rows of `row_bytes` that start `stride` bytes apart, into `out`
+    /// without gaps.
     pub fn read_rows(&mut self, gpu: &Gpu, out: &mut [u8], row_bytes: usize, stride: usize) -> Result<(), GpuError> {
         if out.is_empty() {
             return gpu.check();
@@ -84,7 +85,7 @@ impl Readback {
                 }
                 Ok(())
             });
-            // A refused mapping must be undone too, though there is nothing to unmap: that complaint tells nothing.
+            // A refused mapping must also be undone, though there is nothing to unmap: that error is irrelevant.
             let ignored = gpu.device().push_error_scope(wgpu::ErrorFilter::Validation);
             self.staging.unmap();
             drop(ignored);

@@ -1,19 +1,19 @@
-//! The dispatches and copies of one submission.
+//! Recording of the dispatches and copies of a submission.
 
 use super::error::check_limit;
 use super::parameters::SLOT_BYTES;
 use super::{Gpu, GpuError, Pipeline, Readback, StorageBuffer, TextureOut, Timer};
 
-/// One run of a pass.
+/// A dispatch of a pass.
 #[derive(Debug, Clone, Copy)]
 pub struct Dispatch<'a> {
-    /// The pass.
+    /// Pipeline of the pass.
     pub pipeline: &'a Pipeline,
-    /// Its buffers, from [`Pipeline::bind`].
+    /// Bind group from [`Pipeline::bind`].
     pub bindings: &'a wgpu::BindGroup,
-    /// The slot of its parameters in the [`Parameters`](super::Parameters) that it was bound with.
+    /// Slot of its parameters in the bound [`Parameters`](super::Parameters).
     pub slot: u32,
-    /// Workgroups along x, y and z.
+    /// Number of workgroups along x, y and z.
     pub workgroups: [u32; 3],
 }
 
@@ -33,15 +33,15 @@ impl<'a> Recorder<'a> {
         }
     }
 
-    /// Runs dispatches one after the other in one compute pass; each sees what those before it wrote.
+    /// Runs dispatches in sequence in one compute pass; each sees the writes of those before it.
     ///
-    /// An error here, as in the other runs, is to be returned from [`Gpu::submit`]: nothing is submitted then.
+    /// An error here, as in the other runs, must be returned from [`Gpu::submit`]: nothing is submitted then.
     pub fn run<'d>(&mut self, label: &str, dispatches: impl IntoIterator<Item = Dispatch<'d>>) -> Result<(), GpuError> {
         self.compute(label, None, dispatches)
     }
 
-    /// As [`Recorder::run`], each dispatch in a compute pass of its own, timed under the name of the same index in
-    /// `timer`; there must be as many.
+    /// Runs dispatches as [`Recorder::run`] does, each in a compute pass of its own, timed under the name of the
+    /// same index in `timer`; the counts must match.
     pub fn run_timed<'d>(
         &mut self,
         timer: &Timer,
@@ -57,7 +57,8 @@ impl<'a> Recorder<'a> {
         Ok(())
     }
 
-    /// As [`Recorder::run`], timed as the one name of `timer`: what a frame takes when nothing else is measured.
+    /// Runs dispatches as [`Recorder::run`] does, timed as the only name of `timer`: the frame time without other
+    /// measurements.
     pub fn run_timed_whole<'d>(
         &mut self,
         timer: &Timer,
@@ -74,7 +75,7 @@ impl<'a> Recorder<'a> {
         self.encoder.clear_buffer(buffer.raw(), 0, None);
     }
 
-    /// Copies the first bytes of a buffer, as many as `readback` holds, to be read once submitted.
+    /// Copies the first bytes of a buffer, as many as `readback` holds, to be read after submission.
     pub fn read_back(&mut self, buffer: &StorageBuffer, readback: &Readback) -> Result<(), GpuError> {
         buffer.check_span("read back", 0, readback.bytes())?;
         self.encoder
@@ -87,7 +88,7 @@ impl<'a> Recorder<'a> {
         texture.copy(&mut self.encoder, pixels)
     }
 
-    /// The encoder, for what is not offered here.
+    /// Command encoder, for operations not offered here.
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
         &mut self.encoder
     }

@@ -1,11 +1,11 @@
-//! A device for unit tests, or a visible skip where the machine has no adapter.
+//! GPU device for unit tests, or a visible skip if the machine has no adapter.
 
 use super::{AdapterChoice, Gpu, GpuError, Needs};
 
 /// Environment variable that turns the skip into a failure.
 const REQUIRE_VARIABLE: &str = "INSONIFY_REQUIRE_GPU";
 
-/// An opened device, or `None` after saying that the test is skipped.
+/// Opens a device, or returns `None` after reporting that the test is skipped.
 pub(crate) fn open() -> Option<Gpu> {
     match Gpu::open(&AdapterChoice::from_flag(None), &Needs::default()) {
         Ok(gpu) => Some(gpu),

@@ -1,12 +1,12 @@
-//! A grey frame left on the GPU as a texture, for a host that draws it.
+//! Grey frame as a GPU texture, for drawing by a host.
 //!
-//! `R8Unorm` is no storage format, so passes write packed grey (four pixels a 32-bit word, the leftmost in the lowest
-//! byte) into a buffer whose rows are padded, and a copy makes the texture.
+//! `R8Unorm` is not a storage format, so passes write packed grey (four pixels per 32-bit word, the leftmost in the
+//! lowest byte) into a buffer whose rows are padded, and a copy fills the texture.
 
 use super::error::check_limit;
 use super::{Gpu, GpuError, StorageBuffer};
 
-/// Bytes from one row of packed grey to the next, for rows of `width` pixels: copies into textures ask for multiples
+/// Bytes from one row of packed grey to the next, for rows of `width` pixels: copies into textures require multiples
 /// of 256.
 pub const fn row_stride(width: u32) -> u64 {
     (width as u64).next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as u64)
@@ -19,7 +19,7 @@ pub struct TextureOut {
 }
 
 impl TextureOut {
-    /// A black texture of `width` by `height` pixels, both at least 1.
+    /// Creates a black texture of `width` by `height` pixels, both at least 1.
     pub fn new(gpu: &Gpu, width: u32, height: u32) -> Result<Self, GpuError> {
         let largest = u64::from(gpu.limits().max_texture_dimension_2d);
         let longest = u64::from(width.max(height));
@@ -49,12 +49,12 @@ impl TextureOut {
         Ok(Self { texture })
     }
 
-    /// The texture; clones of it share the pixels.
+    /// Underlying texture; its clones share the pixels.
     pub fn texture(&self) -> &wgpu::Texture {
         &self.texture
     }
 
-    /// Records the copy of `pixels`: rows of [`row_stride`] bytes, four grey pixels a word.
+    /// Records the copy of `pixels`: rows of [`row_stride`] bytes, four grey pixels per word.
     pub fn copy(&self, encoder: &mut wgpu::CommandEncoder, pixels: &StorageBuffer) -> Result<(), GpuError> {
         let size = self.texture.size();
         let stride = row_stride(size.width);

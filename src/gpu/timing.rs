@@ -1,8 +1,8 @@
-//! GPU time of each pass and of the whole frame, by timestamps.
+//! GPU time of each pass and of the complete frame, by timestamps.
 //!
 //! On Vulkan, wgpu 30 writes both timestamps of a pass at the bottom of the pipe: the first one when the work before
 //! the pass has drained, so neighbouring passes may overlap and their times need not add up to the frame's. The time of
-//! the frame, from its first to its last timestamp, is the figure to compare; wall clock is the one to believe.
+//! the frame, from its first to its last timestamp, is suitable for comparisons; wall-clock time is the most reliable.
 
 use serde::Serialize;
 
@@ -20,12 +20,12 @@ pub struct Timer {
     milliseconds_per_tick: f64,
 }
 
-/// What a [`Timer`] measured.
+/// Times measured by a [`Timer`].
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Timings {
-    /// From the first timestamp of the frame to its last, ms.
+    /// Time from the first timestamp of the frame to its last, ms.
     pub frame_ms: f64,
-    /// Each pass in order.
+    /// Times of the passes in order.
     pub passes: Vec<PassTime>,
 }
 
@@ -39,7 +39,7 @@ pub struct PassTime {
 }
 
 impl Timer {
-    /// A timer of the passes named, or `None` where the device takes no timestamps or there is nothing to time.
+    /// Creates a timer for the named passes, or `None` if the device has no timestamps or there is nothing to time.
     pub fn new(gpu: &Gpu, names: &[&str]) -> Result<Option<Self>, GpuError> {
         if names.is_empty() || !gpu.has_timestamps() {
             return Ok(None);
@@ -70,7 +70,7 @@ impl Timer {
         }))
     }
 
-    /// Waits for what was submitted and returns the times of the last submission that this timer took part in.
+    /// Waits for the submitted work and returns the times of the last submission that used this timer.
     pub fn read(&mut self, gpu: &Gpu) -> Result<Timings, GpuError> {
         self.readback.read(gpu, &mut self.ticks)?;
         let milliseconds = |from: u64, to: u64| to.saturating_sub(from) as f64 * self.milliseconds_per_tick;
@@ -99,7 +99,7 @@ impl Timer {
         })
     }
 
-    /// The timestamps of a pass, or `None` beyond the last name.
+    /// Timestamp writes of a pass, or `None` beyond the last name.
     pub(super) fn writes(&self, index: usize) -> Option<wgpu::ComputePassTimestampWrites<'_>> {
         let begin = (index < self.names.len()).then_some(2 * index as u32)?;
         Some(wgpu::ComputePassTimestampWrites {

@@ -1,33 +1,33 @@
-//! What can be wrong with a case file.
+//! Errors of case files.
 
 use super::file::CaseFile;
 use crate::document::{Fault, Unreadable};
 use crate::mechanics::tissue::viscoelastic::point::PointError;
 
-/// Why a material cannot be tested: what is wrong, the key that it is about and where that stands in the file.
+/// Error of a material test: the cause, the key concerned and its place in the file.
 pub type MaterialCaseError = Fault<Wrong>;
 
-/// What is wrong with a test of a material.
+/// Cause of an error of a material test.
 #[derive(Debug, thiserror::Error)]
 pub enum Wrong {
-    /// The file cannot be read, or says what no case says.
+    /// The file cannot be read or parsed.
     #[error(transparent)]
     Text(#[from] Unreadable),
-    /// Keys that contradict each other, or do not say enough.
+    /// Keys that contradict each other, or are incomplete.
     #[error("found {found}; expected {expected}")]
     Keys {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: String,
     },
-    /// The material or its history is none.
+    /// The material or its history is invalid.
     #[error(transparent)]
     Point(#[from] PointError),
 }
 
 impl MaterialCaseError {
-    /// Whether the machine failed rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         match self.problem() {
             Wrong::Text(error) => error.is_machine(),
@@ -37,7 +37,7 @@ impl MaterialCaseError {
 }
 
 impl CaseFile {
-    /// An error about keys that contradict each other or do not say enough.
+    /// Creates an error about keys that contradict each other or are incomplete.
     pub(super) fn wrong_keys(
         &self,
         key: &str,
@@ -48,13 +48,13 @@ impl CaseFile {
         MaterialCaseError::new(Wrong::Keys { found, expected }).at_key(key, self.source.as_ref())
     }
 
-    /// The error with the key that it is about.
+    /// Attaches the key concerned to an error.
     pub(super) fn blame(&self, error: PointError) -> MaterialCaseError {
         let key = match &error {
             PointError::Number { key, at, .. } => {
                 let key = match *key {
                     "time_s" | "value" => format!("history.{key}"),
-                    // Here it is of the shear.
+                    // In a case file the knee refers to the shear strain.
                     "knee_strain" => "knee_shear".to_owned(),
                     _ => (*key).to_owned(),
                 };

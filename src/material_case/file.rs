@@ -1,4 +1,4 @@
-//! A case file as it is written.
+//! Serde types of a case file.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,84 +15,85 @@ use crate::document::{self, Source, Version};
 pub struct CaseFile {
     /// Version of the format: 1, which is the default.
     pub version: Option<Version>,
-    /// What the material is made of.
+    /// Constitutive law.
     pub law: Law,
     /// k of the spring-pot, 0 (a spring) to 1 (a dashpot); about 0.1 for liver.
     pub order: f64,
-    /// G, above 0: of the spring-pot, kPa s^k; of the Zener body's branch, kPa.
+    /// Modulus G, above 0: of the spring-pot, kPa s^k; of the Zener body's branch, kPa.
     pub modulus_kpa: f64,
-    /// Zener: G_inf of the spring beside the branch, kPa, 0 or more.
+    /// Zener: modulus G_inf of the spring in parallel with the branch, kPa, 0 or more.
     pub modulus_inf_kpa: Option<f64>,
-    /// Zener: time of the spring-pot in the branch, s, above 0.
+    /// Zener: relaxation time of the spring-pot in the branch, s, above 0.
     pub tau_s: Option<f64>,
-    /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain that `solve` and `insert` take. Default:
-    /// it never does.
+    /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain in `solve` and `insert`. Default: no
+    /// stiffening.
     #[serde(alias = "knee_strain")]
     pub knee_shear: Option<f64>,
-    /// a in G0 (1 + a (shear - knee_shear)^2), 0 or more. Goes with `knee_shear`.
+    /// Stiffening coefficient a in G0 (1 + a (shear - knee_shear)^2), 0 or more. Requires `knee_shear`.
     pub stiffening: Option<f64>,
-    /// Where the stiffness stands beside the memory; they part beyond the knee only.
+    /// Position of the stiffness relative to the memory; the two differ only beyond the knee.
     #[serde(default, alias = "structure")]
     pub memory: MemoryName,
-    /// How the past is summed up.
+    /// Quadrature of the history.
     #[serde(default)]
     pub rule: RuleName,
-    /// What is done to it.
+    /// Load history.
     pub history: HistorySpec,
-    /// The text that it was read from, for errors that point into it.
+    /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
 }
 
-/// What a material is made of.
+/// Constitutive law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Law {
-    /// modulus_kpa d^k strain / dt^k = stress.
+    /// Spring-pot: modulus_kpa d^k strain / dt^k = stress.
     SpringPot,
-    /// A spring beside a branch of a spring in series with a spring-pot.
+    /// A spring in parallel with a branch of a spring in series with a spring-pot.
     Zener,
 }
 
-/// Where the stiffness stands beside the memory.
+/// Position of the stiffness relative to the memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum MemoryName {
-    /// G(strain) d^k strain / dt^k = stress, as the material is measured.
+    /// G(strain) d^k strain / dt^k = stress, as in measurements of the material.
     #[default]
     Rate,
-    /// G(strain) strain = integral of order k of the stress, as Kobayashi et al. 2010 solve structures.
+    /// G(strain) strain = integral of order k of the stress, as in the structural analysis of Kobayashi et al.
+    /// 2010.
     LoadIntegral,
 }
 
-/// How the past is summed up.
+/// Quadrature of the history.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RuleName {
-    /// Constant over a step: order 1.
+    /// Integrand constant over a step: order 1.
     Rectangle,
-    /// Linear over a step: order 2.
+    /// Integrand linear over a step: order 2.
     Trapezoid,
-    /// Gruenwald and Letnikov's difference quotient, order 1: `time_s` must be equally spaced.
+    /// Gruenwald-Letnikov difference quotient, order 1: `time_s` must be equally spaced.
     GruenwaldLetnikov,
-    /// As the trapezoid, with the kernel as a sum of exponentials within 1e-10: long histories at little cost.
+    /// Trapezoid with the kernel as a sum of exponentials within 1e-10: long histories at little cost.
     #[default]
     Exponentials,
 }
 
-/// What is done to a material.
+/// Load history of a material.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HistorySpec {
-    /// Which of the two is given; the other is answered.
+    /// Prescribed quantity; the other one is computed.
     pub control: ControlName,
-    /// When, s, ascending; the first is the start.
+    /// Times, s, ascending; the first is the start.
     pub time_s: Vec<f64>,
-    /// Stress (kPa) or strain (1) at those times, linear between them; it may jump at the start, from 0 to the first value.
+    /// Stress (kPa) or strain (1) at these times, linear between them; it may jump at the start, from 0 to the first value.
     pub value: Vec<f64>,
 }
 
-/// Which of stress and strain is given.
+/// Prescribed quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControlName {
@@ -106,15 +107,15 @@ impl CaseFile {
     /// Reads a case file.
     ///
     /// # Errors
-    /// [`MaterialCaseError`] for a file that cannot be read or is no case.
+    /// [`MaterialCaseError`] if the file cannot be read or is not a case.
     pub fn read(path: &Path) -> Result<Self, MaterialCaseError> {
         Self::parse(&document::read(path)?, &path.display().to_string())
     }
 
-    /// Parses the text of a case file; `name` names it in errors.
+    /// Parses the text of a case file; `name` is the file name shown in errors.
     ///
     /// # Errors
-    /// [`MaterialCaseError`] that points at what is no TOML, at a key that no case has, or at a value of the wrong type.
+    /// [`MaterialCaseError`] that points at a syntax error, an unknown key, or a value of the wrong type.
     pub fn parse(text: &str, name: &str) -> Result<Self, MaterialCaseError> {
         let (mut file, source): (Self, _) = document::parse(text, name)?;
         file.source = Some(source);

@@ -1,4 +1,4 @@
-//! What is told of a material under test.
+//! Report of a material test.
 
 use std::fmt;
 
@@ -7,29 +7,30 @@ use serde::Serialize;
 use crate::mechanics::tissue::viscoelastic::point::{Control, Loading, Response};
 use crate::study::plot::{Axis, Marker, Plot, Series};
 
-/// What a material does, as `insonify material --json` prints it.
+/// Response of a material, as `insonify material --json` prints it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// The times of the history, s.
+    /// Times of the history, s.
     pub time_s: Vec<f64>,
     /// Shear strain at those times.
     pub strain: Vec<f64>,
-    /// Shear stress, kPa. None (`null`) where it is infinite: at a jump of strain, in a spring-pot.
+    /// Shear stress, kPa. `None` (`null`) where it is infinite: at a jump of strain, in a spring-pot.
     pub stress_kpa: Vec<Option<f64>>,
-    /// Which of the two was given.
+    /// Prescribed quantity.
     #[serde(skip)]
     pub control: Control,
-    /// Steps between two times.
+    /// Number of substeps between two times.
     #[serde(skip)]
     pub substeps: usize,
-    /// How far the answer changed when steps were last halved, as a share of its largest value; none where they were not.
+    /// Relative change of the response when the steps were last halved, as a fraction of its largest value; `None` if
+    /// they were not.
     #[serde(skip)]
     pub change: Option<f64>,
 }
 
-/// An estimated error above this is worth a warning.
+/// Estimated error above which a warning is given.
 const ROUGH: f64 = 1e-3;
-/// Points of a plot with markers.
+/// Maximum number of plot points drawn with markers.
 const MARKED: usize = 60;
 
 impl Report {
@@ -44,7 +45,7 @@ impl Report {
         }
     }
 
-    /// What may surprise.
+    /// Warnings about the response.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.stress_kpa.contains(&None) {
@@ -60,7 +61,7 @@ impl Report {
         warnings
     }
 
-    /// What answers, against time.
+    /// Plot of the computed quantity against time.
     pub fn plot(&self) -> Plot {
         let pairs = |values: &mut dyn Iterator<Item = Option<f64>>| {
             let pairs = self.time_s.iter().zip(values);

@@ -1,4 +1,4 @@
-//! From a case file to a material and its history.
+//! Resolution of a case file to a material and its history.
 
 use super::error::MaterialCaseError;
 use super::file::{CaseFile, ControlName, Law, MemoryName, RuleName};
@@ -7,7 +7,7 @@ use crate::mechanics::tissue::viscoelastic::point::{
     Body, Control, Knee, Loading, Method, Point, PointError, Structure,
 };
 
-/// A test of a material, every number of it checked.
+/// A material test with every number checked.
 #[derive(Clone, Debug)]
 pub struct Case {
     file: CaseFile,
@@ -20,7 +20,7 @@ impl CaseFile {
     /// Checks every key and number.
     ///
     /// # Errors
-    /// [`MaterialCaseError`], with the key and its place in the file.
+    /// [`MaterialCaseError`] with the key and its place in the file.
     pub fn resolve(self) -> Result<Case, MaterialCaseError> {
         let point = Point {
             body: self.body()?,
@@ -105,32 +105,27 @@ impl CaseFile {
 }
 
 impl Case {
-    /// The material.
+    /// Returns the material.
     pub fn point(&self) -> &Point {
         &self.point
     }
 
-    /// What is done to it.
-    pub fn loading(&self) -> &Loading {
-        &self.loading
-    }
-
-    /// Keys under old names.
+    /// Notes about keys under old names.
     pub fn notes(&self) -> Vec<String> {
         self.file.source.iter().flat_map(|source| source.renamed()).collect()
     }
 
-    /// Follows the history.
+    /// Computes the response to the history.
     ///
     /// # Errors
-    /// [`MaterialCaseError`] where the rule cannot follow it, or where stress or strain leaves the range of numbers.
+    /// [`MaterialCaseError`] if the rule does not apply to the history, or if stress or strain overflows.
     pub fn run(&self) -> Result<Report, MaterialCaseError> {
         let response = self.point.respond(&self.loading, self.method);
         let response = response.map_err(|error| self.blame(error))?;
         Ok(Report::new(&self.loading, response))
     }
 
-    /// The error with the key that it is about.
+    /// Attaches the key concerned to an error.
     pub(super) fn blame(&self, error: PointError) -> MaterialCaseError {
         self.file.blame(error)
     }

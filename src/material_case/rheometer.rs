@@ -1,5 +1,5 @@
-//! The measurements of Kobayashi et al. 2010 (section 3.1) on a material: a sine at many frequencies (figure 7), creep at many stresses
-//! (section 3.1.2), and the stiffness that creep shows against strain (figure 8).
+//! Virtual rheometer, after the measurements of Kobayashi et al. 2010 (section 3.1): a sine at many frequencies (figure 7), creep at
+//! many stresses (section 3.1.2), and the stiffness derived from creep against strain (figure 8).
 
 use std::f64::consts::TAU;
 use std::fmt;
@@ -16,61 +16,61 @@ use crate::study::plot::{Axis, Marker, Plot, Series};
 pub struct Dynamic {
     /// Angular frequency, rad/s.
     pub frequency: f64,
-    /// G' and G'' as found from the stress of a sine of strain, kPa.
+    /// G' and G'' measured from the stress response to a sinusoidal strain, kPa.
     pub found_kpa: [f64; 2],
-    /// As they follow from the law, kPa.
+    /// G' and G'' of the constitutive law, kPa.
     pub exact_kpa: [f64; 2],
 }
 
-/// Strain under a stress that is put on and held.
+/// Strain under a constant stress.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Creep {
-    /// The stress, kPa.
+    /// Constant stress, kPa.
     pub stress_kpa: f64,
-    /// Time (s) and shear strain.
+    /// Curve of time (s) and shear strain.
     pub curve: Vec<[f64; 2]>,
 }
 
-/// The stiffness that creep shows: how much less the strain is than without a knee.
+/// Stiffness derived from creep: the ratio of the strain to that without a knee.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiffness {
-    /// Where the stiffness stands beside the memory.
+    /// Position of the stiffness relative to the memory.
     pub structure: Structure,
     /// Shear strain after [`HELD_S`].
     pub strain: f64,
-    /// G that equation 2 of Kobayashi et al. 2010 give for it, kPa.
+    /// G from equation 2 of Kobayashi et al. 2010, kPa.
     pub found_kpa: f64,
-    /// G at this strain, kPa.
+    /// G of the constitutive law at this strain, kPa.
     pub law_kpa: f64,
 }
 
-/// All measurements of a material.
+/// All virtual measurements of a material.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rheometer {
-    /// At frequencies from 0.1 to 10 rad/s.
+    /// Moduli at frequencies from 0.1 to 10 rad/s.
     pub dynamic: Vec<Dynamic>,
-    /// At stresses from below the knee to far above it, with the structure of the case.
+    /// Creep at stresses from below the knee to far above it, with the structure of the case.
     pub creep: Vec<Creep>,
-    /// At more stresses, with both structures.
+    /// Stiffness at more stresses, with both structures.
     pub stiffness: Vec<Stiffness>,
 }
 
-/// How long creep is looked at, s.
+/// Duration of a creep test, s.
 pub const HELD_S: f64 = 100.0;
-/// Amplitude of the sine of strain: 3 %, as in Kobayashi et al. 2010.
+/// Amplitude of the sinusoidal strain: 3 %, as in Kobayashi et al. 2010.
 const AMPLITUDE: f64 = 0.03;
 const FREQUENCIES: usize = 13;
-/// Periods of a sine: what is left of its start then is under 1e-4 of it.
+/// Number of periods of a sine: the initial transient has then decayed below 1e-4.
 const PERIODS: usize = 20;
 const STEPS_A_PERIOD: usize = 256;
 const CURVES: usize = 5;
 const STRESSES: usize = 16;
 
 impl Case {
-    /// Measures the material. Only its knee and its structure count for creep; the sine is as small as in Kobayashi et al. 2010.
+    /// Measures the material. Creep depends only on its knee and structure; the sine is as small as in Kobayashi et al. 2010.
     ///
     /// # Errors
-    /// [`MaterialCaseError`] where stress or strain leaves the range of numbers.
+    /// [`MaterialCaseError`] if stress or strain overflows.
     pub fn rheometer(&self) -> Result<Rheometer, MaterialCaseError> {
         let point = self.point();
         let measured = || -> Result<Rheometer, PointError> {
@@ -111,7 +111,7 @@ fn dynamic(point: &Point) -> Result<Vec<Dynamic>, PointError> {
     (0..FREQUENCIES).map(at).collect()
 }
 
-/// A stress put on at the start and held, at the times given.
+/// Strain under a constant stress from the start, at the given times.
 fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, PointError> {
     let loading = Loading {
         control: Control::Stress,
@@ -121,7 +121,7 @@ fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, Poin
     Ok(point.respond(&loading, Method::Exponentials)?.strain)
 }
 
-/// Stress for which the strain without a knee would be 1 in the end.
+/// Stress for which the final strain without a knee would be 1.
 fn unit_stress(point: &Point) -> Result<f64, PointError> {
     let linear = Point {
         knee: Knee::NONE,
@@ -130,7 +130,7 @@ fn unit_stress(point: &Point) -> Result<f64, PointError> {
     Ok(1.0 / held(&linear, 1.0, &[0.0, HELD_S])?[1])
 }
 
-/// A strain well above the knee, or 1 where there is none.
+/// A strain well above the knee, or 1 if there is none.
 fn far(point: &Point) -> f64 {
     let Knee { strain, stiffening } = point.knee;
     if strain.is_finite() && stiffening > 0.0 {
@@ -185,7 +185,7 @@ fn stiffness(point: &Point) -> Result<Vec<Stiffness>, PointError> {
     Ok(all)
 }
 
-/// Slope of a straight line through points on logarithmic scales, by least squares.
+/// Least-squares slope of a straight line through points on logarithmic scales.
 fn slope(points: &[[f64; 2]]) -> f64 {
     let logs: Vec<[f64; 2]> = points.iter().map(|point| point.map(f64::ln)).collect();
     let mean = |axis: usize| logs.iter().map(|point| point[axis]).sum::<f64>() / logs.len() as f64;
@@ -195,7 +195,7 @@ fn slope(points: &[[f64; 2]]) -> f64 {
 }
 
 impl Rheometer {
-    /// Points of G' (0) or G'' (1) against frequency.
+    /// Points of G' (`which` = 0) or G'' (1) against frequency.
     fn moduli(&self, which: usize, exact: bool) -> Vec<[f64; 2]> {
         let kpa = |dynamic: &Dynamic| if exact { dynamic.exact_kpa } else { dynamic.found_kpa };
         self.dynamic
@@ -209,7 +209,7 @@ impl Rheometer {
         [0, 1].map(|which| slope(&self.moduli(which, false)))
     }
 
-    /// How far what was found of G' and G'' is from what the law says, relative to |G*|.
+    /// Largest error of the measured G' and G'' against the constitutive law, relative to |G*|.
     pub fn dynamic_error(&self) -> f64 {
         let error = |dynamic: &Dynamic| {
             let [found, exact] = [dynamic.found_kpa, dynamic.exact_kpa];
@@ -218,7 +218,7 @@ impl Rheometer {
         self.dynamic.iter().map(error).fold(0.0, f64::max)
     }
 
-    /// The plots, each with the stem of its file.
+    /// Plots, each with the stem of its file.
     pub fn plots(&self) -> Vec<(&'static str, Plot)> {
         let plot = |title: &str, x: Axis, y: Axis, series: Vec<Series>| Plot {
             title: title.to_owned(),

@@ -1,3 +1,4 @@
+use super::report::Report;
 use super::*;
 
 const CREEP: &str = "\
@@ -20,7 +21,7 @@ fn run(text: &str) -> Result<Report, MaterialCaseError> {
     CaseFile::parse(text, "c.toml")?.resolve()?.run()
 }
 
-/// Checks that the case is refused at a key and a line, in these words.
+/// Checks that the case is refused with this key, line and words.
 fn refused(text: &str, key: &str, line: usize, words: &[&str]) {
     let error = run(text).unwrap_err();
     assert_eq!(
@@ -120,7 +121,7 @@ fn a_rheometer_finds_what_the_law_says() {
         assert!((slope - 0.1).abs() < 1e-4, "{slope}");
     }
     assert!(found.dynamic_error() < 1e-4);
-    // Figure 8: flat up to the knee, the law above it; equation 2 takes stiffness of now for all of the past.
+    // Figure 8: flat up to the knee, the law above it; equation 2 applies the current stiffness to the entire past.
     for point in &found.stiffness {
         let off = point.found_kpa / point.law_kpa - 1.0;
         match point.structure {

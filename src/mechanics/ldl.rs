@@ -1,42 +1,42 @@
-//! Small symmetric systems: A = L D L^T, without exchange of rows.
+//! Dense LDL^T factorisation of small symmetric systems, without pivoting.
 //!
-//! Definite matrices need none. Those of needles that would buckle if nothing held them are indefinite by some pivots; their
-//! number is what tells whether tissue holds them (Sylvester's law of inertia). Each solution is one step of an iteration that
-//! corrects what rounding may do to it.
+//! Definite matrices need no pivoting. Those of needles that would buckle without support are indefinite; the number of
+//! negative pivots shows whether tissue supports them (Sylvester's law of inertia). Each solution is one step of an
+//! iteration, which corrects its rounding errors.
 
 use crate::simd::{Kernel, vectorised};
 
-/// The smallest pivot relative to its diagonal entry: where less is left of a row, its unknown is hardly determined beside the
-/// others, and it is left out. Rounding divided by it still leaves forces better than 1e-7.
+/// Smallest pivot relative to its diagonal entry. Below it, an unknown is nearly dependent on the earlier ones and is
+/// dropped. Divisions by larger pivots keep forces accurate to better than 1e-7.
 const DEPENDENT: f64 = 1e-9;
 
-/// A factor, column by column; the memory is kept for the next.
+/// Factor stored column by column; its memory is reused by the next factorisation.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Ldl {
     size: usize,
     entries: Vec<f64>,
-    /// Reciprocals of D; 0 for a row that is left out.
+    /// Reciprocals of D; 0 for a dropped row.
     reciprocals: Vec<f64>,
 }
 
-/// The signs of D.
+/// Counts of dependent and negative pivots in D.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Signs {
-    /// Rows left out because they depend on those before.
+    /// Rows dropped as dependent on earlier rows.
     pub dependent: usize,
-    /// Negative ones.
+    /// Negative pivots.
     pub negative: usize,
 }
 
 impl Ldl {
-    /// Starts a matrix of zeros.
+    /// Resets to a zero matrix of `size` rows.
     pub fn start(&mut self, size: usize) {
         self.size = size;
         self.entries.clear();
         self.entries.resize(size * size, 0.0);
     }
 
-    /// The entry below or on the diagonal.
+    /// Returns the entry on or below the diagonal.
     pub fn entry(&mut self, row: usize, column: usize) -> &mut f64 {
         debug_assert!(row >= column);
         &mut self.entries[column * self.size + row]
@@ -47,7 +47,7 @@ impl Ldl {
         vectorised(Factor(self))
     }
 
-    /// Solves in place; rows left out come out as zero.
+    /// Solves in place; unknowns of dropped rows are zero.
     pub fn solve(&self, x: &mut [f64]) {
         let n = self.size;
         self.forward(x, 1);
@@ -59,19 +59,19 @@ impl Ldl {
         }
     }
 
-    /// Solves for `width` right sides in place, which lie row by row; rows left out come out as zero.
+    /// Solves for `width` right-hand sides in place, stored row by row; unknowns of dropped rows are zero.
     pub fn solve_rows(&self, x: &mut [f64], width: usize) {
         self.forward(x, width);
         vectorised(Backward(self, x, width));
     }
 
-    /// `L^-1 X` in place, X of `width` columns, row by row.
+    /// Computes `L^-1 X` in place for X of `width` columns, stored row by row.
     pub fn forward(&self, x: &mut [f64], width: usize) {
         debug_assert_eq!(x.len(), self.size * width);
         vectorised(Forward(self, x, width));
     }
 
-    /// Reciprocals of D; 0 for a row that is left out.
+    /// Reciprocals of D; 0 for a dropped row.
     pub fn reciprocals(&self) -> &[f64] {
         &self.reciprocals
     }
@@ -96,13 +96,13 @@ impl Kernel for Factor<'_> {
             let column = &mut rest[j..n];
             let diagonal = column[0].abs();
             for (other, reciprocal) in before.chunks_exact(n).zip(reciprocals.iter()) {
-                // A row left out has a column of zeros.
+                // A dropped row has a column of zeros.
                 let pivot = if *reciprocal == 0.0 { 0.0 } else { 1.0 / reciprocal };
                 let factor = other[j] * pivot;
                 column.iter_mut().zip(&other[j..]).for_each(|(x, y)| *x -= factor * y);
             }
             let pivot = column[0];
-            // A NaN is no pivot either.
+            // A NaN is not a usable pivot either.
             if pivot.abs() > DEPENDENT * diagonal && pivot.is_finite() {
                 signs.negative += usize::from(pivot < 0.0);
                 reciprocals.push(1.0 / pivot);
@@ -188,7 +188,7 @@ mod tests {
         assert_eq!(signs, Signs::default());
         assert_solves(&ldl, [10.0, 7.0, 10.0], [2.0, 0.0, 1.0]);
 
-        // The second row is the first again.
+        // The second row repeats the first.
         let (ldl, signs) = factored(&[&[4.0], &[4.0, 4.0 + 1e-12], &[2.0, 2.0, 5.0]]);
         assert_eq!((signs.dependent, signs.negative), (1, 0));
         assert_solves(&ldl, [10.0, 10.0, 9.0], [2.0, 0.0, 1.0]);

@@ -1,16 +1,16 @@
 //! Linear tetrahedral meshes: the reference state, its topology, and the two-state map from the world back to it.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | [`lattice`] | meshes made over a box |
+//! | [`lattice`] | meshes over a box |
 //! | [`displacement`] | analytic displacement fields |
 //! | [`mod@file`] | mesh files: VTK, legacy and XML, and Gmsh |
 //! | [`generate`] | meshes made from labelled volumes |
 //! | [`locator`] | point location in the reference or the deformed state |
-//! | [`map`] | world to reference, line by line |
+//! | [`map`] | map from world to reference, line by line |
 //! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
-//! | [`quality`] | shapes of elements, and whether a mesh can be calculated on |
-//! | [`Face`] | faces on the surface, with their outward normals |
+//! | [`quality`] | element shapes, and whether a mesh is usable for computation |
+//! | [`Face`] | surface faces, with their outward normals |
 
 mod adjacency;
 pub mod displacement;
@@ -26,13 +26,13 @@ pub mod quality;
 mod surface;
 
 pub use displacement::{Displacement, InvalidDisplacement};
-pub use locator::{Hit, Locator, LocatorReport, NONE};
+pub use locator::{Locator, NONE};
 pub use surface::Face;
 
 /// A tetrahedral mesh in its reference (undeformed) state, valid by construction.
 ///
 /// Node order of an element: its signed volume is `(n1 - n0) . ((n2 - n0) x (n3 - n0)) / 6`. A mesh in which every element
-/// that has a volume comes out negative was written with the other convention and is turned round on construction.
+/// with a volume is negative was written with the other convention and is reoriented on construction.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TetMesh {
     nodes: Vec<[f64; 3]>,
@@ -41,28 +41,28 @@ pub struct TetMesh {
     neighbours: Vec<[u32; 4]>,
 }
 
-/// Why a mesh cannot be made from its parts.
+/// Reason why a mesh cannot be constructed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidMesh {
     /// There is no element.
     #[error("the mesh has no tetrahedra")]
     Empty,
-    /// More nodes or elements than 32-bit indices can name.
+    /// More nodes or elements than 32-bit indices can address.
     #[error("{found} {what}; at most {limit} are supported")]
     TooMany {
         /// "nodes" or "tetrahedra".
         what: &'static str,
-        /// How many there are.
+        /// Number of nodes or tetrahedra.
         found: usize,
-        /// The most that indices can name.
+        /// Maximum number that indices can address.
         limit: usize,
     },
     /// The region list does not match the elements.
     #[error("{found} region numbers for {expected} tetrahedra")]
     Regions {
-        /// Regions given.
+        /// Number of regions.
         found: usize,
-        /// Elements given.
+        /// Number of elements.
         expected: usize,
     },
     /// A reference coordinate is NaN or infinite.
@@ -70,30 +70,30 @@ pub enum InvalidMesh {
     Coordinate {
         /// Index of the node, from 0.
         node: usize,
-        /// Its coordinates, mm.
+        /// Coordinates of the node, mm.
         position: [f64; 3],
     },
-    /// An element names a node that is not there.
+    /// An element refers to a node that does not exist.
     #[error("tetrahedron {element} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
     Node {
         /// Index of the element, from 0.
         element: usize,
-        /// The node it names.
+        /// The node that does not exist.
         node: u32,
         /// Number of nodes.
         nodes: usize,
     },
-    /// An element names the same node twice.
+    /// An element contains the same node twice.
     #[error("tetrahedron {element} names node {node} twice: {corners:?}")]
     RepeatedNode {
         /// Index of the element, from 0.
         element: usize,
         /// The repeated node.
         node: u32,
-        /// All four corners.
+        /// Nodes of all four corners.
         corners: [u32; 4],
     },
-    /// More than two elements meet in one face.
+    /// More than two elements share a face.
     #[error("face {face:?} belongs to tetrahedra {elements:?}; a face can join at most two")]
     SharedFace {
         /// Node indices of the face, ascending.
@@ -101,10 +101,10 @@ pub enum InvalidMesh {
         /// The first three elements that share it.
         elements: [u32; 3],
     },
-    /// More than two elements meet in one face because one of them is there twice.
+    /// More than two elements share a face because one of them is duplicated.
     #[error("tetrahedra {} and {} have the same corners {corners:?}", elements[0], elements[1])]
     Repeated {
-        /// The corners, ascending.
+        /// Node indices of the corners, ascending.
         corners: [u32; 4],
         /// The two elements.
         elements: [u32; 2],
@@ -115,15 +115,15 @@ pub enum InvalidMesh {
         /// Edge vectors of the box, mm.
         edges_mm: [[f64; 3]; 3],
     },
-    /// A lattice with an axis without cells.
+    /// A lattice has an axis without cells.
     #[error("a lattice of {0:?} cells; every axis needs at least one")]
     Cells([usize; 3]),
 }
 
 impl TetMesh {
-    /// A mesh from reference nodes (mm), elements (four node indices each) and one region number an element.
+    /// Builds a mesh from reference nodes (mm), elements (four node indices each) and one region number per element.
     ///
-    /// Inverted and flat elements are accepted (see [`TetMesh::volumes`]): point location gives each a defined result.
+    /// Inverted and flat elements are accepted (see [`TetMesh::volumes`]): point location gives a defined result for each.
     ///
     /// # Errors
     /// [`InvalidMesh`], with the first offending node, element or face.
@@ -145,27 +145,28 @@ impl TetMesh {
         })
     }
 
-    /// Reference positions of the nodes, mm.
+    /// Returns the reference positions of the nodes, mm.
     pub fn nodes(&self) -> &[[f64; 3]] {
         &self.nodes
     }
 
-    /// Node indices of the elements.
+    /// Returns the node indices of the elements.
     pub fn elements(&self) -> &[[u32; 4]] {
         &self.elements
     }
 
-    /// Region number of each element (0 where the source had none).
+    /// Returns the region number of each element (0 where the source had none).
     pub fn regions(&self) -> &[i32] {
         &self.regions
     }
 
-    /// For each element and each of its corners the element across the opposite face, or [`NONE`] at the surface.
+    /// Returns, for each element and each of its corners, the element across the opposite face, or [`NONE`] at the surface.
     pub fn neighbours(&self) -> &[[u32; 4]] {
         &self.neighbours
     }
 
-    /// Signed volumes of the elements with the nodes at `nodes` (reference or current), mm^3. Negative means inverted.
+    /// Returns the signed volumes of the elements with the nodes at `nodes` (reference or current), mm^3. Negative means
+    /// inverted.
     ///
     /// # Panics
     /// If `nodes` has fewer entries than the mesh has nodes.
@@ -173,7 +174,7 @@ impl TetMesh {
         self.elements.iter().map(move |corners| signed_volume(nodes, corners))
     }
 
-    /// The same mesh elsewhere: moved by a vector, mm.
+    /// Returns the mesh translated by a vector, mm.
     pub fn moved(&self, by_mm: [f64; 3]) -> TetMesh {
         let node = |node: &[f64; 3]| [0, 1, 2].map(|axis| node[axis] + by_mm[axis]);
         TetMesh {
@@ -182,7 +183,7 @@ impl TetMesh {
         }
     }
 
-    /// Corners of the axis-aligned box around the reference nodes, mm.
+    /// Returns the corners of the axis-aligned box around the reference nodes, mm.
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for node in &self.nodes {
@@ -196,7 +197,7 @@ impl TetMesh {
 }
 
 fn validate(nodes: &[[f64; 3]], elements: &[[u32; 4]], regions: &[i32]) -> Result<(), InvalidMesh> {
-    // The highest word is `NONE`, and the cell lists keep one bit for themselves.
+    // The highest word is `NONE`, and the cell lists reserve one bit.
     let limit = (u32::MAX >> 1) as usize;
     for (what, found) in [("nodes", nodes.len()), ("tetrahedra", elements.len())] {
         if found > limit {

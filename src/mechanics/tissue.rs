@@ -1,28 +1,26 @@
-//! Tissue as linear elastic tetrahedra: K u = f, with displacements in mm and forces in N.
+//! Linear elastic tissue in tetrahedra: K u = f, with displacements in mm and forces in N.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | [`material`] | Young's modulus and Poisson's ratio, by region |
-//! | [`element`] | the stiffness of one tetrahedron |
-//! | [`dofs`] | which degrees of freedom are free and which prescribed |
-//! | [`assembly`] | the sparse stiffness matrix |
-//! | [`factor`] | its Cholesky factor, and solutions with their residual |
-//! | [`rigid`] | the rigid motions that the fixed nodes leave |
-//! | [`symmetric`] | a dense symmetric matrix in row panels, and its updates |
-//! | [`compliance`] | entries and columns of K^-1, wherever they come from |
-//! | [`inverse`] | the dense inverse of the stiffness |
-//! | [`cache`] | the inverse on disk |
+//! | [`material`] | Young's modulus and Poisson's ratio by region |
+//! | [`element`] | stiffness of one tetrahedron |
+//! | [`dofs`] | free and prescribed degrees of freedom |
+//! | [`assembly`] | sparse stiffness matrix |
+//! | [`factor`] | Cholesky factor of the stiffness, and solutions with their residual |
+//! | [`rigid`] | rigid motions left free by the fixed nodes |
+//! | [`symmetric`] | dense symmetric matrix in row panels, and its updates |
+//! | [`compliance`] | access to entries and columns of K^-1 |
+//! | [`inverse`] | dense inverse of the stiffness |
 //! | [`columns`] | columns of the inverse, solved on demand |
-//! | [`frames`] | the axes of a contact node |
-//! | [`condensed`] | the compliance of the contact nodes |
+//! | [`frames`] | axes of a contact node |
+//! | [`condensed`] | compliance of the contact nodes |
 //! | [`switching`] | forces or displacements prescribed at contacts |
-//! | [`nonlinear`] | tissue that stiffens with strain, in triangles and tetrahedra |
-//! | [`problem`] | a static problem, checked and solved |
-//! | [`remesh`] | moves of reference nodes, and the compliance that follows them |
+//! | [`nonlinear`] | strain-stiffening tissue in triangles and tetrahedra |
+//! | [`problem`] | static problems: validation and solution |
+//! | [`remesh`] | moves of reference nodes, and updates of the compliance |
 //! | [`viscoelastic`] | fractional integrals and derivatives of a history |
 
 pub mod assembly;
-pub mod cache;
 pub mod columns;
 pub mod compliance;
 pub mod condensed;

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Atomic writing of files.
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
@@ -6,20 +6,20 @@ use std::path::{Path, PathBuf};
 
 use super::staged::{self, StagedFile};
 
-/// A file that could not be written: always the machine's failure, never that of the input.
+/// A file that could not be written: always a failure of the machine, never of the input.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: cannot be written: {cause}", path.display())]
 pub struct WriteError {
-    /// The file that was asked for.
+    /// Path of the requested file.
     pub path: PathBuf,
-    /// What the system said.
+    /// Error of the operating system.
     pub cause: io::Error,
 }
 
 impl WriteError {
-    /// Ties a system error to the file that was asked for.
+    /// Attaches the requested path to a system error.
     pub fn new(path: &Path, cause: io::Error) -> Self {
-        // Without the name of a temporary file, which is gone by now.
+        // Without the name of the temporary file, which no longer exists.
         let said = cause.to_string();
         let cause = match said.split_once(" at path ") {
             Some((said, _)) => io::Error::new(cause.kind(), said),
@@ -32,9 +32,9 @@ impl WriteError {
     }
 }
 
-/// Writes `path` through `fill`. The bytes go to a temporary file in the same folder, which takes the name only when all
-/// of them are written and, but for files of a [`super::folder::Folder`], on the disk; on failure nothing is left and an older
-/// file of that name stays as it was. A link is followed.
+/// Writes `path` through `fill`. The bytes go to a temporary file in the same folder, which is renamed only when all of them
+/// are written and, except for files of a [`super::folder::Folder`], synchronised to disk; on failure the temporary file is
+/// removed and an existing file of that name is left unchanged. Symbolic links are followed.
 ///
 /// # Errors
 /// [`WriteError`] when the folder, the file or the disk refuses, when `fill` fails, or when `path` names something that
@@ -65,7 +65,7 @@ fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::
     staged.persist(path)
 }
 
-/// The folder that a file is in.
+/// Parent folder of a file.
 pub(super) fn folder_of(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,

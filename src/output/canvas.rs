@@ -1,11 +1,11 @@
-//! A few anti-aliased marks on an sRGB picture; whatever lies outside it is clipped.
+//! Anti-aliased drawing on an sRGB picture, clipped to its bounds.
 
 use image::{Rgb, RgbImage};
 
 pub(super) type Colour = [u8; 3];
 pub(super) type Point = [f64; 2];
 
-/// Lays `colour` over a pixel with an opacity of 0 to 1.
+/// Blends `colour` over a pixel with an opacity of 0 to 1.
 fn blend(picture: &mut RgbImage, x: u32, y: u32, colour: Colour, opacity: f64) {
     let Rgb(under) = picture.get_pixel_mut(x, y);
     for (under, over) in under.iter_mut().zip(colour) {
@@ -13,7 +13,7 @@ fn blend(picture: &mut RgbImage, x: u32, y: u32, colour: Colour, opacity: f64) {
     }
 }
 
-/// Runs over the pixels within a rectangle of corners `low` and `high`.
+/// Visits the pixels within a rectangle of corners `low` and `high`.
 fn each_pixel(picture: &mut RgbImage, low: Point, high: Point, mut mark: impl FnMut(&mut RgbImage, u32, u32)) {
     let range = |low: f64, high: f64, side: u32| {
         let clip = |x: f64| x.clamp(0.0, f64::from(side)) as u32;
@@ -30,7 +30,7 @@ fn each_pixel(picture: &mut RgbImage, low: Point, high: Point, mut mark: impl Fn
     }
 }
 
-/// A line of a width in pixels with round ends.
+/// Draws a line with round ends and the given width in pixels.
 pub(super) fn line(picture: &mut RgbImage, [a, b]: [Point; 2], width: f64, colour: Colour, opacity: f64) {
     let reach = width / 2.0 + 1.0;
     let low = [0, 1].map(|i| a[i].min(b[i]) - reach);
@@ -52,14 +52,14 @@ pub(super) fn line(picture: &mut RgbImage, [a, b]: [Point; 2], width: f64, colou
     });
 }
 
-/// A closed outline.
+/// Draws a closed outline.
 pub(super) fn outline(picture: &mut RgbImage, polygon: &[Point], width: f64, colour: Colour) {
     for (i, &a) in polygon.iter().enumerate() {
         line(picture, [a, polygon[(i + 1) % polygon.len()]], width, colour, 1.0);
     }
 }
 
-/// The inside of a polygon, by the even-odd rule.
+/// Fills a polygon by the even-odd rule.
 pub(super) fn fill(picture: &mut RgbImage, polygon: &[Point], colour: Colour, opacity: f64) {
     let extreme =
         |axis: usize, pick: fn(f64, f64) -> f64, start: f64| polygon.iter().map(|point| point[axis]).fold(start, pick);
@@ -80,7 +80,7 @@ pub(super) fn fill(picture: &mut RgbImage, polygon: &[Point], colour: Colour, op
     });
 }
 
-/// A filled disc.
+/// Draws a filled disc.
 pub(super) fn disc(picture: &mut RgbImage, centre: Point, radius: f64, colour: Colour) {
     line(picture, [centre, centre], 2.0 * radius, colour, 1.0);
 }
@@ -116,7 +116,7 @@ pub(super) fn text_size(text: &str, dot: u32) -> [u32; 2] {
     [(letters * 6).saturating_sub(1) * dot, 7 * dot]
 }
 
-/// A text whose upper left dot is at `at`, with dots of `dot` pixels and a dark rim.
+/// Draws a text whose upper left dot is at `at`, with dots of `dot` pixels and a dark rim.
 pub(super) fn text(picture: &mut RgbImage, at: [u32; 2], text: &str, dot: u32, colour: Colour) {
     for (rim, ink) in [(1i64, [0, 0, 0]), (0, colour)] {
         for (place, letter) in text.chars().enumerate() {

@@ -1,5 +1,5 @@
-//! Folders that hold the files of one run and what was there of others' making: a run's files come into them all together, when it is
-//! done, and take the place of those of the run before, which a list in the folder names.
+//! Output folders of runs: the files of a run are installed together when it is complete, and replace those of the previous run,
+//! which are listed in a manifest in the folder; files of other origin are kept.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -12,10 +12,10 @@ use super::atomic::WriteError;
 use super::place::PlaceError;
 use super::staged::{self, Live, StagedFolder};
 
-/// The list of a run's files, in the folder itself.
+/// File name of the manifest in the folder.
 pub const MANIFEST: &str = "insonify.json";
 
-/// What the list says.
+/// Contents of the manifest.
 #[derive(Debug, Serialize, Deserialize)]
 struct Manifest {
     program: String,
@@ -24,30 +24,30 @@ struct Manifest {
     files: BTreeSet<String>,
 }
 
-/// A folder that a run writes to. Until [`Folder::install`] the files are in a hidden folder within, which goes if the run fails.
+/// Output folder of a run. Until [`Folder::install`] the files are in a hidden subfolder, which is removed if the run fails.
 #[derive(Debug)]
 pub struct Folder {
     target: PathBuf,
     command: &'static str,
     force: bool,
-    /// Files of the run before, relative to the folder.
+    /// Files of the previous run, relative to the folder.
     before: BTreeSet<String>,
-    /// None once it was installed.
+    /// Hidden subfolder; `None` after installation.
     staged: Option<StagedFolder>,
-    /// Where the folder was made for this run: it goes if nothing comes of it.
+    /// Set if the folder was created for this run: it is removed if the run fails.
     made: Option<Live>,
 }
 
-/// Endings of numbered files that runs write.
+/// Extensions of numbered files that runs write.
 const WRITTEN: [&str; 3] = [".png", ".json", ".vtu"];
 
 impl Folder {
-    /// Makes the folder, if it is not there, and looks whether a run of `command` can write to it. `names` are files that it will write,
-    /// relative to the folder; one that ends in `_` stands for numbered files that begin with it. `inputs` are files that it reads.
+    /// Creates the folder if it is missing, and checks that a run of `command` can write to it. `names` are files that it will write,
+    /// relative to the folder; one that ends in `_` stands for numbered files with this prefix. `inputs` are files that it reads.
     ///
     /// # Errors
-    /// [`PlaceError`]: no folder can be made; without `force`, a file of these names is there and no run before listed it, or it is an
-    /// input.
+    /// [`PlaceError`] if the folder cannot be created; without `force`, if a file of these names exists that no previous run listed,
+    /// or that is an input.
     pub fn open(
         target: &Path,
         command: &'static str,
@@ -93,12 +93,12 @@ impl Folder {
         Ok(folder)
     }
 
-    /// Where to write.
+    /// Folder to write to.
     pub fn path(&self) -> &Path {
         self.staged.as_ref().map_or(&self.target, StagedFolder::path)
     }
 
-    /// Where a file that was written to [`Folder::path`] will be.
+    /// Final path of a file written to [`Folder::path`].
     pub fn place(&self, file: &Path) -> PathBuf {
         match file.strip_prefix(self.path()) {
             Ok(name) => self.target.join(name),
@@ -106,7 +106,7 @@ impl Folder {
         }
     }
 
-    /// Files of the run before, as the list names them. Names that lead out of the folder are none of ours.
+    /// Files of the previous run from the manifest. Names that lead out of the folder are ignored.
     fn listed(&self) -> Result<BTreeSet<String>, PlaceError> {
         let path = self.target.join(MANIFEST);
         let text = match fs::read_to_string(&path) {
@@ -167,11 +167,11 @@ impl Folder {
         }
     }
 
-    /// Moves the files to their places, removes those of the run before that this one has not, and lists what is there. No file of
-    /// another's making goes; without `force`, none is replaced.
+    /// Moves the files to their final places, removes those of the previous run that are not replaced, and updates the manifest.
+    /// Files of other origin are never removed and, without `force`, never replaced.
     ///
     /// # Errors
-    /// [`PlaceError::Kept`]; what was written is kept then, and named.
+    /// [`PlaceError::Kept`]; the written files are then kept, and the error names their folder.
     pub fn install(mut self) -> Result<(), PlaceError> {
         let Some(staged) = self.staged.take() else {
             return Ok(());
@@ -197,7 +197,7 @@ impl Folder {
             }
         }
         let _held = staged::hold();
-        // First, so that a run that ends here leaves nothing that the next one would not know.
+        // First, so that a run that ends here leaves no file unknown to the next one.
         self.list(from, files.union(&self.before).cloned().collect())?;
         for name in files {
             let path = self.target.join(name);
@@ -214,7 +214,7 @@ impl Folder {
                 }
                 _ => {}
             }
-            // Folders that this leaves empty go; others stay.
+            // Folders that become empty are removed.
             let mut folder = parent(name);
             while !folder.is_empty() && fs::remove_dir(self.target.join(folder)).is_ok() {
                 folder = parent(folder);
@@ -247,18 +247,18 @@ impl Drop for Folder {
     fn drop(&mut self) {
         drop(self.staged.take());
         if self.made.is_some() {
-            // Only where it is empty: anything else in it is not of this run.
+            // Only if empty: anything else in it does not belong to this run.
             let _ = fs::remove_dir(&self.target);
         }
     }
 }
 
-/// The folder of a relative name, empty for the folder itself.
+/// Folder of a relative name, empty for the folder itself.
 fn parent(name: &str) -> &str {
     name.rsplit_once('/').map_or("", |(folder, _)| folder)
 }
 
-/// The files below a folder, relative to it.
+/// Files below a folder, relative to it.
 fn files_in(folder: &Path) -> io::Result<BTreeSet<String>> {
     let mut files = BTreeSet::new();
     let mut folders = vec![String::new()];

@@ -1,4 +1,4 @@
-//! Animated previews: small, for a page or a message.
+//! Animated GIF previews, small enough for a page or a message.
 
 use std::borrow::Cow;
 use std::fs::File;
@@ -9,35 +9,35 @@ use gif::{Encoder, EncodingError, Repeat};
 
 use super::atomic::WriteError;
 
-/// Pictures are made smaller by a whole number until they are no wider than this.
+/// Largest width, pixels: pictures are downscaled by an integer to fit.
 const WIDEST: usize = 426;
-/// Pictures follow each other no faster, s: half the frames of a usual run, and as fast as most programs show them.
+/// Minimum interval between pictures, s: half the frames of a typical run, and as fast as most programs show them.
 const LEAST_S: f64 = 0.08;
-/// Grey levels: fewer are smaller, and on speckle nobody sees the steps.
+/// Number of grey levels: fewer are smaller, and the steps are invisible on speckle.
 const GREYS: usize = 64;
 
-/// An animated GIF in the making. It repeats for ever.
+/// Writer of an animated GIF. It repeats for ever.
 pub struct Preview {
     path: PathBuf,
     encoder: Encoder<BufWriter<File>>,
-    /// Columns and rows of the frames that come.
+    /// Columns and rows of the input frames.
     size: [usize; 2],
-    /// How many of their pixels make one, along each side.
+    /// Downscaling factor along each side.
     cell: usize,
-    /// Every so many frames one is taken.
+    /// Interval between used frames.
     every: usize,
-    /// How long it is shown, in hundredths of a second.
+    /// Display time of a picture, in hundredths of a second.
     delay: u16,
     seen: usize,
     shown: Vec<u8>,
 }
 
 impl Preview {
-    /// Begins a file for grey frames of `width` x `height` pixels (1 or more each, at most 65,535 once they are made smaller) that
-    /// follow each other after `frame_s` seconds (above 0).
+    /// Begins a file for grey frames of `width` x `height` pixels (1 or more each, at most 65,535 after downscaling) at intervals
+    /// of `frame_s` seconds (above 0).
     ///
     /// # Errors
-    /// [`WriteError`] where the folder or the disk refuses, or the size is out of range.
+    /// [`WriteError`] if the file cannot be written, or the size is out of range.
     pub fn create(path: &Path, width: usize, height: usize, frame_s: f64) -> Result<Preview, WriteError> {
         let cell = width.div_ceil(WIDEST).max(1);
         let side = |pixels: usize| u16::try_from(pixels / cell).ok().filter(|side| *side > 0);
@@ -69,10 +69,10 @@ impl Preview {
         })
     }
 
-    /// Takes the next frame, one byte a pixel, row by row.
+    /// Adds the next frame, one byte per pixel, row by row.
     ///
     /// # Errors
-    /// [`WriteError`] where the disk refuses, or the frame has another size.
+    /// [`WriteError`] if the file cannot be written, or the frame has another size.
     pub fn push(&mut self, pixels: &[u8]) -> Result<(), WriteError> {
         self.seen += 1;
         if !(self.seen - 1).is_multiple_of(self.every) {
@@ -95,7 +95,7 @@ impl Preview {
                     .flat_map(|at| &pixels[at..at + cell])
                     .map(|grey| usize::from(*grey))
                     .sum();
-                // The level nearest to the mean.
+                // The grey level nearest to the mean.
                 let most = 255 * cell * cell;
                 self.shown.push(((2 * sum * (GREYS - 1) + most) / (2 * most)) as u8);
             }
@@ -112,10 +112,10 @@ impl Preview {
             .map_err(|error| WriteError::new(&self.path, system(error)))
     }
 
-    /// Ends the file.
+    /// Completes the file.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn finish(self) -> Result<(), WriteError> {
         let path = self.path;
         let wrong = |cause| WriteError::new(&path, cause);
@@ -124,7 +124,7 @@ impl Preview {
     }
 }
 
-/// What the system said, or what the encoder could not do.
+/// Converts an encoder error into an I/O error.
 fn system(error: EncodingError) -> io::Error {
     match error {
         EncodingError::Io(error) => error,
@@ -136,7 +136,7 @@ fn system(error: EncodingError) -> io::Error {
 mod tests {
     use super::*;
 
-    /// 900 pixels are 2.1 times too wide: three by three make one. Of frames every 0.04 s every other is taken.
+    /// 900 pixels are 2.1 times too wide: downscaled by three. Of frames every 0.04 s every other is used.
     #[test]
     fn a_preview_is_small_and_as_long_as_the_frames() {
         let folder = tempfile::tempdir().unwrap();

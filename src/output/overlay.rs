@@ -1,5 +1,4 @@
-//! What a scanner draws over its picture, for people to read: a scale of depth, a bar of the grey map, the side of the probe's mark, and
-//! the focus.
+//! Scanner overlay of a picture: a depth scale, a bar of the grey map, the side of the probe's mark, and the focus.
 
 use image::{Rgb, RgbImage};
 
@@ -10,15 +9,16 @@ use crate::synth::tables::Tables;
 
 const INK: Colour = [235; 3];
 const RIM: Colour = [0; 3];
-/// Ticks of the scale, mm: the closest that are [`APART`] pixels apart. Each fifth is long and has its depth in cm.
+/// Tick spacings of the scale, mm: the smallest with ticks at least [`APART`] pixels apart is used. Each fifth tick
+/// is long and labelled with its depth in cm.
 const TICKS_MM: [f64; 3] = [2.0, 10.0, 50.0];
 const APART: f64 = 7.0;
-/// Length of a tick and of a long one, pixels.
+/// Lengths of a short and a long tick, pixels.
 const TICK: [f64; 2] = [4.0, 8.0];
-/// Room between marks and the edge of the picture, pixels.
+/// Distance of marks from the edge of the picture, pixels.
 const EDGE: u32 = 8;
 
-/// Draws the marks over a grey picture, row by row, of the size that the tables say. What lies outside it is left out.
+/// Draws the marks over a grey picture, row by row, of the size in the tables. Marks outside it are clipped.
 pub fn draw(pixels: &mut [u8], tables: &Tables) {
     let (width, height) = (tables.width() as u32, tables.height() as u32);
     let grey = pixels.iter().flat_map(|&grey| [grey; 3]).collect();
@@ -33,7 +33,7 @@ pub fn draw(pixels: &mut [u8], tables: &Tables) {
     }
 }
 
-/// The greys of the dynamic range, the loudest on top.
+/// Draws the greys of the dynamic range, the brightest on top.
 fn bar(picture: &mut RgbImage, tone: Option<&Tone>) {
     let [left, top, wide, high] = [EDGE, EDGE, 10, picture.height() / 4].map(f64::from);
     let outline = [
@@ -51,7 +51,7 @@ fn bar(picture: &mut RgbImage, tone: Option<&Tone>) {
     }
 }
 
-/// Depth below the middle of the array along the right edge, and a triangle at the focus.
+/// Draws the depth below the middle of the array along the right edge, and a triangle at the focus.
 fn scale(picture: &mut RgbImage, tables: &Tables) {
     let row = |depth_mm: f64| tables.image_grid.to_pixel(0.0, depth_mm)[1];
     let right = f64::from(picture.width()) - 1.0;
@@ -85,7 +85,7 @@ fn scale(picture: &mut RgbImage, tables: &Tables) {
     }
 }
 
-/// A triangle that points to the right.
+/// Draws a triangle that points to the right.
 fn arrow(picture: &mut RgbImage, [x, y]: Point) {
     for (size, colour) in [(6.0, RIM), (4.0, INK)] {
         let corners = [
@@ -97,7 +97,7 @@ fn arrow(picture: &mut RgbImage, [x, y]: Point) {
     }
 }
 
-/// A disc beside the marked end of the array.
+/// Draws a disc beside the marked end of the array.
 fn mark(picture: &mut RgbImage, tables: &Tables) {
     let [x, y] = tables.grid.to_plane(tables.lines() as f64 - 0.5, -0.5);
     let within = |at: f64, side: u32| at.clamp(f64::from(EDGE), f64::from(side.max(2 * EDGE) - EDGE));
@@ -118,7 +118,7 @@ mod tests {
         Tables::new(anatomy, settings).unwrap()
     }
 
-    /// Over black: 6 cm of depth under a linear probe, in ticks of 2 mm, the focus at 3 cm, and the bar of the grey map.
+    /// On black: 6 cm of depth under a linear probe, in ticks of 2 mm, the focus at 3 cm, and the bar of the grey map.
     #[test]
     fn marks_are_where_their_depths_are() {
         let tables = tables(320, 240);

@@ -1,4 +1,4 @@
-//! A small picture of where the probe is against the anatomy.
+//! Overview picture of the probe against the anatomy.
 
 use image::{Rgb, RgbImage, imageops};
 use nalgebra::{Point3, Vector3};
@@ -10,15 +10,15 @@ use crate::tracking::pose::Pose;
 use crate::tracking::probe::BeamGrid;
 use crate::volume::LabelVolume;
 
-/// Side of one view, pixels.
+/// Size of one view, pixels.
 const PANEL: u32 = 360;
-/// Room between views, pixels.
+/// Gap between views, pixels.
 const GAP: u32 = 6;
-/// Share of a view left free around what it shows.
+/// Fraction of a view left free around its content.
 const MARGIN: f64 = 0.06;
-/// How far behind the array the probe's body is drawn, as a share of what is in view, and its half-width at least.
+/// Length of the drawn probe body behind the array, and its minimum half-width, as fractions of the view.
 const BODY: [f64; 2] = [0.12, 0.03];
-/// Largest coordinate that is drawn, mm, far beyond any body.
+/// Largest drawn coordinate, mm, far beyond any body.
 const FARTHEST_MM: f64 = 1e7;
 
 const PAPER: Colour = [14, 16, 20];
@@ -30,14 +30,14 @@ const MARKER: Colour = [64, 220, 120];
 const NEEDLE: Colour = [90, 215, 255];
 const LETTER: Colour = [235, 238, 245];
 
-/// One view: the world axes along its columns and rows, which way they run, and the letters at its left, right, top and bottom.
+/// One view: the world axes along its columns and rows, their signs, and the letters at its left, right, top and bottom.
 struct View {
     axes: [usize; 2],
     signs: [f64; 2],
     letters: [&'static str; 4],
 }
 
-/// Axial, coronal and sagittal as radiologists hang them: the patient's right on the left, the front up or on the left, the
+/// Axial, coronal and sagittal in radiological convention: the patient's right on the left, anterior up or on the left, the
 /// head up.
 const VIEWS: [View; 3] = [
     View {
@@ -57,7 +57,7 @@ const VIEWS: [View; 3] = [
     },
 ];
 
-/// What the three views share: the point that they cut through, the middle of what they show, and their scale.
+/// Geometry common to the three views: the point through which they cut, the centre, and the scale.
 struct Frame {
     cut: Point3<f64>,
     middle: Vector3<f64>,
@@ -66,7 +66,7 @@ struct Frame {
 
 /// Draws three slices of a label volume (axial, coronal, sagittal, at one scale) through the middle of the probe's field of
 /// view, with the outline of the field of view, the probe with a green dot at its marked side, and the needle if there is
-/// one, all seen straight from the side. `colours` holds one sRGB colour a label index; an index beyond it is drawn grey.
+/// one, all in orthographic projection. `colours` holds one sRGB colour per label index; an index beyond it is drawn grey.
 pub fn overview(
     volume: &LabelVolume,
     colours: &[[u8; 3]],
@@ -124,8 +124,8 @@ fn in_world(pose: &Pose, plane: &[[f64; 2]]) -> Vec<Point3<f64>> {
     plane.iter().map(place).collect()
 }
 
-/// The probe's body in its plane: the array's curve, closed behind it; the whole round probe where the array runs more than
-/// half-way around it.
+/// Outline of the probe's body in its plane: the array's curve, closed behind it; the complete round probe if the array
+/// covers more than half of it.
 fn body_outline(beam: &BeamGrid, frame: &Frame) -> Vec<[f64; 2]> {
     let side = frame.mm_per_pixel * f64::from(PANEL);
     if let Some(radius) = beam
@@ -154,7 +154,7 @@ fn body_outline(beam: &BeamGrid, frame: &Frame) -> Vec<[f64; 2]> {
 }
 
 impl Frame {
-    /// A frame around the volume and as much of the probe and its sector as lies within one volume's size of it.
+    /// Frame around the volume and as much of the probe and its sector as lies within one volume's size of it.
     fn around(volume: &LabelVolume, pose: &Pose, beam: &BeamGrid, sector: &[Point3<f64>]) -> Self {
         let bounded = |p: Point3<f64>| p.coords.map(|x| x.clamp(-FARTHEST_MM, FARTHEST_MM));
         let mut low = Vector3::repeat(f64::INFINITY);
@@ -202,7 +202,7 @@ impl Frame {
     }
 }
 
-/// The colours of the labels in one plane, four samples a pixel.
+/// Colours of the labels in one plane, four samples per pixel.
 fn slice(volume: &LabelVolume, colours: &[[u8; 3]], frame: &Frame, view: &View) -> RgbImage {
     let colour_at = |pixel: Point| match volume.label_index_at(&frame.unproject(view, pixel)) {
         Some(label) => colours.get(usize::from(label)).copied().unwrap_or([128; 3]),
@@ -246,7 +246,7 @@ fn annotate(panel: &mut RgbImage, view: &View) {
     }
 }
 
-/// A bar of the longest round length that takes at most a quarter of the view.
+/// Draws a scale bar of the longest round length that takes at most a quarter of the view.
 fn scale_bar(panel: &mut RgbImage, mm_per_pixel: f64) {
     let lengths = [
         ("200 mm", 200.0),
@@ -277,7 +277,7 @@ mod tests {
 
     const COLOURS: [[u8; 3]; 4] = [[0, 0, 0], [216, 180, 140], [180, 80, 70], [240, 235, 215]];
 
-    /// A body of ellipses with a liver to the patient's right and a spine behind, 3 mm voxels.
+    /// A torso of ellipses with a liver on the patient's right and a spine behind, 3 mm voxels.
     fn torso() -> LabelVolume {
         let size = [120, 80, 100];
         let mut voxels = Vec::with_capacity(size.iter().product());

@@ -1,4 +1,4 @@
-//! Whether an output can be written where it was asked for: looked at before anything is computed for it.
+//! Checks that outputs can be written, made before the computation.
 
 use std::fs;
 use std::io::{self, Read};
@@ -7,73 +7,73 @@ use std::path::{Path, PathBuf};
 use super::atomic::{WriteError, folder_of};
 use super::staged::{self, StagedFile};
 
-/// Bytes of an older file that are looked at.
+/// Number of leading bytes compared to identify the kind of an existing file.
 const START: u64 = 512;
 
-/// Why an output cannot be where it was asked for.
+/// Why an output cannot be written to a path.
 #[derive(Debug, thiserror::Error)]
 pub enum PlaceError {
-    /// The system refused.
+    /// A file system error.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// A folder cannot be made.
+    /// A folder cannot be created.
     #[error("{}: no folder can be made there: {cause}", path.display())]
     Folder {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The folder of a file is not there.
+    /// The parent folder of a file does not exist.
     #[error("{}: its folder is not there; make it first, or name another", path.display())]
     NoFolder {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
     /// A folder in place of a file, a file in place of a folder, or something that is neither.
     #[error("{}: the output must be {expected}", path.display())]
     Kind {
-        /// The path that was asked for.
+        /// The requested path.
         path: PathBuf,
         /// What can be written.
         expected: &'static str,
     },
-    /// A file that this program did not write, or that is of another kind.
+    /// An existing file that this program did not write, or that is of another kind.
     #[error(
         "{}: this file is in the way: it is of another kind, or no earlier run into this folder lists it; name another place, or \
          replace it with --force",
         path.display()
     )]
     Taken {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// A file that the same run reads.
+    /// An existing file that the same run reads.
     #[error("{}: the output would replace a file that this run reads; name another place, or replace it with --force", path.display())]
     Input {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// Two outputs of one run with the same name.
+    /// Two outputs of one run with the same path.
     #[error("{}: two outputs have this name; name another place for one of them", path.display())]
     Twice {
-        /// The name.
+        /// The path.
         path: PathBuf,
     },
-    /// Files that could not get to their places when a run was done.
+    /// Files that could not be moved to their final places at the end of a run.
     #[error("{cause}\nThe run is done, and {moved} of its files are in their places; the others are kept in {}", path.display())]
     Kept {
-        /// The folder that they are in.
+        /// Folder that holds the files.
         path: PathBuf,
-        /// How many files got to their places.
+        /// Number of files moved.
         moved: usize,
-        /// What stopped the next.
+        /// Error that stopped the move.
         cause: Box<PlaceError>,
     },
 }
 
 impl PlaceError {
-    /// Whether the machine failed, rather than what was asked for.
+    /// Whether the machine is at fault rather than the request.
     pub fn is_machine(&self) -> bool {
         matches!(
             self,
@@ -82,11 +82,11 @@ impl PlaceError {
     }
 }
 
-/// Checks that files can be written under these names: that their folders are there and can be written to, that they are no folders
-/// and, without `force`, that none replaces one of the `inputs` or a file of another kind. Clears what killed runs left beside them.
+/// Checks that files can be written under these names: their folders exist and are writable, they are not folders and, without
+/// `force`, none replaces one of the `inputs` or a file of another kind. Removes temporary files that killed runs left beside them.
 ///
 /// # Errors
-/// [`PlaceError`].
+/// [`PlaceError`] if a file cannot be written.
 pub fn check(files: &[&Path], inputs: &[PathBuf], force: bool) -> Result<(), PlaceError> {
     for (at, path) in files.iter().enumerate() {
         if files[..at].iter().any(|other| same(other, path)) {
@@ -128,7 +128,7 @@ fn check_one(path: &Path, inputs: &[PathBuf], force: bool) -> Result<(), PlaceEr
     Ok(())
 }
 
-/// Whether two paths name one file: by what is there, or where nothing is, by name.
+/// Whether two paths refer to the same file: by identity if it exists, otherwise by name.
 fn same(a: &Path, b: &Path) -> bool {
     let whole = |path: &Path| {
         let folder = fs::canonicalize(folder_of(path)).ok()?;
@@ -137,7 +137,7 @@ fn same(a: &Path, b: &Path) -> bool {
     whole(a).is_some_and(|a| whole(b) == Some(a))
 }
 
-/// Whether the file that is there starts like those that are written under such names.
+/// Whether an existing file starts like those that are written under such names.
 fn is_same_kind(path: &Path) -> io::Result<bool> {
     let ending = path.extension().map(|ending| ending.to_ascii_lowercase());
     let marks: &[&[u8]] = match ending.as_ref().and_then(|ending| ending.to_str()) {

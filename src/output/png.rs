@@ -1,4 +1,4 @@
-//! PNG files, 8 bits deep for pictures and 16 for ground-truth layers, and numbered folders of them.
+//! PNG files, 8 bits for pictures and 16 for ground-truth layers, and their numbered names.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -12,43 +12,43 @@ use super::numbered;
 /// Why a picture was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum PngError {
-    /// The folder, the file or the disk refused.
+    /// A file system error.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The pixels given do not fill the size given.
+    /// The number of pixels does not match the size.
     #[error("{}: {found} bytes of pixels for {width}x{height} pixels of {channels} bytes each; the size must be at least 1x1", path.display())]
     Pixels {
-        /// The file asked for.
+        /// Path of the requested file.
         path: PathBuf,
-        /// Bytes given.
+        /// Number of bytes given.
         found: usize,
         /// Columns.
         width: usize,
         /// Rows.
         height: usize,
-        /// Bytes a pixel.
+        /// Bytes per pixel.
         channels: usize,
     },
 }
 
 impl PngError {
-    /// Whether the machine is to blame rather than what was asked for.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Write(_))
     }
 }
 
-/// Writes a grey picture, one byte a pixel, row by row. The file appears whole or not at all.
+/// Writes a grey picture, one byte per pixel, row by row. The write is atomic.
 pub fn write_grey(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), PngError> {
     write(path, width, height, pixels, ExtendedColorType::L8)
 }
 
-/// Writes a colour picture, three bytes (sRGB) a pixel, row by row. The file appears whole or not at all.
+/// Writes a colour picture, three bytes (sRGB) per pixel, row by row. The write is atomic.
 pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), PngError> {
     write(path, width, height, pixels, ExtendedColorType::Rgb8)
 }
 
-/// Writes a layer of 16-bit numbers, row by row. The file appears whole or not at all.
+/// Writes a layer of 16-bit numbers, row by row. The write is atomic.
 pub fn write_grey16(path: &Path, width: usize, height: usize, pixels: &[u16]) -> Result<(), PngError> {
     write(
         path,
@@ -84,12 +84,12 @@ fn write(path: &Path, width: usize, height: usize, pixels: &[u8], colour: Extend
     Ok(())
 }
 
-/// Where frame `frame` of `of` goes in a numbered folder: `frame_0000.png`, with as many digits as the last one has, and 4 at least.
+/// Path of frame `frame` of `of` in a numbered folder: `frame_0000.png`, with as many digits as the last one has, at least 4.
 pub fn frame_path(folder: &Path, frame: usize, of: usize) -> PathBuf {
     folder.join(format!("frame_{}.png", numbered(frame, of)))
 }
 
-/// Where a layer of a file goes: beside it, with the layer's name before the ending: `frame_0000_depth.png`.
+/// Path of a layer of a file: beside it, with the layer's name before the extension: `frame_0000_depth.png`.
 pub fn layer_path(file: &Path, layer: &str) -> PathBuf {
     let stem = Path::new(file.file_stem().unwrap_or_default());
     // Sequences of PLUS end in .igs.mha.

@@ -1,4 +1,5 @@
-//! Image sequences with a pose a frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8 (layers uint16), orientation MF.
+//! Image sequences with one pose per frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8 (layers uint16), orientation
+//! MF.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -12,20 +13,20 @@ use nalgebra::Matrix4;
 use super::atomic::{self, WriteError, folder_of};
 use crate::tracking::sequence::SequenceFrame;
 
-/// What goes with an image.
+/// Metadata of an image.
 #[derive(Clone, Debug, Default)]
 pub struct FrameInfo<'a> {
-    /// Seconds.
+    /// Timestamp, s.
     pub timestamp: f64,
-    /// Name such as `ProbeToTracker`, matrix that takes the first coordinates to the second (mm), and whether it is
+    /// Name such as `ProbeToTracker`, matrix from the first coordinates to the second (mm), and whether it is
     /// valid. A matrix that is not finite is written as the identity and marked invalid.
     pub transforms: &'a [(&'a str, Matrix4<f64>, bool)],
     /// Whether the image shows anything.
     pub image_valid: bool,
 }
 
-/// The transforms of a rendered frame: `ImageToWorld` (`CroppedImageToWorld` where it has the pixels of a cropped recording) and
-/// `TransducerToWorld` (the centre of the array), and all others that a tracker recorded for it.
+/// Transforms of a rendered frame: `ImageToWorld` (`CroppedImageToWorld` if it has the pixels of a cropped recording) and
+/// `TransducerToWorld` (the centre of the array), and all others recorded for it by a tracker.
 pub fn transforms(
     [image_to_world, transducer_to_world]: [Matrix4<f64>; 2],
     recorded: Option<&SequenceFrame>,
@@ -46,25 +47,25 @@ pub fn transforms(
 /// Why a sequence cannot be written.
 #[derive(Debug, thiserror::Error)]
 pub enum SequenceError {
-    /// The system refused.
+    /// A file system error.
     #[error(transparent)]
     Write(#[from] WriteError),
     /// A name that ends in neither `.mha` nor `.nrrd`.
     #[error("{}: found the ending {found:?}, expected .mha or .nrrd", path.display())]
     Ending {
-        /// The file asked for.
+        /// Path of the requested file.
         path: PathBuf,
-        /// Its ending.
+        /// Extension found.
         found: String,
     },
     /// A frame of another size, or a sequence without pixels.
     #[error("{}: found {found} pixels in frame {frame}, expected {width} x {height} and at least one", path.display())]
     Size {
-        /// The file asked for.
+        /// Path of the requested file.
         path: PathBuf,
-        /// The frame, from 0.
+        /// Frame number, from 0.
         frame: usize,
-        /// Pixels given.
+        /// Number of pixels given.
         found: usize,
         /// Columns of the sequence.
         width: usize,
@@ -74,21 +75,21 @@ pub enum SequenceError {
     /// A transform name that is not of the form `FromToTo`.
     #[error("{}: found the transform name {name:?}, expected letters, digits, `_`, `-` and `.` as in \"ProbeToTracker\"", path.display())]
     Name {
-        /// The file asked for.
+        /// Path of the requested file.
         path: PathBuf,
-        /// The name.
+        /// Name of the transform.
         name: String,
     },
     /// No frame was pushed.
     #[error("{}: found no frames, expected at least one", path.display())]
     Empty {
-        /// The file asked for.
+        /// Path of the requested file.
         path: PathBuf,
     },
 }
 
 impl SequenceError {
-    /// Whether the machine failed, rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Write(_))
     }
@@ -105,14 +106,15 @@ enum Packer {
     Gzip(GzEncoder<BufWriter<File>>),
 }
 
-/// Writes a sequence frame by frame. The pixels go packed to a temporary file, so memory does not grow with them; the
-/// sequence appears under its name when [`SequenceWriter::finish`] returns, and not at all if it is dropped before.
+/// Writer of a sequence, frame by frame. Compressed pixels go to a temporary file, so memory use is independent of
+/// their number; the sequence appears under its name when [`SequenceWriter::finish`] returns, and not at all if it is
+/// dropped before.
 pub struct SequenceWriter {
     path: PathBuf,
     format: Format,
     width: usize,
     height: usize,
-    /// Bytes of a pixel: 1 of images, 2 of layers.
+    /// Bytes per pixel: 1 for images, 2 for layers.
     depth: usize,
     frames: usize,
     keys: String,
@@ -147,7 +149,7 @@ impl SequenceWriter {
                 height,
             });
         }
-        // Beside the target, so that a full or forbidden folder shows at once; without a name.
+        // Beside the target and unnamed, so that a full or forbidden folder is detected at once.
         let file = tempfile::tempfile_in(folder_of(path)).map_err(|cause| WriteError::new(path, cause))?;
         let file = BufWriter::new(file);
         let packer = match format {
@@ -169,14 +171,13 @@ impl SequenceWriter {
     /// Starts a sequence of layers: pixels of 16 bits, two bytes each (little-endian) in [`SequenceWriter::push`].
     ///
     /// # Errors
-    /// As [`SequenceWriter::create`].
+    /// The errors of [`SequenceWriter::create`].
     pub fn create_layer(path: &Path, width: usize, height: usize) -> Result<Self, SequenceError> {
         let images = Self::create(path, width, height)?;
         Ok(Self { depth: 2, ..images })
     }
 
-    /// States a field of the whole sequence, such as `WorldAxes`; before the first frame. Names are of letters alone, and values of
-    /// one line.
+    /// Sets a field of the sequence, such as `WorldAxes`, before the first frame. Names consist of letters, and values of one line.
     pub fn field(&mut self, name: &str, value: &str) {
         debug_assert!(self.frames == 0 && name.chars().all(|c| c.is_ascii_alphabetic()) && !value.contains('\n'));
         let is = self.assignment();
@@ -251,7 +252,7 @@ impl SequenceWriter {
         self.key(image_status, status(info.image_valid));
     }
 
-    /// Writes the header and gives the file its name.
+    /// Writes the header and renames the file to its final path.
     ///
     /// # Errors
     /// [`SequenceError::Empty`] without frames, [`SequenceError::Write`].

@@ -1,4 +1,4 @@
-//! One JSON file a frame with what made it and where things are: ground truth for people who train models.
+//! JSON sidecar of a frame with its parameters and geometry: ground truth for training models.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -13,37 +13,37 @@ use crate::tracking::needle::NeedlePose;
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::ImageGrid;
 
-/// The version of the layout of these files.
+/// Version of the sidecar layout.
 pub const VERSION: u32 = 2;
 
-/// What a sidecar says of one frame. Lengths are millimetres, the world is LPS, matrices act on column vectors.
+/// Metadata of one frame. Lengths are millimetres, the world is LPS, matrices act on column vectors.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sidecar {
-    /// Version of this layout.
+    /// Version of the layout.
     pub version: u32,
-    /// Which frame, from 0.
+    /// Frame number, from 0.
     pub frame: usize,
-    /// When, s.
+    /// Time of the frame, s.
     pub time_s: f64,
-    /// The seed of all randomness in the frame.
+    /// Seed of all random numbers of the frame.
     pub seed: u64,
-    /// The frame's picture and layers.
+    /// Files of the picture and layers.
     pub files: Files,
-    /// Where its pixels are.
+    /// Geometry of the pixels.
     pub image: ImagePlace,
-    /// The probe frame in the world.
+    /// Transform from the probe frame to the world.
     pub probe_to_world: Rows,
     /// The needle, if the scene has one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub needle: Option<NeedlePlace>,
-    /// Every parameter of the scene with its default filled in, and the table of labels with their tissues.
+    /// All parameters of the scene with defaults filled in, and the table of labels with their tissues.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameters: Option<serde_json::Value>,
-    /// Where they are in place of that, if many frames share them: a file, relative to this one.
+    /// Path of the file with these parameters, relative to this one, if many frames share them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub parameters_file: Option<String>,
-    /// What was odd about the frame.
+    /// Warnings about the frame.
     pub warnings: Vec<String>,
 }
 
@@ -51,27 +51,27 @@ pub struct Sidecar {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Files {
-    /// The grey picture; none where frames go into one sequence file.
+    /// Grey picture; `None` if frames go into one sequence file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub image: Option<String>,
-    /// The ground-truth layers.
+    /// Ground-truth layers.
     pub layers: Vec<LayerFile>,
-    /// Whether scale, grey bar, mark and focus are drawn over the picture.
+    /// Whether depth scale, grey bar, mark and focus are drawn over the picture.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub overlay: bool,
 }
 
-/// The file of one ground-truth layer.
+/// File of one ground-truth layer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LayerFile {
-    /// Which layer: `label-value`, `label-index`, `sector`, `displacement`, `depth`, `needle`, `loss`.
+    /// Name of the layer: `label-value`, `label-index`, `sector`, `displacement`, `depth`, `needle`, `loss`.
     pub name: String,
-    /// Its file: a picture, or a sequence with an image a frame.
+    /// Path of its file: a picture, or a sequence with one image per frame.
     pub path: String,
 }
 
-/// Where a frame's pixels are.
+/// Geometry of a frame's pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImagePlace {
@@ -81,32 +81,32 @@ pub struct ImagePlace {
     pub height: usize,
     /// Side of a pixel, mm.
     pub pixel_mm: f64,
-    /// Image frame (pixels, orientation MF, whole numbers at pixel centres) to the world.
+    /// Transform from the image frame (pixels, orientation MF, integer coordinates at pixel centres) to the world.
     pub image_to_world: Rows,
 }
 
-/// Where the needle is, in the world and in the picture.
+/// Position of the needle in the world and in the picture.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeedlePlace {
-    /// The tip in the world, mm.
+    /// Tip in the world, mm.
     pub tip_mm: [f64; 3],
-    /// The tip's foot on the image plane: column and row, which may lie outside the picture.
+    /// Orthogonal projection of the tip onto the image plane: column and row, which may lie outside the picture.
     pub tip_px: [f64; 2],
-    /// How far the tip is out of the image plane, mm, positive along the probe's z.
+    /// Signed distance of the tip from the image plane, mm, positive along the probe's z.
     pub tip_out_of_plane_mm: f64,
-    /// Whether the tip's foot lies within the picture.
+    /// Whether the projected tip lies within the picture.
     pub tip_in_picture: bool,
-    /// Where the tip points in the world.
+    /// Direction of the tip in the world.
     pub direction: [f64; 3],
-    /// The shaft in the world, hub first, mm.
+    /// Shaft in the world, hub first, mm.
     pub shaft_mm: Vec<[f64; 3]>,
     /// Diameter, mm.
     pub diameter_mm: f64,
 }
 
 impl ImagePlace {
-    /// Where the pixels of a grid are for a probe pose.
+    /// Returns the geometry of a grid for a probe pose.
     pub fn new(grid: &ImageGrid, pose: &Pose) -> Self {
         Self {
             width: grid.width(),
@@ -117,13 +117,13 @@ impl ImagePlace {
     }
 }
 
-/// Image frame (pixels) to world (mm) for a probe pose.
+/// Transform from the image frame (pixels) to the world (mm) for a probe pose.
 pub fn image_to_world(grid: &ImageGrid, pose: &Pose) -> Matrix4<f64> {
     pose.probe_to_world() * grid.image_to_probe()
 }
 
 impl NeedlePlace {
-    /// Where a needle is for a probe pose and its pixels.
+    /// Returns the position of a needle in the world and in the pixels of a probe pose.
     pub fn new(needle: &NeedlePose, grid: &ImageGrid, pose: &Pose) -> Self {
         let tip = needle.tip_mm();
         let in_probe: Point3<f64> = pose.world_to_probe().transform_point(&tip);
@@ -142,7 +142,7 @@ impl NeedlePlace {
 }
 
 impl Sidecar {
-    /// Writes the sidecar as indented JSON. The file appears whole or not at all.
+    /// Writes the sidecar as indented JSON. The write is atomic.
     pub fn write(&self, path: &Path) -> Result<(), WriteError> {
         atomic::write(path, |file| {
             serde_json::to_writer_pretty(&mut *file, self).map_err(io::Error::from)?;
@@ -150,7 +150,7 @@ impl Sidecar {
         })
     }
 
-    /// Where the sidecar of a frame's picture goes: beside it, with the extension `json`.
+    /// Path of the sidecar of a frame's picture: beside it, with the extension `json`.
     pub fn path_for(image: &Path) -> PathBuf {
         image.with_extension("json")
     }

@@ -1,5 +1,5 @@
-//! Files and folders in the making: hidden names beside their targets, removed when they are dropped, when the program is asked to
-//! end ([`abandon`]), and, where it was killed, by the next run.
+//! Temporary files and folders: hidden names beside their targets, removed when dropped, when the program is asked to end
+//! ([`abandon`]), and, if it was killed, by the next run.
 
 use std::collections::BTreeSet;
 use std::fs::{self, File};
@@ -12,13 +12,13 @@ use std::time::Duration;
 
 use tempfile::{NamedTempFile, TempDir};
 
-/// Start of the names; the number of the process follows, and six random letters.
+/// Prefix of temporary names; the process number and six random letters follow.
 const PREFIX: &str = ".insonify-";
 
-/// Everything in the making, and folders that were made for it. Whoever begins, renames or removes any of it has the lock.
+/// Temporary files and folders, and folders created for them. Creating, renaming and removing them requires the lock.
 static LIVE: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// The right to begin, rename and remove.
+/// Acquires the lock that is required to create, rename and remove temporary files.
 pub(super) fn hold() -> MutexGuard<'static, BTreeSet<PathBuf>> {
     LIVE.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -28,7 +28,7 @@ pub(super) fn hold() -> MutexGuard<'static, BTreeSet<PathBuf>> {
 pub(super) struct Live(PathBuf);
 
 impl Live {
-    /// A path that [`abandon`] removes: a folder that was made for a run only if it is empty.
+    /// Registers a path for removal by [`abandon`]: a folder created for a run only if it is empty.
     pub fn new(path: &Path) -> Self {
         Self::enter(&mut hold(), path)
     }
@@ -45,14 +45,14 @@ impl Drop for Live {
     }
 }
 
-/// A file in the making.
+/// A temporary file.
 pub(super) struct StagedFile {
     pub file: NamedTempFile,
     _live: Live,
 }
 
 impl StagedFile {
-    /// A file within a folder.
+    /// Creates a temporary file within a folder.
     pub fn within(folder: &Path) -> io::Result<Self> {
         let name = prefix();
         let mut builder = tempfile::Builder::new();
@@ -60,18 +60,18 @@ impl StagedFile {
         #[cfg(unix)]
         {
             use std::os::unix::fs::PermissionsExt;
-            // The process's umask narrows these, as for any file that a program creates.
+            // Narrowed by the process's umask, as for any file that a program creates.
             builder.permissions(fs::Permissions::from_mode(0o666));
         }
         let mut live = hold();
         let file = builder.tempfile_in(folder)?;
-        // Shows other runs that it is in use; without it they look for the process.
+        // Shows other runs that it is in use; without the lock they check for the process.
         let _ = file.as_file().try_lock();
         let live = Live::enter(&mut live, file.path());
         Ok(Self { file, _live: live })
     }
 
-    /// Gives the file its name.
+    /// Renames the file to its final path.
     pub fn persist(self, path: &Path) -> io::Result<()> {
         let _held = hold();
         let Self { file, _live } = self;
@@ -81,7 +81,7 @@ impl StagedFile {
     }
 }
 
-/// A folder in the making.
+/// A temporary folder.
 #[derive(Debug)]
 pub(super) struct StagedFolder {
     folder: TempDir,
@@ -90,7 +90,7 @@ pub(super) struct StagedFolder {
 }
 
 impl StagedFolder {
-    /// A folder within another.
+    /// Creates a temporary folder within another.
     pub fn within(folder: &Path) -> io::Result<Self> {
         let mut live = hold();
         let folder = tempfile::Builder::new().prefix(&prefix()).tempdir_in(folder)?;
@@ -106,7 +106,7 @@ impl StagedFolder {
         self.folder.path()
     }
 
-    /// Leaves it where it is, under a name that no later run clears.
+    /// Keeps the folder under a name that no later run removes.
     pub fn keep(self) -> PathBuf {
         let hidden = self.folder.keep();
         let shown = hidden.with_file_name(format!("insonify-not-installed-{}", process::id()));
@@ -121,12 +121,12 @@ fn prefix() -> String {
     format!("{PREFIX}{}-", process::id())
 }
 
-/// Whether a path leads through something in the making.
+/// Whether a path leads through a temporary file or folder.
 pub(super) fn is_staged(path: &Path) -> bool {
     path.components().any(|part| is_named(Path::new(&part)))
 }
 
-/// The path without what is in the making, for messages.
+/// Path without its temporary components, for messages.
 pub(super) fn shown(path: &Path) -> PathBuf {
     path.components().filter(|part| !is_named(Path::new(part))).collect()
 }
@@ -135,16 +135,17 @@ fn is_named(name: &Path) -> bool {
     name.as_os_str().as_encoded_bytes().starts_with(PREFIX.as_bytes())
 }
 
-/// Removes all that is in the making, for a process that is about to end: nothing is begun, renamed or removed afterwards.
+/// Removes all temporary files and folders of a process that is about to end: none is created, renamed or removed
+/// afterwards.
 pub fn abandon() {
     const TRIES: usize = 50;
     let live = hold();
     let is_staged = |path: &&PathBuf| path.file_name().is_some_and(|name| is_named(Path::new(name)));
     let (staged, made): (Vec<_>, Vec<_>) = live.iter().partition(is_staged);
-    // Folders that were made are empty only then.
+    // Created folders are empty only then.
     for path in staged.into_iter().chain(made) {
         let staged = is_staged(&path);
-        // Other threads may still make folders in it.
+        // Other threads may still create folders in it.
         for _ in 0..TRIES {
             let removed = match (path.is_dir(), staged) {
                 (true, true) => fs::remove_dir_all(path),
@@ -160,7 +161,7 @@ pub fn abandon() {
     std::mem::forget(live);
 }
 
-/// Removes what runs that were killed left in a folder: what bears our name, the number of a process that is no more, and no lock.
+/// Removes temporary files of killed runs from a folder: those with this prefix and no lock, whose process no longer exists.
 pub(super) fn clear_leftovers(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let name = entry.file_name();
@@ -177,7 +178,7 @@ pub(super) fn clear_leftovers(folder: &Path) {
         if alive || kind.is_symlink() || !File::open(&path).is_ok_and(|file| file.try_lock().is_ok()) {
             continue;
         }
-        // What cannot be removed is in nobody's way.
+        // Failure to remove them is harmless.
         let _ = match kind.is_dir() {
             true => fs::remove_dir_all(&path),
             false => fs::remove_file(&path),
@@ -189,7 +190,7 @@ pub(super) fn clear_leftovers(folder: &Path) {
 mod tests {
     use super::*;
 
-    /// A process number that no process has: above the largest that Linux gives.
+    /// A process number that no process has: above the largest on Linux.
     const DEAD: u32 = 4_194_305;
 
     #[test]

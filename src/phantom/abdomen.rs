@@ -1,4 +1,4 @@
-//! The abdomen: a slim adult lying on the back, right side and middle, from the dome of the liver to below the navel.
+//! Abdomen of a slim adult in supine position, right side and middle, from the dome of the liver to below the navel.
 
 mod digestive;
 mod hepatic;
@@ -49,9 +49,9 @@ pub(super) mod labels {
 }
 use labels as l;
 
-/// Radius of the probe that the default pose is made for, mm.
+/// Radius of the probe of the default pose, mm.
 const PROBE_RADIUS_MM: f64 = 60.0;
-/// How far that probe is pressed in, mm.
+/// Indentation of the skin by that probe, mm.
 const PRESSED_MM: f64 = 11.0;
 
 pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, PhantomError> {
@@ -68,7 +68,7 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, Phantom
     painting.volume(&world, resolution_mm, l::TABLE)
 }
 
-/// Right subcostal oblique view, as one looks for the gallbladder: liver in front of it, great vessels and the spine to the
+/// Right subcostal oblique view, as used for the gallbladder: liver in front of it, great vessels and the spine to the
 /// patient's left, the right kidney below; the marked side points to the patient's left and head.
 pub(super) fn pose() -> Matrix4<f64> {
     let axial = Point::new(0.148, 0.962, 0.229).normalize();

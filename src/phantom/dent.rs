@@ -1,17 +1,17 @@
-//! The dent that a convex probe leaves in the skin: the body is painted as it lies under the probe of the default pose.
+//! Indentation of the skin by a convex probe: the body is painted as deformed by the probe of the default pose.
 
 use nalgebra::{Matrix4, Vector3};
 
 use super::geometry::{Bounds, Point, step};
 
-/// Depth below the probe's face at which the tissue no longer moves, mm.
+/// Depth below the probe's face at which the displacement vanishes, mm.
 const REACH_MM: f64 = 70.0;
-/// Half thickness of the probe's face across the scan plane, mm.
+/// Half thickness of the probe's face in the elevational direction, mm.
 const FACE_HALF_MM: f64 = 9.0;
-/// Distance across the scan plane at which the skin is back where it was, mm.
+/// Elevational distance at which the skin is undeformed, mm.
 const FADE_MM: f64 = 34.0;
 
-/// Tissue pressed in by a convex array so that the skin lies on its whole face.
+/// Tissue indented by a convex array so that the skin is in contact with its complete face.
 pub(super) struct Dent {
     origin: Point,
     lateral: Point,
@@ -24,8 +24,8 @@ pub(super) struct Dent {
 }
 
 impl Dent {
-    /// A dent `depth_mm` deep at most, by an array of radius `radius_mm` at a pose (probe to world), in a body whose
-    /// undeformed depth below the skin (positive inside) is `skin_depth`.
+    /// Creates an indentation of at most `depth_mm` by an array of radius `radius_mm` at a pose (probe to world), in
+    /// a body whose undeformed depth below the skin (positive inside) is `skin_depth`.
     pub(super) fn new(pose: &Matrix4<f64>, radius_mm: f64, depth_mm: f64, skin_depth: fn(&Point) -> f64) -> Self {
         let column = |i: usize| -> Vector3<f64> { pose.fixed_view::<3, 1>(0, i).into_owned() };
         let origin = column(3);
@@ -50,12 +50,12 @@ impl Dent {
         self.depth_mm
     }
 
-    /// A box that holds all that moves.
+    /// Bounding box of the displaced tissue.
     pub(super) fn bounds(&self) -> &Bounds {
         &self.bounds
     }
 
-    /// Where the tissue now at `p` lay before the probe was pressed on.
+    /// Maps a point of the deformed body to its undeformed position.
     pub(super) fn undo(&self, p: &Point) -> Point {
         let offset = p - self.origin;
         let (l, a, e) = (

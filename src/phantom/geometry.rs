@@ -17,7 +17,7 @@ pub(super) struct Bounds {
 }
 
 impl Bounds {
-    /// The box `margin` millimetres larger on every side.
+    /// Returns the box enlarged by `margin` millimetres on every side.
     pub(super) fn grown(&self, margin: f64) -> Self {
         Self {
             min: self.min.add_scalar(-margin),
@@ -25,7 +25,7 @@ impl Bounds {
         }
     }
 
-    /// Whether two boxes share a point.
+    /// Whether two boxes intersect.
     pub(super) fn meets(&self, other: &Self) -> bool {
         (0..3).all(|axis| self.min[axis] <= other.max[axis] && other.min[axis] <= self.max[axis])
     }
@@ -33,13 +33,13 @@ impl Bounds {
 
 /// A solid with a signed distance.
 pub(super) trait Shape: Send + Sync {
-    /// A box that holds every point of non-positive distance.
+    /// Returns a box that contains every point of non-positive distance.
     fn bounds(&self) -> Bounds;
     /// Signed distance to the surface, mm (negative inside).
     fn distance(&self, p: &Point) -> f64;
 }
 
-/// A straight tube with round ends whose radius runs linearly from one end to the other.
+/// A straight tube with round ends whose radius varies linearly along it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Tube {
     /// Centre of each end, mm.
@@ -78,7 +78,7 @@ pub(super) struct Ellipsoid {
 }
 
 impl Ellipsoid {
-    /// An ellipsoid along the world's axes.
+    /// An ellipsoid aligned with the world's axes.
     pub(super) fn upright(centre: [f64; 3], radii: [f64; 3]) -> Self {
         Self {
             centre: Point::from(centre),
@@ -148,13 +148,13 @@ impl Shape for Block {
     }
 }
 
-/// A shape whose surface is made uneven by smooth noise.
+/// A shape whose surface is perturbed by smooth noise.
 pub(super) struct Uneven<S> {
-    /// The even shape.
+    /// Unperturbed shape.
     pub(super) shape: S,
-    /// The noise.
+    /// Noise that displaces the surface.
     pub(super) noise: Noise,
-    /// Largest shift of the surface, mm.
+    /// Largest displacement of the surface, mm.
     pub(super) amplitude_mm: f64,
 }
 
@@ -175,7 +175,7 @@ impl<S: Shape> Shape for Uneven<S> {
 
 /// A shape given by a function and its box.
 pub(super) struct Solid<F> {
-    /// Box that holds the shape.
+    /// Bounding box of the shape.
     pub(super) bounds: Bounds,
     /// Signed distance.
     pub(super) distance: F,
@@ -191,24 +191,24 @@ impl<F: Fn(&Point) -> f64 + Send + Sync> Shape for Solid<F> {
     }
 }
 
-/// The larger of two distances with the edge between them rounded over `k` millimetres: a smooth intersection.
+/// Smooth intersection: maximum of two distances with the edge between them rounded over `k` millimetres.
 pub(super) fn smooth_max(a: f64, b: f64, k: f64) -> f64 {
     let h = (k - (a - b).abs()).max(0.0) / k;
     a.max(b) + h * h * k / 4.0
 }
 
-/// The smaller of two distances with the crease between them filled over `k` millimetres: a smooth union.
+/// Smooth union: minimum of two distances with the crease between them filled over `k` millimetres.
 pub(super) fn smooth_min(a: f64, b: f64, k: f64) -> f64 {
     -smooth_max(-a, -b, k)
 }
 
-/// A smooth step from 0 at `low` to 1 at `high`.
+/// Smooth step from 0 at `low` to 1 at `high`.
 pub(super) fn step(low: f64, high: f64, x: f64) -> f64 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
 }
 
-/// Value at `x` of the smooth monotone-by-pieces curve through `knots` (ascending in x), constant beyond its ends.
+/// Value at `x` of the smooth piecewise monotone curve through `knots` (ascending in x), constant beyond its ends.
 pub(super) fn curve(knots: &[[f64; 2]], x: f64) -> f64 {
     let after = knots.partition_point(|knot| knot[0] < x);
     match (after.checked_sub(1).and_then(|i| knots.get(i)), knots.get(after)) {
@@ -231,10 +231,10 @@ pub(super) fn curve(knots: &[[f64; 2]], x: f64) -> f64 {
     }
 }
 
-/// A centre and a radius on the way of a path, mm.
+/// Centre and radius at a point of a path, mm.
 pub(super) type Knot = ([f64; 3], f64);
 
-/// Tubes along a smooth path through `points` (each a centre and a radius), `pieces` to each stretch.
+/// Tubes along a smooth path through `points` (each a centre and a radius), `pieces` per interval.
 pub(super) fn path(points: &[Knot], pieces: usize) -> Vec<Tube> {
     let sample = |s: f64| {
         let knots = |f: &dyn Fn(&Knot) -> f64| {
@@ -259,7 +259,7 @@ pub(super) fn path(points: &[Knot], pieces: usize) -> Vec<Tube> {
         .collect()
 }
 
-/// Three orthonormal axes: the first along `long`, the second as near to `side` as it can be.
+/// Three orthonormal axes: the first along `long`, the second as close to `side` as possible.
 pub(super) fn frame(long: Point, side: Point) -> [Point; 3] {
     let long = Unit::new_normalize(long).into_inner();
     let side = Unit::new_normalize(side - long * side.dot(&long)).into_inner();

@@ -1,8 +1,8 @@
-//! A liver that lies bare, with its inferior vena cava across the image, after the in-vivo experiment of Kobayashi et al. 2010
-//! (section 4.2.1): the needle goes beside the probe through the capsule and into the vein.
+//! Exposed liver with its inferior vena cava across the image, after the in-vivo experiment of Kobayashi et al. 2010 (section
+//! 4.2.1): the needle enters beside the probe through the capsule and reaches the vein.
 //!
-//! Kobayashi et al. 2010 give no lengths; a cava of 22 x 13 mm, its middle 28 mm below the capsule, is that of a pig or a slim adult. The capsule
-//! is the plane y = 0; what is above it, where the rim of a curved probe does not reach the liver, is background, as of saline.
+//! Kobayashi et al. 2010 state no lengths; a cava of 22 x 13 mm, its centre 28 mm below the capsule, is that of a pig or a slim adult. The
+//! capsule is the plane y = 0; the region above it, where the rim of a curved probe does not reach the liver, is background, as of saline.
 
 use nalgebra::Matrix4;
 
@@ -22,9 +22,9 @@ use labels as l;
 
 /// Corners of the volume, mm.
 const BOX_MM: [[f64; 3]; 2] = [[-60.0, -10.0, -24.0], [50.0, 64.0, 24.0]];
-/// Middle of the vein across its axis (x, y), and its half axes, mm.
+/// Centre of the vein in its cross-section (x, y), and its half axes, mm.
 const VEIN_MM: [[f64; 2]; 2] = [[-4.0, 28.0], [11.0, 6.5]];
-/// Where the array's centre is, just above the capsule, mm.
+/// Position of the array's centre, just above the capsule, mm.
 const ARRAY_MM: [f64; 2] = [-10.0, -0.5];
 
 pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, PhantomError> {

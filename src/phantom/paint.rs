@@ -1,4 +1,4 @@
-//! Painting shapes into voxels, slice by slice in parallel: later layers paint over earlier ones where they may.
+//! Voxelisation of shapes, slice by slice in parallel: later layers paint over earlier ones where allowed.
 
 use nalgebra::{Matrix4, Vector3};
 use rayon::prelude::*;
@@ -9,14 +9,14 @@ use super::geometry::{Bounds, Point, Shape};
 use crate::memory;
 use crate::volume::{Label, LabelVolume};
 
-/// Which labels a layer may paint over.
+/// Set of labels that a layer may paint over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Over(u64);
 
 impl Over {
-    /// Everything but the outside of the body (label 0).
+    /// All labels except the outside of the body (label 0).
     pub(super) const BODY: Self = Self(!1);
-    /// The listed labels only.
+    /// Returns the set of the listed labels.
     pub(super) fn only(labels: &[u8]) -> Self {
         Self(labels.iter().fold(0, |set, &label| set | 1 << label))
     }
@@ -26,7 +26,7 @@ impl Over {
     }
 }
 
-/// One shape in one label.
+/// A shape with its label.
 pub(super) struct Layer {
     shape: Box<dyn Shape>,
     grow_mm: f64,
@@ -34,7 +34,7 @@ pub(super) struct Layer {
     over: Over,
 }
 
-/// What to paint: a base that labels every voxel, and layers over it in order.
+/// A base that labels every voxel, and layers over it in order.
 pub(super) struct Painting<B> {
     base: B,
     layers: Vec<Layer>,
@@ -42,7 +42,7 @@ pub(super) struct Painting<B> {
 }
 
 impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
-    /// A painting with a base only.
+    /// Creates a painting with a base only.
     pub(super) fn new(base: B, dent: Option<Dent>) -> Self {
         Self {
             base,
@@ -51,7 +51,7 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         }
     }
 
-    /// Adds a shape, enlarged by `grow_mm`, in a label, over the labels that `over` allows.
+    /// Adds a shape, enlarged by `grow_mm`, with a label, over the labels that `over` allows.
     pub(super) fn add(&mut self, shape: impl Shape + 'static, grow_mm: f64, label: u8, over: Over) {
         self.layers.push(Layer {
             shape: Box::new(shape),

@@ -1,5 +1,5 @@
-//! The male pelvis around the prostate, from the perineum to the bladder. The origin is the middle of the gland, the
-//! rectum lies behind it with gel around the place of a transrectal probe.
+//! Male pelvis around the prostate, from the perineum to the bladder. The origin is the centre of the gland, the
+//! rectum lies behind it with gel around the position of a transrectal probe.
 
 use nalgebra::Matrix4;
 
@@ -39,7 +39,7 @@ use labels as l;
 const GLAND_MM: [f64; 3] = [24.0, 16.0, 21.0];
 /// Thickness of the capsule, mm.
 const CAPSULE_MM: f64 = 0.9;
-/// Distance of the rectum's axis behind the middle of the gland, mm.
+/// Distance of the rectum's axis behind the centre of the gland, mm.
 const RECTUM_Y_MM: f64 = 31.0;
 /// Radius of the rectum's lumen and thickness of its wall, mm.
 const RECTUM_MM: [f64; 2] = [11.2, 3.4];
@@ -52,7 +52,7 @@ fn skin_depth(p: &Point) -> f64 {
     0.94 * (p.z + 53.0 - 0.0028 * p.x * p.x - cleft)
 }
 
-/// Signed distance of the gland: an ellipsoid that tapers to the apex and is flat behind.
+/// Signed distance of the gland: an ellipsoid that tapers to the apex and is flat posteriorly.
 fn gland(p: &Point) -> f64 {
     let taper = 1.0 - 0.20 * step(2.0, -22.0, p.z);
     let round = Ellipsoid::upright([0.0; 3], [GLAND_MM[0] * taper, GLAND_MM[1] * taper, GLAND_MM[2]]).distance(p);
@@ -217,7 +217,7 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         l::URINE,
         l::BONE,
     ]);
-    // The venous plexus in front and the bundles at five and seven o'clock.
+    // The anterior venous plexus and the bundles at five and seven o'clock.
     for (x, y, radius) in [
         (-7.0, -20.5, 2.6),
         (0.0, -22.0, 2.2),
@@ -292,7 +292,7 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     );
 }
 
-/// Rectum and anal canal around the probe's place, with the fascia in front.
+/// Rectum and anal canal around the probe's position, with the fascia in front.
 fn rectum<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     let [lumen, wall] = RECTUM_MM;
     let tube = |low: f64| Tube {

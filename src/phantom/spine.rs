@@ -32,14 +32,14 @@ pub(super) mod labels {
 }
 use labels as l;
 
-/// Radius of the probe that the default pose is made for, mm.
+/// Radius of the probe of the default pose, mm.
 const PROBE_RADIUS_MM: f64 = 60.0;
-/// How far that probe is pressed in, mm.
+/// Indentation of the skin by that probe, mm.
 const PRESSED_MM: f64 = 7.0;
-/// Distance between the middles of neighbouring vertebrae, mm.
+/// Distance between the centres of neighbouring vertebrae, mm.
 const LEVEL_MM: f64 = 36.0;
 
-/// How far the lordosis carries the spine forward at a height, mm.
+/// Anterior offset of the spine by the lordosis at a height, mm.
 fn lordosis(z: f64) -> f64 {
     7.0 - 0.0021 * (z + 4.0).powi(2)
 }
@@ -52,7 +52,7 @@ fn skin_depth(p: &Point) -> f64 {
     (back - p.y) / slope
 }
 
-/// Skin, fat, fascia, the columns of the back muscles, and what lies in front of them.
+/// Skin, fat, fascia, the columns of the back muscles, and the tissue in front of them.
 fn surroundings(p: &Point, fat: &Noise, septa: &Noise) -> u8 {
     let depth = skin_depth(p);
     if depth <= 0.0 {

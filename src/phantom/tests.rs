@@ -4,7 +4,7 @@ use nalgebra::Point3;
 
 use super::*;
 
-/// A phantom with names and bounds of what it holds.
+/// A phantom with names and bounds of its contents.
 type Case<T> = (Phantom, &'static [T]);
 
 /// Radius, half angle in degrees and depth of a fan.
@@ -18,7 +18,7 @@ const KINDS: [Phantom; 5] = [
     Phantom::LiverVein,
 ];
 
-/// Those of exact solids, which no seed changes.
+/// Phantoms of exact solids, which are independent of the seed.
 const EXACT: [Phantom; 2] = [Phantom::TwoLayer, Phantom::LiverVein];
 
 fn made(kind: Phantom, resolution_mm: f64, seed: u64) -> LabelVolume {
@@ -140,7 +140,7 @@ fn organs_have_the_size_of_real_ones() {
     }
 }
 
-/// Bulky parts only: thin shells, and slabs across the grid, are sampled by chance.
+/// Compact parts only: thin shells, and slabs across the grid, are sampled by chance.
 #[test]
 fn two_resolutions_agree() {
     let cases: [Case<&str>; 5] = [
@@ -224,7 +224,7 @@ fn the_abdomen_is_whole_at_its_own_resolution() {
             assert!(neighbours(&volume, at, false).all(|n| [bile, gallbladder].contains(&voxels[n])));
         }
     }
-    // Vena cava, portal vein, aorta and mesenteric artery: every vessel voxel hangs together with one of them.
+    // Vena cava, portal vein, aorta and mesenteric artery: every vessel voxel is connected with one of them.
     let vessel = value(kind, "vessel");
     let mut reached = vec![false; voxels.len()];
     let mut queue = VecDeque::new();
@@ -262,7 +262,7 @@ fn the_abdomen_is_whole_at_its_own_resolution() {
     assert!(loose * 500 < total, "{loose} of {total} vessel voxels hang in the air");
 }
 
-/// Share of each label in the fan of a pose, by name.
+/// Fraction of each label in the fan of a pose, by name.
 fn view(kind: Phantom, radius: f64, half_deg: f64, depth: f64) -> BTreeMap<&'static str, f64> {
     let volume = made(kind, 1.0, 0);
     let pose = default_pose(kind);

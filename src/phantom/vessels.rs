@@ -6,13 +6,13 @@
 use super::geometry::{Point, Shape, Tube, frame};
 use crate::random::noise::choice;
 
-/// What a tree grows in.
+/// Growth conditions of a tree.
 pub(super) struct Growth<'a> {
     /// Signed distance of the organ (negative inside), mm.
     pub(super) organ: &'a dyn Fn(&Point) -> f64,
-    /// Tubes and balls to stay clear of.
+    /// Tubes and balls to be avoided.
     pub(super) avoid: &'a [Tube],
-    /// Radius below which no branch goes on, mm.
+    /// Radius below which branches end, mm.
     pub(super) thinnest_mm: f64,
     /// Seed of the phantom.
     pub(super) seed: u64,
@@ -28,17 +28,17 @@ struct Tip {
     id: i32,
 }
 
-/// How far a branch may turn from its parent's way, in the order tried, radians.
+/// Maximum angle between a branch and its parent, in the order tried, radians.
 const SPREADS_RAD: [f64; 3] = [0.45, 0.8, 1.3];
-/// Directions tried for each piece of a branch.
+/// Number of directions tried for each segment of a branch.
 const TRIES: i32 = 12;
-/// Share of the cube of the radius that the larger branch of a fork takes: from here to that plus 0.2.
+/// Fraction of the cube of the radius that the larger branch of a fork takes: from this value to 0.2 more.
 const LARGER_SHARE: f64 = 0.52;
-/// Most pieces of one tree.
+/// Maximum number of segments of one tree.
 const MOST_PIECES: usize = 600;
 
 impl Growth<'_> {
-    /// Grows a tree from the end of a trunk: every branch begins inside the one it leaves.
+    /// Grows a tree from the end of a trunk: every branch begins inside its parent.
     pub(super) fn from(&self, trunk: &Tube) -> Vec<Tube> {
         let mut pieces = Vec::new();
         let mut tips = std::collections::VecDeque::from([Tip {
@@ -89,7 +89,7 @@ impl Growth<'_> {
         }
     }
 
-    /// The best of several pieces that leave a tip, if any stays inside the organ.
+    /// Best of several segments from a tip, if any stays inside the organ.
     fn piece(&self, tip: &Tip, part: i32, spread: f64, own: &[Tube]) -> Option<Tube> {
         let radius = tip.radius;
         let [_, u, v] = frame(tip.along, off_axis(&tip.along));
@@ -129,7 +129,7 @@ impl Growth<'_> {
     }
 }
 
-/// A direction that is not along the given one.
+/// A direction not parallel to the given one.
 fn off_axis(along: &Point) -> Point {
     if along.z.abs() < 0.8 { Point::z() } else { Point::x() }
 }

@@ -1,4 +1,4 @@
-//! Costs that were measured, kept in the user's cache folder: a file for each machine, version of the program and thing measured.
+//! Cache of measured costs in the user's cache folder: one file for each machine, program version and measured item.
 
 use std::env;
 use std::fs::File;
@@ -11,13 +11,13 @@ use serde::de::DeserializeOwned;
 use crate::output::atomic::{self, WriteError};
 use crate::output::place::{self, PlaceError};
 
-/// Environment variable that names the folder in place of the user's own.
+/// Environment variable that overrides the cache folder.
 pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 
-/// Most bytes of a file; a file of costs has a few thousand.
+/// Maximum size of a file, bytes; a file of costs has a few thousand.
 const MOST_BYTES: u64 = 1 << 20;
 
-/// A file in the folder that does not hold what was kept.
+/// A cache file with invalid contents.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {reason}", path.display())]
 pub struct BadFile {
@@ -25,17 +25,17 @@ pub struct BadFile {
     reason: String,
 }
 
-/// A folder of costs.
+/// A cache folder of measured costs.
 #[derive(Clone, Debug)]
 pub struct Cache {
-    /// None where there is no place for it.
+    /// Folder; `None` where the system has no place for it.
     folder: Option<PathBuf>,
     machine: String,
 }
 
 impl Cache {
-    /// The user's: `$INSONIFY_CACHE`, or `insonify` in the folder that the system has for such things. `machine` tells one machine that
-    /// shares it from another.
+    /// The user's cache: `$INSONIFY_CACHE`, or `insonify` in the cache folder of the system. `machine` distinguishes machines that
+    /// share it.
     pub fn of_user(machine: &str) -> Self {
         let of = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
         let usual = || {
@@ -54,7 +54,8 @@ impl Cache {
         }
     }
 
-    /// Some folder.
+    /// Cache in the given folder.
+    #[cfg(any(test, feature = "internals"))]
     pub fn at(folder: &Path, machine: &str) -> Self {
         Cache {
             folder: Some(folder.to_owned()),
@@ -62,10 +63,10 @@ impl Cache {
         }
     }
 
-    /// What was kept of a thing on this machine by this version, if anything was.
+    /// Returns the value stored for `thing` on this machine by this version, if any.
     ///
     /// # Errors
-    /// [`BadFile`] where a file is there that cannot be read, or whose contents are not `sound`.
+    /// [`BadFile`] if a file cannot be read, or its contents are not `sound`.
     pub fn get<T: DeserializeOwned>(&self, thing: &[&str], sound: impl Fn(&T) -> bool) -> Result<Option<T>, BadFile> {
         let Some(path) = self.path(thing) else { return Ok(None) };
         let mut text = String::new();
@@ -80,10 +81,10 @@ impl Cache {
         Err(BadFile { path, reason })
     }
 
-    /// Makes the folder and looks whether costs can be kept in it.
+    /// Creates the folder and checks that costs can be stored in it.
     ///
     /// # Errors
-    /// [`PlaceError`].
+    /// [`PlaceError`] if they cannot be stored.
     pub fn check(&self, thing: &[&str]) -> Result<(), PlaceError> {
         match self.made(thing)? {
             Some(path) => place::check(&[&path], &[], true),
@@ -91,10 +92,10 @@ impl Cache {
         }
     }
 
-    /// Keeps what was measured.
+    /// Stores a measurement.
     ///
     /// # Errors
-    /// [`WriteError`].
+    /// [`WriteError`] if the file cannot be written.
     pub fn put<T: Serialize>(&self, thing: &[&str], costs: &T) -> Result<(), WriteError> {
         let Some(path) = self.made(thing)? else { return Ok(()) };
         atomic::write(&path, |file| {
@@ -103,7 +104,7 @@ impl Cache {
         })
     }
 
-    /// Where a thing is kept, in a folder that is made.
+    /// Path of an item, in a folder that is created.
     fn made(&self, thing: &[&str]) -> Result<Option<PathBuf>, WriteError> {
         let path = self.path(thing);
         if let Some(folder) = path.as_deref().and_then(Path::parent) {
@@ -112,7 +113,7 @@ impl Cache {
         Ok(path)
     }
 
-    /// Where a thing is kept.
+    /// Path of an item.
     fn path(&self, thing: &[&str]) -> Option<PathBuf> {
         let mut hasher = blake3::Hasher::new();
         for part in [env!("CARGO_PKG_VERSION"), &self.machine].iter().chain(thing) {

@@ -1,19 +1,20 @@
-//! Grids of scanlines and samples: what a frame of a scene costs on each.
+//! Candidate grids of scanlines and samples, and the frame time on each.
 
 use super::{Costs, Dial, Rung};
 use crate::tracking::probe::Probe;
 
-/// Scanlines and samples, coarse to fine.
+/// Numbers of scanlines and samples, coarse to fine.
 pub const GRIDS: [[u32; 2]; 5] = [[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]];
-/// More scanlines or samples than this for each pixel show nothing more.
+/// Number of scanlines or samples per pixel above which nothing more is shown.
 const OF_A_PIXEL: usize = 2;
-/// A grid that takes so many times the budget ends the measurement: finer ones take longer.
+/// Ratio of the frame time to the budget that ends the measurement: finer grids take longer.
 const TOO_LONG: f64 = 2.0;
 
-/// The keys of a grid.
+/// Keys of a grid.
 pub const KEYS: [&str; 2] = ["probe.lines", "probe.samples"];
 
-/// The grids to try for an image of some width and height, coarse to fine: what is not open stays as the probe has it.
+/// Grids to try for an image of some width and height, coarse to fine: values that are not open are those of the
+/// probe.
 pub fn candidates(probe: &Probe, open: [bool; 2], [width, height]: [usize; 2]) -> Vec<[u32; 2]> {
     let of_use = |[lines, samples]: &[u32; 2]| {
         *lines as usize <= OF_A_PIXEL * width && *samples as usize <= OF_A_PIXEL * height
@@ -28,10 +29,10 @@ pub fn candidates(probe: &Probe, open: [bool; 2], [width, height]: [usize; 2]) -
     grids.collect()
 }
 
-/// Measures a frame on one grid after the other, coarse to fine, until one takes far too long. `time` gives ms.
+/// Measures a frame on each grid, coarse to fine, until one takes far too long. `time` returns ms.
 ///
 /// # Errors
-/// Those of `time`.
+/// Errors of `time`.
 pub fn measure<E>(
     grids: &[[u32; 2]],
     open: [bool; 2],
@@ -47,7 +48,7 @@ pub fn measure<E>(
         rungs.push(Rung {
             values: values.map(|(value, _)| value.to_string()).collect(),
             extra_ms: ms,
-            // The finer the better: what that is in grey levels is another question, but not which is better.
+            // Finer is better: the error in grey levels is unknown, but the ranking suffices.
             error: 1.0 / samples,
         });
         if ms > TOO_LONG * budget_ms {

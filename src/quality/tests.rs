@@ -10,7 +10,7 @@ fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
     }
 }
 
-/// Links and thinning: 0.5 ms with the usual ones.
+/// Links and thinning: 0.5 ms with the defaults.
 fn costs() -> Costs {
     let dial = |key: &str, rungs: &[Rung]| Dial {
         keys: vec![key.to_owned()],
@@ -71,7 +71,8 @@ fn what_is_stated_is_not_touched_and_what_cannot_be_met_is_said_with_its_figure(
     );
 }
 
-/// The thing itself takes three times as long as the costs say, but for thin candidates, which save next to nothing there.
+/// A real step takes three times as long as the costs predict, except with thin candidates, which save next to nothing
+/// there.
 #[test]
 fn what_is_picked_is_tried_and_picked_again_where_it_takes_longer() {
     let truly = |picked: &Picked| {
@@ -84,13 +85,13 @@ fn what_is_picked_is_tried_and_picked_again_where_it_takes_longer() {
         3.0 * link - if picked.value("every") == Some("4") { 0.01 } else { 0.0 }
     };
     for (budget, expected, ms, trials) in [
-        // 1.3 is said, 3.9 found; then 0.5 said, so 1.5, and found so; 3.9 has been tried already.
+        // 1.3 predicted, 3.9 measured; then 0.5 predicted, so 1.5, as measured; 3.9 has been tried already.
         (1.6, ["10", "1"], 1.5, 2),
-        // Enough in any case, at the first try.
+        // Sufficient in any case, at the first try.
         (4.0, ["5", "1"], 3.9, 1),
-        // Only thinner candidates make it.
+        // Only thinner candidates are fast enough.
         (0.895, ["20", "4"], 0.89, 2),
-        // Nothing does: the fastest of what was tried.
+        // No setting is: the fastest of those tried.
         (0.1, ["20", "4"], 0.89, 1),
     ] {
         let mut tried = 0;
@@ -123,7 +124,7 @@ fn what_is_picked_is_tried_and_picked_again_where_it_takes_longer() {
     assert_eq!(failed, Err("as the thing fails"));
 }
 
-/// The thing takes a tenth of what the costs say: what seemed to take too long is tried too.
+/// A real step takes a tenth of what the costs predict: settings that seemed too slow are tried too.
 #[test]
 fn what_takes_less_than_was_said_is_picked_finer() {
     let picked = trial::pick_tried(
@@ -168,7 +169,7 @@ fn grids_are_measured_until_one_takes_too_long() {
         (picked.value("probe.lines"), picked.value("probe.samples")),
         (Some("128"), Some("256"))
     );
-    // What is stated stays, and only what is open has a key.
+    // Stated values are kept, and only open ones have a key.
     let stated = grid::candidates(&probe, [false, true], [64, 64]);
     assert_eq!(stated, [[256, 128]], "the coarsest grid is always there");
     let costs = grid::measure(&stated, [false, true], 5.0, String::new(), |grid| Ok::<_, ()>(ms(grid)));

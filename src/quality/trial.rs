@@ -1,25 +1,25 @@
-//! Picks that are tried before they are believed: costs come from something like what they are for, and a trial from the thing itself.
+//! Verification of picked settings: costs are measured on a similar problem, and a trial runs the actual one.
 
 use super::{Choice, Costs, Picked, Setting, choose};
 
-/// Trials at most: each takes as long as the thing itself.
+/// Maximum number of trials: each takes as long as the problem itself.
 const MOST: usize = 6;
 
-/// What a trial found.
+/// Result of a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tried {
     /// The time that counts, ms.
     pub ms: f64,
-    /// How it was found, and what else is to be known of it.
+    /// Description of the measurement and its conditions.
     pub measured: String,
 }
 
-/// Picks as [`pick`](super::pick) does, tries what is picked, takes the costs of all that has not been tried to be wrong by the factor
-/// that those of this trial were wrong by, and picks again, until that has been tried already. Of all that was tried it takes what
-/// errs least within `budget_ms`; where nothing stays within, the fastest. None where no dial is open.
+/// Picks as [`pick`](super::pick) does, tries the picked settings, scales the costs of all untried settings by the ratio of measured
+/// to predicted time, and picks again, until the pick has been tried already. Of all tried settings it returns the one with the
+/// smallest error within `budget_ms`; if none is within the budget, the fastest. `None` if no dial is open.
 ///
 /// # Errors
-/// Those of `trial`.
+/// Errors of `trial`.
 pub fn pick_tried<E>(
     asked: &str,
     costs: &Costs,
@@ -39,7 +39,7 @@ pub fn pick_tried<E>(
         }
         let tried = trial(&choice.picked(asked, budget_ms, costs, choice.ms, &costs.measured))?;
         let wrong_by = tried.ms / choice.ms;
-        // Times that add up to nothing tell of no other.
+        // A prediction of zero gives no ratio.
         if wrong_by.is_finite() && wrong_by > 0.0 {
             factor *= wrong_by;
         }
@@ -56,7 +56,7 @@ pub fn pick_tried<E>(
 }
 
 impl Costs {
-    /// All times multiplied.
+    /// Returns the costs with all times multiplied by `factor`.
     fn times(&self, factor: f64) -> Costs {
         let mut scaled = self.clone();
         scaled.base_ms *= factor;

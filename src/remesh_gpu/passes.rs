@@ -1,42 +1,46 @@
-//! The passes of `shaders/remesh.wgsl`.
+//! Compute passes of `shaders/remesh.wgsl`.
 
 use bytemuck::{Pod, Zeroable};
 
 use crate::gpu::{Access, Gpu, GpuError, PassSource, Pipeline};
 
-/// The shader.
+/// WGSL source of all passes.
 pub const SHADER: &str = include_str!("../../shaders/remesh.wgsl");
 
-/// Parameters of a dispatch: the uniform block of all passes.
+/// Uniform parameters of a dispatch, shared by all passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Params {
-    /// Rows of the matrix.
+    /// Number of matrix rows.
     pub size: u32,
-    /// Columns of Y and Z in use.
+    /// Number of columns of Y and Z in use.
     pub rank: u32,
-    /// Columns of Y and Z that there is room for.
+    /// Column capacity of Y and Z.
     pub stride: u32,
-    /// First tile of the bank.
+    /// Index of the first tile of the bank.
     pub first_tile: u32,
-    /// Tiles of the bank.
+    /// Number of tiles in the bank.
     pub tiles: u32,
-    /// Rows on the list.
+    /// Number of listed rows.
     pub rows: u32,
-    /// Columns on the list.
+    /// Number of listed columns.
     pub columns: u32,
-    /// Whether a sum begins (0) or goes on (1).
+    /// 0 to start a sum, 1 to add to it.
     pub add: u32,
 }
 
-/// A pass as it is declared.
+/// Declaration of a pass.
 #[derive(Clone, Copy, Debug)]
 pub struct Declared {
-    /// Its entry point.
+    /// Entry point in the shader.
     pub entry: &'static str,
-    /// Access of the buffers at bindings 1, 2, ...
+    /// Access modes of the buffers at bindings 1, 2, ...
     pub storage: &'static [Access],
-    /// Invocations of a workgroup.
+    /// Invocations per workgroup.
+    #[cfg_attr(
+        not(feature = "internals"),
+        expect(dead_code, reason = "compared with the shader by tests")
+    )]
     pub workgroup: u32,
 }
 
@@ -51,25 +55,25 @@ const fn declared(entry: &'static str, storage: &'static [Access], workgroup: u3
     }
 }
 
-/// Columns of a bank, by the list, to Y.
+/// Pass that copies the listed columns of a bank to Y.
 pub const TAKE: Declared = declared("take", &[R, R, W], 128);
-/// Entries of a bank, by the lists, to a small block.
+/// Pass that copies the entries of a bank at the listed rows and columns to a small block.
 pub const ENTRIES: Declared = declared("entries", &[R, R, W], 64);
-/// Y and C to Z.
+/// Pass that computes Z = Y C.
 pub const PRODUCT: Declared = declared("product", &[R, R, W], 128);
-/// A bank less Y Z^T.
+/// Pass that subtracts Y Z^T from a bank.
 pub const UPDATE_ALL: Declared = declared("update_all", &[W, R, R], 256);
-/// The same in the rows and columns of the list.
+/// Pass that subtracts Y Z^T from the listed rows and columns of a bank.
 pub const UPDATE_ROWS: Declared = declared("update_rows", &[W, R, R, R], 128);
-/// Y and weights to a vector.
+/// Pass that computes a weighted sum of the columns of Y.
 pub const COMBINE: Declared = declared("combine", &[R, R, W], 128);
-/// A bank and a vector to a vector.
+/// Pass that multiplies a bank by a vector.
 pub const MULTIPLY: Declared = declared("multiply", &[R, R, W], 128);
 
-/// All of them.
+/// Declarations of all passes.
+#[cfg(feature = "internals")]
 pub const ALL: [Declared; 7] = [TAKE, ENTRIES, PRODUCT, UPDATE_ALL, UPDATE_ROWS, COMBINE, MULTIPLY];
 
-/// The compiled passes.
 #[derive(Debug)]
 pub(super) struct Passes {
     pub take: Pipeline,

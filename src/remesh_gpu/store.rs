@@ -1,4 +1,4 @@
-//! A dense inverse in f32 on a device.
+//! Dense inverse in f32 on a GPU.
 
 mod run;
 
@@ -11,24 +11,23 @@ use super::passes::{Params, Passes};
 use super::tiles::{SIDE, Tiles};
 use crate::gpu::{Gpu, GpuError, Parameters, Pipeline, Readback, StorageBuffer, Timer};
 use crate::mechanics::tissue::remesh::levels::{Store, Which};
-use crate::mechanics::tissue::remesh::{Level, Precision, RemeshError, Source};
+use crate::mechanics::tissue::remesh::{Precision, RemeshError};
 use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Symmetric};
 
-/// Columns of Y that the shader takes at once: their number is padded to a multiple.
+/// Columns of Y that the shader processes at once; their number is padded to a multiple of this.
 const DEPTH: usize = 16;
-/// Most entries that one request returns; more take several.
+/// Most entries fetched by one request; larger blocks are split.
 const ENTRIES: usize = 1 << 16;
 
-/// An inverse on a device, and its base in the memory of the CPU. In the steady state no buffer is made: what is fetched comes
-/// through staging buffers that are kept, one for each power of two of entries.
+/// Inverse on a device, with its base in CPU memory. In the steady state no buffer is allocated: results are read back
+/// through staging buffers, one for each power of two of entries.
 pub struct DeviceStore {
     gpu: Gpu,
     base: Arc<Symmetric<f32>>,
-    bank_bytes: u64,
     tiles: Tiles,
     passes: Passes,
     parameters: Parameters,
-    /// Columns that Y and Z have room for.
+    /// Column capacity of Y and Z.
     stride: usize,
     y: StorageBuffer,
     z: StorageBuffer,
@@ -37,22 +36,22 @@ pub struct DeviceStore {
     vector: StorageBuffer,
     sums: StorageBuffer,
     block: StorageBuffer,
-    /// One for each bank.
+    /// Bindings of each bank.
     banks: Vec<BankBindings>,
     product: wgpu::BindGroup,
     combine: wgpu::BindGroup,
     sums_back: Readback,
-    /// By the power of two of entries that they hold.
+    /// Staging buffers by log2 of their capacity in entries.
     blocks_back: Vec<Option<Readback>>,
     /// Columns of the base set aside.
     taken_base: Mat<f32>,
-    /// Columns of the current inverse set aside, on the device.
+    /// Number of columns of the current inverse set aside on the device.
     taken: usize,
     timer: Option<Timer>,
     update_ms: Option<f64>,
 }
 
-/// The bindings of the passes that walk a bank.
+/// Bindings of the passes that process one bank.
 struct BankBindings {
     take: wgpu::BindGroup,
     entries: wgpu::BindGroup,
@@ -62,10 +61,10 @@ struct BankBindings {
 }
 
 impl DeviceStore {
-    /// Sends `base` to a device, in banks of at most `bank_bytes`, and makes room for updates of rank `rank`.
+    /// Uploads `base` to a device in banks of at most `bank_bytes`, and allocates room for updates of rank `rank`.
     ///
     /// # Errors
-    /// [`GpuError`] where it does not fit, or the device fails.
+    /// [`GpuError`] where the inverse does not fit the device, or the device fails.
     pub fn new(gpu: &Gpu, base: Arc<Symmetric<f32>>, rank: usize, bank_bytes: u64) -> Result<Self, GpuError> {
         let size = base.size();
         let stride = rank.max(1).next_multiple_of(DEPTH);
@@ -91,7 +90,6 @@ impl DeviceStore {
             })
         });
         let store = DeviceStore {
-            bank_bytes,
             stride,
             banks: banks.collect::<Result<_, GpuError>>()?,
             product: bind(&passes.product, &[&y, &c, &z])?,
@@ -119,28 +117,29 @@ impl DeviceStore {
         Ok(store)
     }
 
-    /// The device.
+    /// Device that stores the inverse.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
     }
 
-    /// Buffers that the inverse is spread over.
+    /// Number of buffers that the inverse is spread over.
+    #[cfg(feature = "internals")]
     pub fn bank_count(&self) -> usize {
         self.banks.len()
     }
 
-    /// Measures the time on the device of each update from now on, where the device can: both products, without columns sent
-    /// and fetched. Costs a wait at each update.
+    /// Turns timing of updates on or off, where the device supports it. The time covers both products but no transfers
+    /// of columns; each timed update waits for the device.
     ///
     /// # Errors
-    /// [`GpuError`].
+    /// [`GpuError`] where the timer cannot be created.
     pub fn time_updates(&mut self, on: bool) -> Result<(), GpuError> {
         self.timer = if on { Timer::new(&self.gpu, &["update"])? } else { None };
         self.update_ms = None;
         Ok(())
     }
 
-    /// Time on the device of the last update, ms, where it was measured.
+    /// Device time of the last update, ms, where measured.
     pub fn update_ms(&self) -> Option<f64> {
         self.update_ms
     }
@@ -292,11 +291,6 @@ impl Store for DeviceStore {
         self.run_multiply()?;
         self.fetch_sums(out)?;
         Ok(())
-    }
-
-    fn restarted(&self, source: &Source) -> Result<Self, RemeshError> {
-        let base = super::single(source, Level::I)?;
-        Ok(DeviceStore::new(&self.gpu, base, self.stride, self.bank_bytes)?)
     }
 }
 

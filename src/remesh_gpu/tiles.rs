@@ -1,52 +1,52 @@
-//! The lower triangle of a symmetric matrix in square tiles on a device.
+//! Lower triangle of a symmetric matrix in square tiles on a GPU.
 //!
-//! A row panel of [`Symmetric`] is a row of tiles, laid out as it is there, so it is sent as it lies. Tiles are numbered row by
-//! row and spread over buffers ("banks") none of which is larger than a pass can bind.
+//! A row panel of [`Symmetric`] is a row of tiles in the same layout, so it is sent without conversion. Tiles are
+//! numbered row by row and spread over buffers ("banks"), none larger than a pass can bind.
 
 use crate::gpu::{Gpu, GpuError, StorageBuffer};
 use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Panel, Symmetric};
 
-/// Rows, and columns, of a tile. The shader's own constant.
+/// Rows and columns of a tile; must equal the shader's constant.
 pub const SIDE: usize = PANEL_ROWS;
 const TILE: usize = SIDE * SIDE;
 const TILE_BYTES: u64 = (TILE * size_of::<f32>()) as u64;
 
-/// Tiles of the first `rows` rows of tiles.
+/// Number of tiles in the first `rows` rows of tiles.
 fn tiles_of(rows: usize) -> usize {
     rows * (rows + 1) / 2
 }
 
-/// Bytes on the device of a matrix of `size` rows.
+/// Device memory of a matrix of `size` rows, bytes.
 pub fn bytes_of(size: usize) -> u64 {
     tiles_of(size.div_ceil(SIDE)) as u64 * TILE_BYTES
 }
 
-/// A run of tiles in one buffer.
+/// Consecutive tiles in one buffer.
 #[derive(Debug)]
 pub struct Bank {
-    /// The buffer.
+    /// Buffer of the tiles.
     pub buffer: StorageBuffer,
-    /// Number of its first tile.
+    /// Index of the first tile.
     pub first: usize,
-    /// How many it holds.
+    /// Number of tiles.
     pub tiles: usize,
 }
 
-/// A matrix on a device.
+/// Symmetric matrix on a device.
 #[derive(Debug)]
 pub struct Tiles {
-    /// Its banks, in order.
+    /// Banks in the order of their tiles.
     pub banks: Vec<Bank>,
 }
 
 impl Tiles {
-    /// Room for a matrix of `size` rows in banks of at most `bank_bytes`.
+    /// Allocates a matrix of `size` rows in banks of at most `bank_bytes`.
     ///
     /// # Errors
-    /// [`GpuError::Limit`] where not even one tile fits a bank, [`GpuError::OutOfMemory`].
+    /// [`GpuError::Limit`] where not even one tile fits into a bank; [`GpuError::OutOfMemory`].
     pub fn new(gpu: &Gpu, size: usize, bank_bytes: u64) -> Result<Self, GpuError> {
         let count = tiles_of(size.div_ceil(SIDE));
-        // A dispatch has a workgroup for each tile of a bank.
+        // A dispatch has one workgroup per tile of a bank.
         let most = (bank_bytes / TILE_BYTES).min(u64::from(gpu.limits().max_compute_workgroups_per_dimension));
         if most == 0 {
             return Err(GpuError::Limit {
@@ -71,10 +71,10 @@ impl Tiles {
         })
     }
 
-    /// Sends a matrix of the size that there is room for.
+    /// Uploads a matrix of the allocated size.
     ///
     /// # Errors
-    /// [`GpuError`].
+    /// [`GpuError`] where the device fails.
     pub fn send(&self, gpu: &Gpu, matrix: &Symmetric<f32>) -> Result<(), GpuError> {
         let mut values = Vec::new();
         for (row, panel) in matrix.row_panels().enumerate() {
@@ -88,19 +88,19 @@ impl Tiles {
                     bank.buffer.write(gpu, (start - bank.first) as u64 * TILE_BYTES, part)?;
                 }
             }
-            // What is written waits in memory of the driver until something is submitted.
+            // Written data stays in driver memory until something is submitted.
             gpu.submit("sending the inverse", |_| Ok(()))?;
         }
         gpu.wait("sending the inverse")
     }
 
-    /// Bytes of all banks.
+    /// Total size of all banks, bytes.
     pub fn bytes(&self) -> u64 {
         self.banks.iter().map(|bank| bank.buffer.bytes()).sum()
     }
 }
 
-/// The values of a panel, with zeros in the rows beyond its last.
+/// Copies the values of a panel, with zeros in the rows beyond its last.
 fn pack(panel: &Panel<'_, f32>, values: &mut Vec<f32>) {
     values.clear();
     for column in panel.columns {

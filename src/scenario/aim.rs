@@ -1,4 +1,4 @@
-//! A needle aimed by names: a target, an entry, and the straight path between them.
+//! Needles aimed by name: a target, an entry, and the straight path between them.
 
 mod place;
 
@@ -17,32 +17,32 @@ use crate::tracking::pose::Pose;
 use crate::tracking::probe::ProbeKind;
 use place::{array_end_mm, innermost, skin};
 
-/// Distances of entries from the end of the array that are tried, mm.
+/// Range of tried distances of an entry from the end of the array, mm.
 const OFFSETS_MM: [f64; 2] = [10.0, 60.0];
 const OFFSET_STEP_MM: f64 = 5.0;
-/// Least distance from bone of a path that is chosen, mm.
+/// Minimum distance of a selected path from bone, mm.
 const CLEAR_MM: f64 = 3.0;
-/// A stated entry within this distance of the skin is taken as it is, mm;
+/// Largest distance from the skin at which a stated entry is used unchanged, mm.
 const ON_SKIN_MM: f64 = 3.0;
-/// the skin is looked for in steps of this length, mm.
+/// Step of the search for the skin, mm.
 const SKIN_STEP_MM: f64 = 0.25;
-/// Distance of the tip from the entry at the start, mm.
+/// Initial distance of the tip from the entry, mm.
 const APPROACH_MM: f64 = 10.0;
-/// Distance of the mesh's box from the path, mm.
+/// Margin of the mesh's box around the path, mm.
 const AROUND_MM: f64 = 30.0;
 
 /// A straight path from an entry to a target.
 pub(super) struct Aim {
     /// Name of the target.
     pub name: String,
-    /// Goal of the tip, mm.
+    /// Final position of the tip, mm.
     pub tip: Point3<f64>,
-    /// Start of the tip, mm.
+    /// Initial position of the tip, mm.
     start: Point3<f64>,
     direction: Vector3<f64>,
-    /// The choice, for people to read.
+    /// Description of the choice, for the user.
     note: String,
-    /// Oddities, for people to heed.
+    /// Warnings, for the user.
     pub warnings: Vec<String>,
 }
 
@@ -50,13 +50,13 @@ pub(super) struct Aim {
 #[derive(Clone)]
 struct Candidate {
     entry: Point3<f64>,
-    /// Distance from the end of the array, mm, and which; none of an entry that is stated.
+    /// Distance from the end of the array, mm, and name of that end; `None` for a stated entry.
     beside: Option<(f64, &'static str)>,
     depth_mm: f64,
     course: Course,
 }
 
-/// The target: the name of its label, a point in it, and whether that is in view.
+/// The target: name of its label, a point in it, and whether that is in view.
 struct Goal {
     name: String,
     tip: Point3<f64>,
@@ -64,7 +64,7 @@ struct Goal {
 }
 
 impl ScenarioFile {
-    /// The path of a needle that is aimed by names.
+    /// Returns the path of a needle that is aimed by name.
     pub(super) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, ScenarioError> {
         let body = scene.body();
         let pose = scene.probe_path().at(scene.probe_path().start_s());
@@ -114,11 +114,11 @@ impl ScenarioFile {
         })
     }
 
-    /// The choice in words, and the lines of a scenario that state the same.
+    /// Describes the choice in words, and as the equivalent lines of a scenario.
     pub(super) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
         let file = self.boxed(aim);
         let mut lines = String::new();
-        // A scenario without a text of its own was made from a label file.
+        // A scenario without source text was made from a label file.
         if let (None, Some(SceneSource::Inline(scene))) = (&self.source, &self.scene)
             && let Some(path) = scene.volume.as_ref().and_then(|volume| volume.file.as_ref())
         {
@@ -140,7 +140,7 @@ impl ScenarioFile {
         [aim.note.clone(), lines]
     }
 
-    /// The scenario with its mesh around the path of a needle, where it states no other.
+    /// Returns the scenario with the mesh restricted to a box around the path, unless it states a box.
     pub(super) fn boxed(&self, aim: &Aim) -> Self {
         let mut file = self.clone();
         if file.tissue.mesh.is_none() && file.tissue.model != TissueModel::MassSpring {
@@ -149,7 +149,7 @@ impl ScenarioFile {
         file
     }
 
-    /// The label that the target names, and a point in it.
+    /// Finds the label of the target and a point in it.
     fn goal(&self, scene: &Scene, pose: &Pose) -> Result<Goal, ScenarioError> {
         let (body, target) = (scene.body(), self.needle_table()?.target.clone().unwrap_or_default());
         let label = body.named(&target).ok_or_else(|| {
@@ -172,7 +172,7 @@ impl ScenarioFile {
         })
     }
 
-    /// A stated entry, moved along its line to the target onto the skin, with a warning, where it lies beside it.
+    /// Returns a stated entry; one off the skin is moved onto it along the line to the target, with a warning.
     fn stated(
         &self,
         body: &Body<'_>,
@@ -230,8 +230,9 @@ impl ScenarioFile {
         })
     }
 
-    /// An entry in the image plane beside the array: the nearest to it from which a straight path to the target keeps [`CLEAR_MM`]
-    /// from bone and meets no gas or lung, and of two as near the one with the shorter path. Where all meet gas or lung, they may.
+    /// Returns an entry in the image plane beside the array: the nearest to it from which a straight path to the target keeps
+    /// [`CLEAR_MM`] from bone and meets no gas or lung; among equally near ones, that with the shorter path. If all paths meet gas
+    /// or lung, they are allowed to.
     fn beside(
         &self,
         scene: &Scene,
@@ -302,7 +303,7 @@ impl ScenarioFile {
 }
 
 impl Aim {
-    /// The motion to the target and back: start (s), speed (mm/s) and pause at the target (s).
+    /// Motion to the target and back: start (s), speed (mm/s) and pause at the target (s).
     pub fn keyframes(&self, [start_s, speed_mm_s, pause_s]: [f64; 3]) -> Vec<NeedleKeyframe> {
         let travel_s = (self.tip - self.start).norm() / speed_mm_s;
         let back_s = start_s + travel_s + pause_s;
@@ -320,7 +321,7 @@ impl Aim {
             .collect()
     }
 
-    /// A box around the path for the mesh, mm.
+    /// Box around the path for the mesh, mm.
     fn box_mm(&self) -> [[f64; 3]; 2] {
         let (a, b) = (self.start, self.tip);
         [
@@ -330,7 +331,7 @@ impl Aim {
     }
 }
 
-/// A point to 0.01 mm, as a file states it.
+/// Rounds a point to 0.01 mm, as written in a file.
 fn hundredths(point: &Point3<f64>) -> Point3<f64> {
     point.map(|x| (x * 100.0).round() / 100.0)
 }

@@ -1,11 +1,11 @@
-//! The needle's path through tissue: what is made ready along it before the first step.
+//! Pieces of the needle's path for prefetching, and the note about the mesh along it.
 
 use nalgebra::Point3;
 
 use crate::mechanics::mesh::generate::{GenerateReport, NEAR_MM};
 use crate::tracking::trajectory::Trajectory;
 
-/// Pieces of the path are at least so long, mm: shorter ones are taken together.
+/// Minimum length of a piece of the path, mm: shorter ones are merged.
 const PIECE_MM: f64 = 2.0;
 
 /// Straight pieces of the tip's path, mm.

@@ -1,24 +1,24 @@
-//! Seeds that tissue carries along.
+//! Transport of seeds with the tissue.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use crate::mechanics::insertion::Tissue;
 use crate::synth::NeedleShaft;
 
-/// How far outside an element a seed may be that is taken for one of it: it lies on the surface, or a face has moved by rounding.
+/// Tolerance by which a seed may lie outside its element: it lies on the surface, or a face has moved by rounding.
 const SLACK: f64 = 1e-6;
 
-/// Where seeds lie, found anew from the elements around them.
+/// Current positions of seeds, computed from the elements around them.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Carried {
-    /// The direction in which each came out.
+    /// Direction in which each seed was deposited.
     pub along: Vec<Vector3<f64>>,
-    /// The element that each lay in last.
+    /// Element that last contained each seed.
     last: Vec<usize>,
 }
 
 impl Carried {
-    /// Places seeds, given in the reference state (mm), where the tissue has carried them. One that is in no element stays.
+    /// Places seeds, given in the reference state (mm), in the deformed tissue. One that is in no element stays.
     pub fn place(
         &mut self,
         seeds: &[Point3<f64>],
@@ -45,7 +45,8 @@ impl Carried {
     }
 }
 
-/// Where an element carries a point of its reference state, and how it turns directions there; none outside it.
+/// Maps a point of the reference state to the deformed element, with the rotation of directions there; `None`
+/// outside the element.
 fn inside(corners: &[u32; 4], tissue: &Tissue, point: &Point3<f64>) -> Option<(Point3<f64>, Matrix3<f64>)> {
     let edges = |nodes: &[[f64; 3]]| -> Option<(Point3<f64>, Matrix3<f64>)> {
         let at = |corner: usize| nodes.get(corners[corner] as usize).map(|node| Point3::from(*node));
@@ -64,7 +65,7 @@ fn inside(corners: &[u32; 4], tissue: &Tissue, point: &Point3<f64>) -> Option<(P
     }
     let (origin, now) = edges(&tissue.current)?;
     let turned = now * back;
-    // A flattened element has no direction left to give.
+    // A flattened element has no defined direction.
     let turned = if turned.iter().all(|x| x.is_finite()) && turned.determinant() != 0.0 {
         turned
     } else {
@@ -80,7 +81,7 @@ mod tests {
     #[test]
     fn seeds_go_with_the_element_around_them() {
         let reference = vec![[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]];
-        // Turned by a quarter about z and moved.
+        // Rotated by 90 degrees about z and translated.
         let current = reference.iter().map(|[x, y, z]| [10.0 - y, *x, *z]).collect();
         let tissue = Tissue {
             reference,

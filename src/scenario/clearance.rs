@@ -1,4 +1,4 @@
-//! A planned path through the labels: the tissues on it, and its distance from bone.
+//! Tissues along a planned needle path, and its distance from bone.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,39 +6,39 @@ use super::regions::RIGID_KPA;
 use crate::scene::{Body, Scene};
 use crate::tracking::trajectory::Trajectory;
 
-/// Largest distance at which bone is looked for, mm.
+/// Largest distance at which bone is searched for, mm.
 const LOOKED_MM: f64 = 30.0;
 /// Distance between samples of a path, mm.
 const STEP_MM: f64 = 0.5;
-/// Points of a path nearer together count as one, mm.
+/// Points of a path closer than this count as one, mm.
 const NEAR_MM: f64 = 0.5;
 
-/// A label at a distance, mm: its depth on a path, or its distance from one.
+/// A label with a distance, mm: its depth along a path, or its distance from one.
 pub(super) type At = (u8, f64);
 
-/// A path through the body, from where it enters it.
+/// Course of a path through the body, from its entry.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Course {
-    /// Labels in the order in which they are passed, with the length in each, mm; 0 outside the body.
+    /// Labels in the order of traversal, with the length in each, mm; 0 outside the body.
     pub layers: Vec<At>,
-    /// The first bone on it.
+    /// First bone on the path.
     pub bone: Option<At>,
-    /// The first gas or lung on it.
+    /// First gas or lung on the path.
     pub gas: Option<At>,
-    /// The nearest bone, within [`LOOKED_MM`].
+    /// Nearest bone within [`LOOKED_MM`].
     pub nearest: Option<At>,
 }
 
-/// Bone around some paths.
+/// Bone around a set of paths.
 pub(super) struct Bones<'a> {
     body: &'a Body<'a>,
     voxels: Vec<(Point3<f64>, u8)>,
-    /// Mean half edge of a voxel, mm: bone is taken to begin this far before the centres of its voxels.
+    /// Mean half edge of a voxel, mm: bone is assumed to begin this far before the centres of its voxels.
     half_mm: f64,
 }
 
 impl<'a> Bones<'a> {
-    /// Bone within [`LOOKED_MM`] of the box around some points (mm).
+    /// Collects bone within [`LOOKED_MM`] of the bounding box of `points` (mm).
     pub fn around(body: &'a Body<'a>, points: &[Point3<f64>]) -> Self {
         let volume = body.volume;
         let corner = |fold: fn(f64, f64) -> f64, start: f64, margin: f64| {
@@ -74,7 +74,7 @@ impl<'a> Bones<'a> {
         Self { body, voxels, half_mm }
     }
 
-    /// The course of a path from point to point.
+    /// Course of a path through `points`.
     pub fn course(&self, points: &[Point3<f64>]) -> Course {
         let mut course = Course::default();
         let mut depth = 0.0;
@@ -119,31 +119,31 @@ impl<'a> Bones<'a> {
 }
 
 impl Body<'_> {
-    /// True of a label whose tissue is as stiff as bone.
+    /// Whether the tissue of a label is as stiff as bone.
     pub(super) fn is_bone(&self, label: u8) -> bool {
         self.tissues.of(label).young_kpa >= RIGID_KPA
     }
 }
 
 impl Course {
-    /// True where it leaves the body.
+    /// Whether the path leaves the body.
     pub fn leaves(&self) -> bool {
         self.layers.iter().any(|(label, _)| *label == 0)
     }
 
-    /// The tissues in words.
+    /// Lists the tissues along the path in words.
     pub fn layers_in_words(&self, body: &Body<'_>) -> String {
         let one = |(label, mm): &At| match label {
             0 => format!("outside {mm:.0}"),
             label => format!("{} {mm:.0}", body.name(*label)),
         };
-        // Steps between voxels are no layers.
+        // Steps between voxels are not layers.
         let layers = self.layers.iter().filter(|(_, mm)| *mm >= 1.0);
         layers.map(one).collect::<Vec<_>>().join(", ") + " mm"
     }
 }
 
-/// Says how far the path of a needle's tip stays from bone, and warns of bone, gas and lung on it.
+/// Reports the clearance of the needle tip's path from bone, and warns of bone, gas and lung on it.
 pub(super) fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, warnings: &mut Vec<String>) {
     let mut points: Vec<Point3<f64>> = Vec::new();
     for key in tip.keys() {

@@ -1,14 +1,14 @@
-//! Faces of a mesh at which its box cuts the tissue.
+//! Surface faces of a mesh at which its box cuts through tissue.
 
 use nalgebra::{Point3, Vector3};
 
 use crate::mechanics::mesh::{NONE, TetMesh};
 use crate::volume::LabelVolume;
 
-/// Steps of a look outwards, as a share of a voxel's shortest edge.
+/// Step of the outward search, as a fraction of a voxel's shortest edge.
 const STEP: f64 = 0.5;
 
-/// Nodes of the faces beyond which tissue goes on: outside the box, or beyond the end of the volume. Ascending.
+/// Nodes of the faces beyond which tissue continues: outside the box, or beyond the end of the volume. Ascending.
 pub(super) fn nodes(
     mesh: &TetMesh,
     [low, high]: &[[f64; 3]; 2],
@@ -18,7 +18,7 @@ pub(super) fn nodes(
     let step = STEP * volume.spacing_mm().into_iter().fold(f64::INFINITY, f64::min);
     let in_box = |at: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]));
     let goes_on = |face: &Face| {
-        // Half an edge: as far as a coarse mesh may lie off the box.
+        // Half an edge: the farthest that a coarse mesh may lie from the box.
         let steps = (0.5 * face.edge_mm / step).ceil().max(3.0) as usize;
         let mut looks = (1..=steps).map(|at| face.middle + face.outwards * (at as f64 * step));
         let found = looks.find_map(|at| match volume.label_index_at(&at) {
@@ -42,7 +42,7 @@ pub(super) fn nodes(
     nodes
 }
 
-/// A face of the surface.
+/// A surface face.
 struct Face {
     middle: Point3<f64>,
     outwards: Vector3<f64>,

@@ -1,4 +1,4 @@
-//! Masses and springs: the cylinder of tissue, and what lies where before there is one.
+//! Mass-spring cylinder of a scenario, and the anatomy before it is placed.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -13,11 +13,11 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{Rigid, Shaft};
 use crate::tracking::trajectory::Trajectory;
 
-/// How much longer than the way of the tip the cylinder is where a scenario states no length: its far end is fixed.
+/// Default length of the cylinder relative to the path of the tip: its far end is fixed.
 const BEYOND: f64 = 1.25;
 
-/// The cylinder of masses and springs around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end
-/// are fixed; tissue in it is one material throughout.
+/// Cylinder of masses and springs around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end are
+/// fixed; its tissue is a single material.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CylinderSpec {
@@ -25,28 +25,29 @@ pub struct CylinderSpec {
     pub young_kpa: Option<f64>,
     /// Density, kg/m^3 (above 0). Default 1000.
     pub density_kg_per_m3: Option<f64>,
-    /// Rate at which a node that nothing drives loses its velocity, 1/s (0 or more). Default 200.
+    /// Rate at which a free node loses its velocity, 1/s (0 or more). Default 200.
     pub damping_per_s: Option<f64>,
     /// Damping of each spring over its stiffness, s (0 or more). Default 1e-4.
     pub spring_damping_s: Option<f64>,
     /// Radius, mm (above 0). Default 25.
     pub radius_mm: Option<f64>,
-    /// Length below the skin, mm (above 0). Default: a quarter more than the way of the tip.
+    /// Length below the skin, mm (above 0). Default: 1.25 times the path of the tip.
     pub length_mm: Option<f64>,
-    /// Rings of nodes around the axis (1 to 64). Default 5.
+    /// Number of rings of nodes around the axis (1 to 64). Default 5.
     pub rings: Option<u32>,
-    /// Nodes of the first ring (3 to 12). Default 6.
+    /// Number of nodes of the first ring (3 to 12). Default 6.
     pub sectors: Option<u32>,
-    /// Layers of elements along the axis (2 to 1000). Default: so many that they are as thick as rings are wide.
+    /// Number of layers of elements along the axis (2 to 1000). Default: layers as thick as rings are wide.
     pub layers: Option<u32>,
-    /// The tip node is penetrated when the far face is nearer than this share of its circumference (0.005 to 0.2). Default 0.05.
+    /// The tip node is penetrated when the far face is nearer than this fraction of its circumference (0.005 to 0.2). Default
+    /// 0.05.
     pub lambda: Option<f64>,
-    /// Parts that a step is cut into at most (1 to 4096). Default 100.
+    /// Maximum number of substeps of a step (1 to 4096). Default 100.
     pub most_substeps: Option<u32>,
 }
 
 impl ScenarioFile {
-    /// The numbers of the cylinder, if tissue is one.
+    /// Parameters of the cylinder, for the mass-spring model.
     pub(super) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, ScenarioError> {
         let spec = &self.tissue;
         if spec.model != TissueModel::MassSpring {
@@ -93,7 +94,7 @@ impl ScenarioFile {
         self.fault(key, Wrong::Springs(error))
     }
 
-    /// The mesh of the cylinder. Where it lies follows when the needle goes in.
+    /// Mesh of the cylinder. Its place is set when the needle enters.
     pub(super) fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, ScenarioError> {
         let needle =
             Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", Wrong::NeedleModel(error)))?;

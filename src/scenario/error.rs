@@ -1,4 +1,4 @@
-//! What can be wrong with a scenario file.
+//! Errors of scenario files.
 
 use super::file::ScenarioFile;
 use crate::document::{Fault, NoRegion, Unreadable};
@@ -18,86 +18,86 @@ use crate::scene::{Problem, SceneError};
 use crate::statics;
 use crate::tracking::needle::InvalidNeedle;
 
-/// Why a scenario cannot be run: what is wrong, the key that it is about and where that stands in the file.
+/// Error of a scenario: the cause, the key concerned and its place in the file.
 pub type ScenarioError = Fault<Wrong>;
 
-/// What is wrong with a scenario.
+/// Cause of a scenario error.
 #[derive(Debug, thiserror::Error)]
 pub enum Wrong {
-    /// The file cannot be read, or says what no scenario says.
+    /// The file cannot be read or parsed.
     #[error(transparent)]
     Text(#[from] Unreadable),
-    /// Keys that contradict each other, or do not say enough.
+    /// Keys that contradict each other, or are incomplete.
     #[error("found {found}; expected {expected}")]
     Keys {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: String,
     },
     /// A number outside its range.
     #[error("found {found}; expected {expected}")]
     Number {
-        /// The number.
+        /// The number found.
         found: f64,
-        /// The range.
+        /// The expected range.
         expected: &'static str,
     },
-    /// A region that is not there.
+    /// An unknown region.
     #[error(transparent)]
     Region(#[from] NoRegion),
-    /// The scene is wrong.
+    /// The scene is invalid.
     #[error(transparent)]
     Scene(#[from] Problem),
-    /// Nodes that a table means, or axes.
+    /// Nodes or axes selected by a table are invalid.
     #[error(transparent)]
     Nodes(#[from] statics::Wrong),
-    /// The mesh cannot be read.
+    /// The mesh file cannot be read.
     #[error(transparent)]
     MeshFile(#[from] MeshFileError),
-    /// The mesh can be read, but not calculated on.
+    /// The mesh can be read, but is unsuitable for computation.
     #[error(transparent)]
     Unusable(#[from] UnusableMesh),
-    /// No mesh can be made.
+    /// No mesh can be generated.
     #[error(transparent)]
     Generate(#[from] GenerateError),
-    /// A material is none.
+    /// A material is invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// A tissue cannot act on a needle so.
+    /// The interaction of a tissue with the needle is invalid.
     #[error(transparent)]
     Interaction(#[from] InvalidInteraction),
-    /// Tissue that nothing holds.
+    /// Tissue is not sufficiently fixed.
     #[error(transparent)]
     Rigid(#[from] RigidError),
-    /// The needle is wrong.
+    /// The needle is invalid.
     #[error(transparent)]
     Needle(#[from] InvalidNeedle),
-    /// No model can be made of the needle.
+    /// No model can be built for the needle.
     #[error(transparent)]
     NeedleModel(#[from] InvalidNeedleModel),
-    /// No GPU can be had.
+    /// No GPU is available.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// No model can be made of the tissue.
+    /// No model can be built for the tissue.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
-    /// No model can be made of tissue that stiffens.
+    /// No model can be built for stiffening tissue.
     #[error(transparent)]
     Stiffened(#[from] nonlinear::InvalidSetup),
-    /// Tissue stiffens as none can.
+    /// Stiffening parameters are invalid.
     #[error(transparent)]
     Stiffening(#[from] InvalidStiffening),
-    /// No masses and springs can be made.
+    /// Mass-spring parameters are invalid.
     #[error(transparent)]
     Springs(#[from] InvalidParameters),
-    /// Elements that make no mesh.
+    /// The elements do not form a valid mesh.
     #[error(transparent)]
     Mesh(#[from] InvalidMesh),
 }
 
 impl ScenarioError {
-    /// Whether the machine failed rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         match self.problem() {
             Wrong::Text(error) => error.is_machine(),
@@ -113,12 +113,12 @@ impl ScenarioError {
 }
 
 impl ScenarioFile {
-    /// An error about a key of this file.
+    /// Creates an error about a key of this file.
     pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> ScenarioError {
         ScenarioError::new(wrong).at_key(key, self.source.as_ref())
     }
 
-    /// As [`ScenarioFile::fault`], for keys that contradict each other or do not say enough.
+    /// Creates an error as [`ScenarioFile::fault`] does, for keys that contradict each other or are incomplete.
     pub(super) fn wrong_keys(
         &self,
         key: impl Into<String>,
@@ -129,7 +129,7 @@ impl ScenarioFile {
         self.fault(key, Wrong::Keys { found, expected })
     }
 
-    /// A number of this file, which must hold what is expected of it.
+    /// Returns a number of this file if it is within its range.
     pub(super) fn number(
         &self,
         key: impl Into<String>,
@@ -144,7 +144,7 @@ impl ScenarioFile {
         }
     }
 
-    /// A vector of this file that gives a direction.
+    /// Returns a direction vector of this file.
     pub(super) fn direction(
         &self,
         key: &str,
@@ -159,7 +159,7 @@ impl ScenarioFile {
             })
     }
 
-    /// A place of this file.
+    /// Returns a point of this file.
     pub(super) fn place(&self, key: &str, found: [f64; 3]) -> Result<nalgebra::Point3<f64>, ScenarioError> {
         if found.iter().all(|x| x.abs() <= crate::tracking::matrix::FARTHEST_MM) {
             Ok(found.into())
@@ -169,7 +169,7 @@ impl ScenarioFile {
         }
     }
 
-    /// An error of the scene: of its own file, or of the part of this one that it was made from.
+    /// Converts an error of the scene, which lies in its own file or inline in this one.
     pub(super) fn of_scene(&self, error: SceneError, is_inline: bool) -> ScenarioError {
         let key = error.key().map(str::to_owned);
         let mut error = error.map(Wrong::Scene);

@@ -1,4 +1,4 @@
-//! A scenario file as it is written.
+//! Serde types of a scenario file.
 
 use std::fmt;
 use std::sync::Arc;
@@ -16,43 +16,43 @@ use crate::gpu::AdapterChoice;
 use crate::quality::QualitySpec;
 use crate::scene::SceneFile;
 
-/// A needle insertion: a scene, the tissue that yields in it, and how needle and probe move. Paths are relative to the folder
-/// that the file lies in.
+/// A needle insertion: scene, deformable tissue, and the motion of needle and probe. Paths are relative to the folder of the
+/// file.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScenarioFile {
     /// Version of the format: 1, which is the default.
     pub version: Option<Version>,
-    /// What is imaged, and how the probe lies or moves: the name of a scene that comes with the program, the path of a scene
-    /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario makes both.
+    /// Imaged scene and pose or motion of the probe: the name of a scene that comes with the program, the path of a scene
+    /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario provides both.
     #[schemars(required)]
     pub scene: Option<SceneSource>,
-    /// How long steps and frames may take: what the scenario and its scene leave open is picked from what it costs on this machine.
-    /// Default: that of a scene that is written here.
+    /// Time budgets of steps and frames: what the scenario and its scene leave open is picked from what it costs on this machine.
+    /// Default: that of a scene written inline.
     pub quality: Option<QualitySpec>,
-    /// How long it runs, and in what steps.
+    /// Duration and time step of the run.
     #[serde(default)]
     pub run: RunSpec,
-    /// How tissue yields.
+    /// Tissue model.
     #[serde(default)]
     pub tissue: TissueSpec,
-    /// The needle and its motion.
+    /// Needle and its motion.
     #[schemars(required)]
     pub needle: Option<NeedleTable>,
-    /// The probe as a cylinder that tissue lies against. Without it the probe only looks.
+    /// Probe as a cylinder in contact with tissue. Without it the probe only images.
     pub contact_probe: Option<ContactProbeSpec>,
-    /// What is to be done: template, needles, seeds, targets.
+    /// Plan: template, needles, seeds, targets.
     pub plan: Option<PlanSpec>,
-    /// The text that it was read from, for errors that point into it.
+    /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
-    /// The adapter of `tissue.device = "gpu"`. Default: that of the environment, else the best.
+    /// Adapter for `tissue.device = "gpu"`. Default: that of the environment, else the best.
     #[serde(skip)]
     pub adapter: Option<AdapterChoice>,
 }
 
 impl ScenarioFile {
-    /// How long steps and frames may take: as stated, or by a scene that is written here.
+    /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.
     pub fn quality(&self) -> QualitySpec {
         let of_scene = match &self.scene {
             Some(SceneSource::Inline(scene)) => scene.quality,
@@ -62,13 +62,13 @@ impl ScenarioFile {
     }
 }
 
-/// Where a scene comes from.
+/// Source of a scene.
 #[derive(Clone, Debug, PartialEq, JsonSchema)]
 #[schemars(untagged)]
 pub enum SceneSource {
     /// The name of a scene that comes with the program (`insonify scene` lists them), or the path of a scene file.
     Named(String),
-    /// The scene itself.
+    /// An inline scene.
     Inline(Box<SceneFile>),
 }
 
@@ -94,26 +94,27 @@ impl<'de> Deserialize<'de> for SceneSource {
     }
 }
 
-/// How long a scenario runs, and in what steps.
+/// Duration and time step of a run.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RunSpec {
-    /// Time of a step, ms (0.01 to 100). Default 1, the rate at which a hand is given its force.
+    /// Time step, ms (0.01 to 100). Default 1, the usual haptic rate.
     pub dt_ms: Option<f64>,
-    /// How long it runs, s (above 0, at most 1e7 steps). Default: to the end of the motions of needle and probe.
+    /// Duration, s (above 0, at most 1e7 steps). Default: to the end of the motions of needle and probe.
     pub duration_s: Option<f64>,
-    /// Frames a second of simulated time (above 0, at most 1000). Default 25.
+    /// Frames per second of simulated time (above 0, at most 1000). Default 25.
     pub frame_rate_hz: Option<f64>,
-    /// Levels of remeshing that it changes to on its way (finite elements), ascending in time.
+    /// Changes of the level of remeshing during the run (finite elements), ascending in time.
     pub change: Vec<ChangeSpec>,
 }
 
-/// Another level of remeshing from a time on.
+/// A change of the level of remeshing.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ChangeSpec {
-    /// When, s, in the time of the motions and within the run: before the step that reaches it.
+    /// Time of the change, s, on the clock of the motions and within the run: it takes effect before the step that
+    /// reaches this time.
     pub at_s: f64,
-    /// The level from then on. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is `dense`.
+    /// New level. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is `dense`.
     pub level: LevelName,
 }

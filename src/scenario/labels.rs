@@ -1,4 +1,4 @@
-//! The labels of the scene's volume as regions that a needle meets, with smoothed boundaries.
+//! Labels of the scene's volume as regions along the needle, with smoothed boundaries.
 
 use std::collections::BTreeMap;
 
@@ -16,15 +16,15 @@ const STEP_MM: f64 = 0.5;
 #[derive(Clone, Debug)]
 pub(super) struct Labels {
     volume: LabelVolume,
-    /// The region of each label; none of those that are left out.
+    /// Region of each label; `None` for excluded labels.
     regions: Vec<Option<i32>>,
     interactions: BTreeMap<i32, Interaction>,
-    /// The part of the volume that is meshed, mm.
+    /// Part of the volume that is meshed, mm.
     within: Option<[[f64; 3]; 2]>,
 }
 
 impl Labels {
-    /// The labels whose values are regions of `interactions`, those within a box (mm) if one is given.
+    /// Labels whose values are regions of `interactions`, restricted to a box (mm) if given.
     pub fn new(volume: &LabelVolume, interactions: &[(i32, Interaction)], within: Option<[[f64; 3]; 2]>) -> Labels {
         let interactions: BTreeMap<_, _> = interactions.iter().copied().collect();
         let region = |value: i64| i32::try_from(value).ok().filter(|it| interactions.contains_key(it));
@@ -58,7 +58,8 @@ impl Anatomy for Labels {
     }
 }
 
-/// Warning of tissue on a needle's path that is not meshed. `read`: the mesh is from a file, around which no tissue may be known.
+/// Warning about tissue on a needle's path that is not meshed. `read`: the mesh is from a file, around which the tissue may be
+/// unknown.
 pub(super) fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, read: bool) -> Option<String> {
     let body = scene.body();
     let mut passed: BTreeMap<u8, f64> = BTreeMap::new();
@@ -78,7 +79,7 @@ pub(super) fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, r
             }
         }
     }
-    // A boundary between voxels and elements is no layer.
+    // A mismatch between voxels and elements is not a layer.
     passed.retain(|_, length| *length > 2.0 * STEP_MM);
     let names: Vec<String> = passed.keys().map(|label| body.name(*label)).collect();
     match (names.is_empty(), read && begins_outside) {
@@ -100,7 +101,7 @@ mod tests {
     use super::*;
     use crate::volume::Label;
 
-    /// Body (1) below an oblique surface of voxels of 2 mm, a skin (2) of one voxel on it, gel (3) above.
+    /// Body (1) below an oblique surface of 2 mm voxels, a skin (2) of one voxel on it, gel (3) above.
     fn labels(within: Option<[[f64; 3]; 2]>) -> Labels {
         let size = [20, 20, 20];
         let voxels = (0..8000).map(|at| match (at / 400) as f64 - 0.5 * (at % 20) as f64 {
@@ -120,7 +121,7 @@ mod tests {
         Labels::new(&volume, &known, within)
     }
 
-    /// Along the surface the place where the skin begins changes with the line, not in steps of a voxel.
+    /// The depth of the skin varies continuously along the surface, not in steps of a voxel.
     #[test]
     fn boundaries_are_smooth() {
         let labels = labels(None);
@@ -133,7 +134,7 @@ mod tests {
             let x = 0.25 * f64::from(at);
             let [found, next] = [begins(x), begins(x + 0.25)].map(Option::unwrap);
             assert!((next - found).abs() < 0.45, "{x}: {found} {next}");
-            // Voxels of skin have their middles where z is from 8 + x / 2 to 10 + x / 2 mm.
+            // Voxels of skin have their centres where z is from 8 + x / 2 to 10 + x / 2 mm.
             assert!((found - 8.0 - 0.5 * x).abs() < 1.1, "{x}: {found}");
             let skin = (0..400)
                 .map(|at| 0.1 * f64::from(at))

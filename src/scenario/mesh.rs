@@ -1,4 +1,4 @@
-//! The mesh of a scenario: read, or made from the scene's volume; and the nodes of it that do not move.
+//! Mesh of a scenario, read from a file or generated from the scene's volume, and its fixed nodes.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -23,18 +23,18 @@ use crate::statics::selection::{Choice, Odd, axes, ordered};
 use crate::tracking::trajectory::Trajectory;
 use crate::volume::LabelVolume;
 
-/// A part of the mesh that nothing holds is held by itself where it has at most this share of the nodes: crumbs that a
-/// generated mesh leaves beside what is meant.
+/// Largest fraction of the nodes in an unsupported part of a generated mesh that is fixed automatically: small debris
+/// beside the intended anatomy.
 const CRUMB: f64 = 0.02;
 
-/// A mesh and the names that its file gives regions.
+/// A mesh and the region names from its file.
 pub(super) struct Meshed {
     pub mesh: TetMesh,
     pub names: BTreeMap<i32, String>,
 }
 
 impl ScenarioFile {
-    /// The mesh, read or made. `progress` hears the share done.
+    /// Reads or generates the mesh. `progress` receives the completed fraction.
     pub(super) fn mesh(
         &self,
         scene: &Scene,
@@ -152,7 +152,7 @@ impl ScenarioFile {
         self.tissue.along_path.unwrap_or(usual)
     }
 
-    /// Numbers of the labels that are left out.
+    /// Numbers of the labels excluded from the mesh.
     pub(super) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
         let mut outside = Vec::new();
         for (at, name) in self.tissue.outside.iter().enumerate() {
@@ -161,7 +161,7 @@ impl ScenarioFile {
         Ok(outside)
     }
 
-    /// The labels with all that lies outside a box unlabelled.
+    /// Returns the labels, with everything outside a box unlabelled.
     fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, ScenarioError> {
         let [low, high] =
             ordered("tissue.box_mm", corners).map_err(|odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1)))?;
@@ -185,7 +185,7 @@ impl ScenarioFile {
         Ok(labels)
     }
 
-    /// Nodes and axes that do not move, ascending.
+    /// Returns fixed nodes and axes, ascending.
     pub(super) fn fixed(
         &self,
         mesh: &TetMesh,
@@ -242,7 +242,7 @@ impl ScenarioFile {
         Ok(list(&fixed))
     }
 
-    /// Holds small parts that nothing holds, and refuses large ones.
+    /// Fixes small unsupported parts, and refuses large ones.
     fn hold_crumbs(
         &self,
         mesh: &TetMesh,
@@ -280,7 +280,7 @@ impl ScenarioFile {
     }
 }
 
-/// The fixed axes of nodes, ascending.
+/// Lists the fixed axes of nodes, ascending.
 fn list(fixed: &[[bool; 3]]) -> Vec<(u32, u8)> {
     let axes = |(node, axes): (usize, &[bool; 3])| {
         let axes = *axes;
@@ -291,7 +291,7 @@ fn list(fixed: &[[bool; 3]]) -> Vec<(u32, u8)> {
     fixed.iter().enumerate().flat_map(axes).collect()
 }
 
-/// The nodes of a part that hangs together through faces. A node that it shares as a hinge with another is its own as well.
+/// Nodes of a face-connected part. A node that it shares as a hinge with another part is included.
 fn together(mesh: &TetMesh, part: &FreePart) -> BTreeSet<u32> {
     let mut seen = vec![false; mesh.elements().len()];
     for start in 0..mesh.elements().len() {

@@ -1,4 +1,4 @@
-//! From a scenario to the model that its steps are made by.
+//! Construction of the tissue model of a scenario.
 
 use std::sync::Arc;
 
@@ -15,14 +15,16 @@ use crate::mechanics::needle::{Cantilever, Constrained, InvalidNeedleModel, Need
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
 use crate::remesh_gpu::maker;
 
-/// A needle of 18 gauge strays so far from its path in the tissue at rest, and tissue under a probe as far, mm.
+/// Lateral deviation allowed for a needle of 18 gauge from its path in the tissue at rest, and for tissue under a
+/// probe, mm.
 const ASIDE_MM: f64 = 5.0;
 
 impl Scenario {
-    /// The model, tissue at rest and no instrument near. `progress` hears what is done of what, where there is much to do.
+    /// Builds the model, with tissue at rest and no instrument near. `progress` receives completed and total work of long
+    /// computations.
     ///
     /// # Errors
-    /// [`ScenarioError`], with the key that is to blame.
+    /// [`ScenarioError`] with the offending key.
     pub fn model(&self, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, ScenarioError> {
         let needle = self.needle_model().map_err(|error| {
             let key = format!("needle.{}", error.key);
@@ -58,7 +60,7 @@ impl Scenario {
         };
         let mut finite = finite.map_err(|error| self.blame(error))?;
         if self.modelling.level == Level::Exact {
-            self.look_ahead(&mut finite);
+            self.predict_remesh(&mut finite);
         }
         Ok(Box::new(finite))
     }
@@ -123,8 +125,8 @@ impl Scenario {
         self.file.fault(key, Wrong::Setup(error))
     }
 
-    /// Fetches ahead what remeshing along the needle's path will read, so that no step waits for it.
-    fn look_ahead(&self, finite: &mut Finite) {
+    /// Prefetches the data that remeshing along the needle's path will read, so that no step waits for it.
+    fn predict_remesh(&self, finite: &mut Finite) {
         for [from, to] in along::pieces(self.path.tip()) {
             let along = to - from;
             let length = along.norm();

@@ -1,4 +1,4 @@
-//! How tissue is modelled: model, level of remeshing, precision, device.
+//! Tissue model settings: model, level of remeshing, precision, device.
 
 use super::error::ScenarioError;
 use super::file::ScenarioFile;
@@ -7,18 +7,18 @@ use super::tissue::{ColumnsName, DeviceName, LevelName, TissueModel};
 use crate::gpu::{AdapterChoice, Gpu, Needs};
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
-/// How tissue is to be modelled.
+/// Tissue model settings.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Modelling {
-    /// The model.
+    /// Tissue model.
     pub model: TissueModel,
-    /// Finite elements: how much follows each change of the mesh.
+    /// Level of remeshing (finite elements).
     pub level: Level,
-    /// Finite elements: of the compliance.
+    /// Precision of the dense inverse (finite elements).
     pub precision: Precision,
-    /// Finite elements: where it comes from.
+    /// Source of the compliance columns (finite elements).
     pub columns: ColumnsName,
-    /// Finite elements: least distance between nodes on the needle, mm.
+    /// Minimum distance between nodes on the needle, mm (finite elements).
     pub contact_spacing_mm: f64,
 }
 
@@ -78,12 +78,12 @@ impl ScenarioFile {
         })
     }
 
-    /// Whether it asks for a GPU. Other models than of finite elements refuse that by themselves.
+    /// Whether a GPU is requested. Models other than finite elements refuse it themselves.
     fn is_on_gpu(&self) -> bool {
         self.tissue.device == Some(DeviceName::Gpu) && self.tissue.model == TissueModel::FiniteElement
     }
 
-    /// The GPU, if one is asked for.
+    /// Opens the GPU, if requested.
     pub(super) fn gpu(&self) -> Result<Option<Gpu>, ScenarioError> {
         if !self.is_on_gpu() {
             return Ok(None);
@@ -93,7 +93,7 @@ impl ScenarioFile {
         gpu.map(Some).map_err(|error| self.fault("tissue.device", error))
     }
 
-    /// When the level changes, and to which.
+    /// Times of changes of the level, and the new levels.
     pub(super) fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, ScenarioError> {
         let mut changes: Vec<(f64, Level)> = Vec::new();
         for (at, change) in self.run.change.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! The needle of a scenario, checked and filled in.
+//! Validation and defaults of the needle of a scenario.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 
@@ -14,60 +14,61 @@ use crate::tracking::world::World;
 
 /// Length and diameter of the needle of Goksel et al. 2011, mm.
 const SPRINGS_MM: [f64; 2] = [200.0, 1.28];
-/// Stiffness of its joints, N mm for each degree, and the length of its links, mm.
+/// Stiffness of its joints, N mm per degree, and the length of its links, mm.
 const KAPPA_NMM_PER_DEG: f64 = 10.7;
 const LINK_MM: f64 = 10.0;
 
-/// How a needle bends.
+/// Bending model of a needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bending {
-    /// Not at all.
+    /// Rigid needle.
     None {
-        /// The bevel, if it has one.
+        /// Bevel, if any.
         bevel: Option<Bevel>,
     },
-    /// Constrained to the direction in which it entered.
+    /// Straight needle constrained to its entry direction.
     Constrained(BendingConstraint),
-    /// At joints.
+    /// Rigid links joined by angular springs.
     Springs {
         /// Bending stiffness EI, N mm^2.
         stiffness_nmm2: f64,
-        /// Length of a link, mm.
+        /// Link length, mm.
         link_mm: f64,
-        /// The bevel, if it has one.
+        /// Bevel, if any.
         bevel: Option<Bevel>,
     },
-    /// As a beam.
+    /// Elastic beam.
     Beam {
         /// Bending stiffness EI, N mm^2.
         stiffness_nmm2: f64,
-        /// Length of an element, mm.
+        /// Element length, mm.
         element_mm: f64,
-        /// The bevel, if it has one.
+        /// Bevel, if any.
         bevel: Option<Bevel>,
     },
 }
 
-/// How a needle moves, and what happens on its way.
+/// Motion of a needle, with its seeds and template guides.
 pub(super) struct Moving {
     pub needle: SceneNeedle,
     pub deposits: Vec<Deposit>,
     pub guides: Vec<Guide>,
 }
 
-/// A needle, every number in its range.
+/// Needle settings, every number within its range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct NeedleSettings {
-    /// From base to tip, mm.
+    /// Length from base to tip, mm.
     pub length_mm: f64,
     /// Diameter, mm.
     pub diameter_mm: f64,
-    /// How it bends.
+    /// Bending model.
     pub bending: Bending,
 }
 
 impl NeedleSettings {
-    /// The base frame of the needle that nothing bends to world, where its tip has a pose (which looks where the needle points).
+    /// Transform from the base frame of the undeflected needle to world, for a pose of its tip whose axial direction is that of
+    /// the needle.
     pub fn base(&self, tip: &Pose) -> Isometry3<f64> {
         let (along, side) = (tip.axial().into_inner(), tip.lateral().into_inner());
         let axes = Matrix3::from_columns(&[side, along.cross(&side), along]);
@@ -84,7 +85,7 @@ impl ScenarioFile {
             .ok_or_else(|| self.wrong_keys("needle", "no `[needle]`", "the needle that goes in"))
     }
 
-    /// The needle, every number checked.
+    /// Returns the needle settings, every number checked.
     pub(super) fn needle_settings(&self) -> Result<NeedleSettings, ScenarioError> {
         let table = self.needle_table()?;
         let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
@@ -235,7 +236,7 @@ impl ScenarioFile {
         })
     }
 
-    /// Refuses a needle that nothing moves, or two things at once.
+    /// Checks that exactly one key moves the needle.
     pub(super) fn mover(&self) -> Result<(), ScenarioError> {
         let table = self.needle_table()?;
         let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
@@ -267,7 +268,7 @@ impl ScenarioFile {
         Ok(())
     }
 
-    /// The needle as its scene is given it, the seeds that it is to leave and the holes that guide it; `aimed` moves one that is aimed.
+    /// Returns the needle of the scene, the seeds to deposit and the guiding holes; `aimed` is the motion of an aimed needle.
     pub(super) fn moving(
         &self,
         needle: &NeedleSettings,

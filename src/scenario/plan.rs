@@ -1,4 +1,4 @@
-//! A plan: holes of a template, and the motion and the seeds that insertions through them make.
+//! Template holes of a plan, and the motion and seeds of the insertions through them.
 
 use nalgebra::{Point3, Unit};
 
@@ -8,30 +8,30 @@ use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedl
 use crate::scene::NeedleKeyframe;
 use crate::tracking::template::Template;
 
-/// Distance between holes where a template states none, mm: that of brachytherapy templates.
+/// Default distance between holes, mm: that of brachytherapy templates.
 const DEFAULT_SPACING_MM: f64 = 5.0;
-/// The farthest from square that the axes of a template may be, as a cosine.
+/// Largest deviation of the axes of a template from perpendicular, as a cosine.
 const SQUARE: f64 = 1e-3;
 
-/// A place for which a needle or a seed is meant.
+/// A target of a needle or a seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Target {
-    /// What it is called.
+    /// Name of the target.
     pub name: String,
-    /// Where it is in the anatomy at rest, mm.
+    /// Position in the anatomy at rest, mm.
     pub at_mm: Point3<f64>,
 }
 
-/// A seed that is to be left.
+/// A seed to be deposited.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Deposit {
-    /// When, s.
+    /// Time of deposition, s.
     pub time_s: f64,
-    /// Where it was planned, in the anatomy at rest, mm.
+    /// Planned position in the anatomy at rest, mm.
     pub planned_mm: Option<Point3<f64>>,
 }
 
-/// What a plan makes the needle do.
+/// Motion, seeds and guides of a planned needle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Insertions {
     pub keyframes: Vec<NeedleKeyframe>,
@@ -39,17 +39,17 @@ pub(super) struct Insertions {
     pub guides: Vec<Guide>,
 }
 
-/// A hole of the template, and when a needle runs through it.
+/// A template hole, and the period in which a needle runs through it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Guide {
-    /// From when to when, s.
+    /// Start and end of the period, s.
     pub during_s: [f64; 2],
-    /// Its middle, mm.
+    /// Centre of the hole, mm.
     pub at_mm: Point3<f64>,
 }
 
 impl ScenarioFile {
-    /// The targets of the plan.
+    /// Targets of the plan.
     pub(super) fn targets(&self) -> Result<Vec<Target>, ScenarioError> {
         let specs = self.plan.iter().flat_map(|plan| &plan.target);
         let one = |(at, spec): (usize, &super::planned::TargetSpec)| {
@@ -61,10 +61,10 @@ impl ScenarioFile {
         specs.enumerate().map(one).collect()
     }
 
-    /// What the plan makes a needle of a length (mm) do, if it plans needles.
+    /// Planned insertions of a needle of the given length (mm), if there are any.
     pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, ScenarioError> {
         let Some(plan) = &self.plan else { return Ok(None) };
-        // What is written is right, whether a needle needs it or not.
+        // The template is checked whether or not a needle uses it.
         let template = self.template()?;
         let [mut now_s, speed_mm_s, pause_s] = self.pace()?;
         if plan.needle.is_empty() {
@@ -85,7 +85,7 @@ impl ScenarioFile {
         Ok(Some(made))
     }
 
-    /// Start (s), speed (mm/s) and pause at full depth (s) of needles that state none.
+    /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
     pub(super) fn pace(&self) -> Result<[f64; 3], ScenarioError> {
         let plan = self.plan.as_ref();
         let stated = |of: fn(&PlanSpec) -> Option<f64>, usual: f64| plan.and_then(of).unwrap_or(usual);
@@ -99,13 +99,13 @@ impl ScenarioFile {
         Ok([start_s, self.speed("plan.speed_mm_s".to_owned(), speed_mm_s)?, pause_s])
     }
 
-    /// A speed of insertion, mm/s.
+    /// Speed of insertion, mm/s.
     fn speed(&self, key: String, found: f64) -> Result<f64, ScenarioError> {
         let range = |x: f64| x > 0.0 && x <= 1000.0;
         self.number(key, found, range, "a speed above 0, at most 1000 mm/s")
     }
 
-    /// One insertion, with the length of the needle (mm), the speed (mm/s) of one that states none, and the pause (s) after each way.
+    /// One insertion, given the length of the needle (mm), the default speed (mm/s), and the pause (s) after each stroke.
     fn insertion(
         &self,
         template: &Template,
@@ -167,10 +167,10 @@ impl ScenarioFile {
         Ok(())
     }
 
-    /// The template of the plan, if it has one.
+    /// Returns the template of the plan, if it has one.
     ///
     /// # Errors
-    /// [`ScenarioError`] at the key that is wrong.
+    /// [`ScenarioError`] at the invalid key.
     pub fn template(&self) -> Result<Option<Template>, ScenarioError> {
         let Some(spec) = self.plan.as_ref().and_then(|plan| plan.template.as_ref()) else {
             return Ok(None);

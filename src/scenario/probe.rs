@@ -1,4 +1,4 @@
-//! Which nodes a probe can touch.
+//! Probe contact of a scenario, and selection of the nodes that the probe can touch.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
@@ -11,21 +11,21 @@ use crate::mechanics::mesh::{Face, TetMesh};
 use crate::scene::Scene;
 use crate::tracking::pose::Pose;
 
-/// How far from the cylinder a node may be that can touch it where a scenario states no distance, mm.
+/// Default maximum distance of a contact candidate from the cylinder, mm.
 const WITHIN_MM: f64 = 4.0;
 
-/// A probe in contact, and where its cylinder is in the frame in which the scene's probe moves.
+/// A probe in contact, and the transform of its cylinder to the imaging probe.
 #[derive(Clone, Debug)]
 pub struct Contact {
-    /// For the model.
+    /// Probe contact of the model.
     pub probe: ProbeContact,
-    /// Frame of the cylinder to the probe frame of images.
+    /// Transform from the frame of the cylinder to the probe frame of images.
     pub in_probe: Isometry3<f64>,
 }
 
 impl Contact {
-    /// The force of the tissue on the probe, split between the two points that drive it, N, world axes; none of a probe that has
-    /// none, zero while the probe is away.
+    /// Tissue force on the probe, split between the two points that drive it, N, world axes; `None` for a probe without such
+    /// points, zero while the probe is away.
     pub(super) fn driven(&self, pose: Option<&Isometry3<f64>>, outcome: &Outcome) -> Option<[Vector3<f64>; 2]> {
         self.probe.driven_at_mm?;
         let pressing = outcome.on_probe.as_ref().zip(pose);
@@ -34,13 +34,13 @@ impl Contact {
     }
 }
 
-/// The rigid transform of a pose.
+/// Rigid transform of a pose.
 pub(super) fn rigid(pose: &Pose) -> Isometry3<f64> {
     Isometry3::from_parts(pose.position_mm().coords.into(), pose.rotation())
 }
 
 impl ScenarioFile {
-    /// The probe in contact, if the scenario has one. Nodes that are fixed cannot touch it.
+    /// Returns the probe in contact, if the scenario has one. Fixed nodes cannot touch it.
     pub(super) fn contact(
         &self,
         scene: &Scene,
@@ -80,7 +80,7 @@ impl ScenarioFile {
         };
         let poses = scene.probe_path().keys();
         let nominal = rigid(&scene.probe_path().at(scene.probe_path().start_s())) * in_probe;
-        // Where the end comes to along the axis that the cylinder has at first.
+        // Positions of the end along the initial axis of the cylinder.
         let ends = poses.iter().map(|key| {
             nominal
                 .inverse_transform_point(&(rigid(&key.pose) * in_probe).translation.vector.into())
@@ -113,7 +113,7 @@ impl ScenarioFile {
         Ok(Some(Contact { probe, in_probe }))
     }
 
-    /// Frame of the cylinder to the probe frame.
+    /// Transform from the frame of the cylinder to the probe frame.
     fn cylinder(&self, spec: &ContactProbeSpec) -> Result<Isometry3<f64>, ScenarioError> {
         let size = |key: &str, found, most, expected| {
             self.number(
@@ -130,14 +130,14 @@ impl ScenarioFile {
             Some(end) => self.place("contact_probe.end_mm", end)?,
             None => Point3::new(0.0, -radius, 0.0),
         };
-        // Any turn about the axis will do: the contact frame does not roll with the probe.
+        // Any rotation about the axis will do: the contact frame does not roll with the probe.
         let turn = UnitQuaternion::rotation_between(&Vector3::z(), &axis)
             .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
         Ok(Isometry3::from_parts(end.coords.into(), turn))
     }
 }
 
-/// Nodes on the surface of a mesh, ascending; of some regions only.
+/// Nodes on the surface of a mesh, ascending; optionally of some regions only.
 fn surface(mesh: &TetMesh, regions: Option<&[i32]>) -> Vec<u32> {
     let of = |face: &Face| regions.is_none_or(|regions| regions.contains(&face.region));
     let mut nodes: Vec<u32> = mesh.surface().filter(of).flat_map(|face| face.nodes).collect();

@@ -1,4 +1,4 @@
-//! What is written of a run: a table of its steps, plots, and a page that shows them.
+//! Record of a run: a table of its steps, plots, and a report page.
 
 mod curves;
 mod film;
@@ -19,7 +19,7 @@ use nalgebra::Point3;
 /// Names of the plots, in the order of [`Record::plots`].
 pub const PLOTS: [&str; 3] = ["forces", "tip", "step_time"];
 
-/// What is kept of a run for its plots: as much of a long one as of a short one.
+/// Data of a run kept for its plots, of bounded size whatever the length of the run.
 #[derive(Clone, Debug)]
 pub struct Record {
     curves: Curves,
@@ -32,7 +32,7 @@ pub struct Record {
 }
 
 impl Record {
-    /// Of a run of a scenario.
+    /// Creates the record of a run of `scenario`.
     pub fn new(scenario: &Scenario) -> Self {
         Self {
             curves: Curves::new(scenario),
@@ -43,18 +43,18 @@ impl Record {
         }
     }
 
-    /// Writes the first line of `steps.csv`.
+    /// Writes the header line of `steps.csv`.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the output.
     pub fn head(&self, out: &mut impl Write) -> io::Result<()> {
         writeln!(out, "{}", self.head)
     }
 
-    /// Keeps a step and writes its line of `steps.csv`.
+    /// Records a step and writes its line of `steps.csv`.
     ///
     /// # Errors
-    /// What the system says.
+    /// Errors of the output.
     pub fn step(&mut self, step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
         let outcome = step.outcome;
         let tip = outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm);
@@ -64,19 +64,19 @@ impl Record {
         table::row(step, out)
     }
 
-    /// Keeps a frame for the page, if it is one that the page shows.
+    /// Records a frame if the page shows it.
     pub fn frame(&mut self, moment: &Moment<'_>, frame: &Frame) {
         let (inserted_mm, target_mm) = self.last;
         self.film
             .add(frame, moment.number, moment.time_s, inserted_mm, target_mm);
     }
 
-    /// Forces, tip and times of steps over simulated time: see [`PLOTS`].
+    /// Plots of forces, tip and step times over simulated time: see [`PLOTS`].
     pub fn plots(&self) -> [Plot; 3] {
         self.curves.plots()
     }
 
-    /// A page (HTML) that holds summary, frames and plots and asks for nothing else; `others` are files beside it that it points to.
+    /// Self-contained HTML page with summary, frames and plots; `others` are files beside it that it links to.
     ///
     /// # Errors
     /// [`PlotError`].

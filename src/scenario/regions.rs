@@ -1,4 +1,4 @@
-//! What the regions of a mesh are called and made of.
+//! Names and materials of mesh regions.
 
 use std::collections::BTreeMap;
 
@@ -13,28 +13,27 @@ use crate::scene::{Body, Scene};
 use crate::tissue::Tissue;
 use crate::volume::LabelVolume;
 
-/// Young's modulus from which a tissue is rigid unless a scenario says otherwise, kPa.
+/// Young's modulus from which a tissue is rigid by default, kPa.
 pub(super) const RIGID_KPA: f64 = 1e6;
-/// Bone where a scenario states no other, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic devices
-/// render.
+/// Default bone contact, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic devices render.
 const BONE: Bone = Bone {
     stiffness_n_per_mm: 40.0,
     penetration_mm: 0.5,
 };
 
-/// The regions that a scenario can speak of: labels of its scene.
+/// Regions that a scenario can refer to: labels of its scene.
 pub(super) struct Regions<'a> {
     file: &'a ScenarioFile,
     scene: &'a Scene,
-    /// Names that a mesh file gives its regions.
+    /// Region names from a mesh file.
     named: &'a BTreeMap<i32, String>,
 }
 
-/// What a region is made of.
+/// Properties of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Region {
     pub material: Material,
-    /// The same, with how it stiffens.
+    /// The material with its stiffening.
     pub law: Stiffening,
     pub interaction: Interaction,
     pub rigid: bool,
@@ -45,7 +44,7 @@ impl<'a> Regions<'a> {
         Self { file, scene, named }
     }
 
-    /// The volume whose labels they are.
+    /// Volume whose labels are the regions.
     pub fn volume(&self) -> &LabelVolume {
         self.scene.anatomy.volume.undivided()
     }
@@ -54,7 +53,7 @@ impl<'a> Regions<'a> {
         self.scene.body()
     }
 
-    /// The label whose value is the number of a region.
+    /// Label index whose value is the number of a region.
     fn label(&self, region: i32) -> Option<u8> {
         let labels = self.scene.anatomy.volume.labels();
         let at = labels.iter().position(|label| label.value == i64::from(region))?;
@@ -65,14 +64,14 @@ impl<'a> Regions<'a> {
         self.label(region).map(|label| self.scene.anatomy.tissues.of(label))
     }
 
-    /// What a region is called.
+    /// Name of a region.
     pub fn name(&self, region: i32) -> String {
         let own = self.named.get(&region).cloned();
         own.or_else(|| self.label(region).map(|label| self.body().name(label)))
             .unwrap_or_else(|| region.to_string())
     }
 
-    /// The numbers of the regions that a name means.
+    /// Numbers of the regions that match a name.
     pub fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, ScenarioError> {
         let labels = self.body().entries().into_iter();
         let of_labels = labels.filter_map(|(_, value, names)| Some((i32::try_from(value).ok()?, value, names)));
@@ -85,7 +84,7 @@ impl<'a> Regions<'a> {
         })
     }
 
-    /// What each of some regions is made of.
+    /// Properties of each of `regions`.
     pub fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, ScenarioError> {
         let (mut others, mut own) = (None, BTreeMap::new());
         for (at, spec) in self.file.tissue.material.iter().enumerate() {
@@ -113,7 +112,7 @@ impl<'a> Regions<'a> {
         regions.iter().map(one).collect()
     }
 
-    /// Checks what a table says of itself, whatever region it is about.
+    /// Checks the values of a material table, independent of its region.
     fn check(&self, table: &str, spec: &MaterialSpec) -> Result<(), ScenarioError> {
         spec.interaction(&Interaction::default()).check().map_err(|error| {
             let within = match error.key {

@@ -1,4 +1,4 @@
-//! From a scenario file to a scenario.
+//! Resolution of a scenario file to a runnable scenario.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,93 +31,93 @@ use crate::tracking::trajectory::Trajectory;
 /// With fewer nodes in contact a probe presses on points rather than along its side.
 const FEW_CANDIDATES: usize = 6;
 
-/// Most steps of a run: hours of simulated time at a millisecond each.
+/// Maximum number of steps of a run: hours of simulated time at a millisecond each.
 const MOST_STEPS: f64 = 1e7;
-/// A time is reached up to this share of a step.
+/// Tolerance for reaching a time, as a fraction of a step.
 const REACHED: f64 = 1e-6;
 
-/// When steps and frames are.
+/// Times of steps and frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Timing {
-    /// Where the motions start, s.
+    /// Start of the motions, s.
     pub start_s: f64,
-    /// Time of a step, s.
+    /// Time step, s.
     pub dt_s: f64,
-    /// Steps of the run.
+    /// Number of steps of the run.
     pub steps: u64,
-    /// Time from frame to frame, s.
+    /// Time between frames, s.
     pub frame_s: f64,
 }
 
 impl Timing {
-    /// The most moments at equal distances (s) that the run has.
+    /// Maximum number of moments in the run at intervals of `every_s`.
     pub fn moments(&self, every_s: f64) -> u64 {
         (self.steps as f64 * self.dt_s / every_s) as u64 + 1
     }
 
-    /// The time at the end of a step, counted from 1, in the time of the motions; 0 is where they start. s.
+    /// Time at the end of a step, counted from 1, on the clock of the motions, s; 0 is the start of the motions.
     pub fn at(&self, step: u64) -> f64 {
         self.start_s + step as f64 * self.dt_s
     }
 
-    /// The first step that reaches a time, s, counted from 1.
+    /// First step that reaches a time, s, counted from 1.
     pub fn step_at(&self, time_s: f64) -> u64 {
         ((time_s - self.start_s) / self.dt_s - REACHED).ceil().max(1.0) as u64
     }
 }
 
-/// A scenario that can be run: every file read, every number in its range, the mesh made.
+/// A scenario ready to run: every file read, every number in its range, the mesh made.
 #[derive(Clone, Debug)]
 pub struct Scenario {
-    /// What is imaged, with the mesh that carries it.
+    /// Imaged scene, with the deforming mesh.
     pub scene: Scene,
-    /// The mesh, in the reference state.
+    /// Mesh in the reference state.
     pub mesh: Arc<TetMesh>,
-    /// The cylinder of masses and springs, if tissue is one. Then only `interactions` speak of regions, those of the volume.
+    /// Mass-spring cylinder, for that tissue model. Then only `interactions` refer to regions, those of the volume.
     pub cylinder: Option<Parameters>,
-    /// Tissue that stiffens, if it does.
+    /// Stiffening tissue, for nonlinear and viscoelastic models.
     pub stiffened: Option<Stiffened>,
-    /// The material of each element.
+    /// Material of each element.
     pub materials: Vec<Material>,
-    /// Node and axis of each displacement that is held, ascending.
+    /// Node and axis of each fixed degree of freedom, ascending.
     pub fixed: Vec<(u32, u8)>,
-    /// What each region does to a needle, ascending.
+    /// Needle interaction of each region, ascending.
     pub interactions: Vec<(i32, Interaction)>,
-    /// What the needle meets: the labels of the volume, or the regions of a mesh that was read.
+    /// Anatomy along the needle: labels of the volume, or regions of a mesh that was read.
     pub anatomy: Arc<dyn Anatomy>,
-    /// What each region is called.
+    /// Name of each region.
     pub region_names: BTreeMap<i32, String>,
-    /// How tissue is modelled.
+    /// Tissue model settings.
     pub modelling: Modelling,
-    /// The GPU that keeps the dense inverse; none where the CPU does.
+    /// GPU that stores the dense inverse; `None` on the CPU.
     pub gpu: Option<Gpu>,
-    /// Times (s, of the motions) at which the level of remeshing changes, and to which, ascending.
+    /// Times (s, on the clock of the motions) of changes of the level of remeshing and the new levels, ascending.
     pub changes: Vec<(f64, Level)>,
-    /// The needle.
+    /// Needle settings.
     pub needle: NeedleSettings,
-    /// The probe in contact, if there is one.
+    /// Probe in contact, if any.
     pub contact: Option<Contact>,
-    /// Seeds that are to be left, in order of time.
+    /// Seeds to deposit, in order of time.
     pub deposits: Vec<Deposit>,
-    /// Holes of the template that hold the needle, in order of time.
+    /// Template holes that constrain the needle, in order of time.
     pub guides: Vec<Guide>,
     /// Places to be reached.
     pub targets: Vec<Target>,
-    /// When steps and frames are.
+    /// Times of steps and frames.
     pub timing: Timing,
-    /// How long steps and frames may take; nothing where the scenario does not say.
+    /// Time budgets of steps and frames; empty where the scenario states none.
     pub quality: QualitySpec,
-    /// What was assumed, for people to read.
+    /// Assumptions made, for the user.
     pub notes: Vec<String>,
-    /// What is odd, for people to heed.
+    /// Suspicious settings, for the user.
     pub warnings: Vec<String>,
     pub(super) path: NeedlePath,
-    /// As it was written, for errors that point into it.
+    /// Source file, for errors that point into it.
     pub(super) file: ScenarioFile,
 }
 
 impl Scenario {
-    /// Where the instruments are at the end of a step (counted from 1; 0 before the first).
+    /// Poses of the instruments at the end of a step (counted from 1; 0 before the first).
     pub fn instruments(&self, step: u64) -> Instruments {
         let time_s = self.timing.at(step);
         let deposit = self
@@ -137,12 +137,12 @@ impl Scenario {
         self.guides.iter().find(within).map(|guide| guide.at_mm)
     }
 
-    /// Probe frame of the image to world at the end of a step.
+    /// Transform from the image's probe frame to world at the end of a step.
     pub fn probe(&self, step: u64) -> Isometry3<f64> {
         rigid(&self.scene.probe_path().at(self.timing.at(step)))
     }
 
-    /// True of skin.
+    /// Whether a region is skin.
     pub(super) fn is_skin(&self, region: i32) -> bool {
         let anatomy = &self.scene.anatomy;
         let labels = anatomy.volume.labels().iter();
@@ -151,13 +151,13 @@ impl Scenario {
         tissue == Some("skin") || self.region_name(region) == "skin"
     }
 
-    /// What a region is called.
+    /// Name of a region.
     pub fn region_name(&self, region: i32) -> &str {
         self.region_names.get(&region).map_or("", String::as_str)
     }
 }
 
-/// What comes of `[tissue]`.
+/// Result of resolving `[tissue]`.
 struct Made {
     mesh: Arc<TetMesh>,
     cylinder: Option<Parameters>,
@@ -171,11 +171,11 @@ struct Made {
 }
 
 impl ScenarioFile {
-    /// Reads or makes everything that the scenario names, the mesh included, and checks it all. Relative paths start at
-    /// `base_dir`, the folder of the file. `progress` hears the share done of making the mesh.
+    /// Reads or generates everything that the scenario names, including the mesh, and checks it. Relative paths start
+    /// at `base_dir`, the folder of the file. `progress` receives the completed fraction of mesh generation.
     ///
     /// # Errors
-    /// [`ScenarioError`], with the key and its place in the file.
+    /// [`ScenarioError`] with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, ScenarioError> {
         let quality = self.quality();
         if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
@@ -281,7 +281,7 @@ impl ScenarioFile {
         })
     }
 
-    /// Checks that each seed is left within the run, in a step of its own.
+    /// Checks that each seed is deposited within the run, in a step of its own.
     fn check_deposits(&self, deposits: &[Deposit], timing: &Timing) -> Result<(), ScenarioError> {
         if let Some(at) = deposits.iter().position(|of| !self.during(timing, of.time_s)) {
             let key = if self.needle_table()?.deposit_s.is_empty() {
@@ -306,7 +306,7 @@ impl ScenarioFile {
         Ok(())
     }
 
-    /// Finite elements.
+    /// Builds the finite-element tissue.
     fn elements_of(
         &self,
         scene: &Scene,
@@ -346,7 +346,7 @@ impl ScenarioFile {
         })
     }
 
-    /// Masses and springs.
+    /// Builds the mass-spring tissue.
     fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, ScenarioError> {
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
@@ -367,7 +367,7 @@ impl ScenarioFile {
         })
     }
 
-    /// Regions of the labels that the volume holds, but for those that are left out.
+    /// Regions of the labels present in the volume, without the excluded ones.
     fn labelled(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
         let (outside, volume) = (self.outside(regions)?, regions.volume());
         let labels = volume.labels().iter().enumerate().skip(1);
@@ -380,11 +380,11 @@ impl ScenarioFile {
         time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
     }
 
-    /// All that it and its scene say, and where its paths start, as one text: what is the same of two is the same scenario, unless
-    /// other files that they name have changed.
+    /// Text of the complete scenario, its scene and the base of its paths: equal texts mean equal scenarios, unless other files
+    /// that they name have changed.
     ///
     /// # Errors
-    /// [`ScenarioError`] of a scene that cannot be read.
+    /// [`ScenarioError`] if a scene cannot be read.
     pub fn described(&self, base_dir: &Path) -> Result<String, ScenarioError> {
         let (scene, folder, _) = self.scene_file(base_dir)?;
         Ok(format!("{self:?} {scene:?} {folder:?}"))

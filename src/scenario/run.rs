@@ -1,4 +1,4 @@
-//! The loop over the steps of a scenario: it moves the instruments, steps the model and tells an observer what came of it.
+//! Main loop of a scenario: it moves the instruments, steps the model and notifies an observer.
 
 use std::time::Instant;
 
@@ -10,94 +10,95 @@ use super::summary::{Summary, Tally};
 use crate::mechanics::insertion::{Imager, Model, Outcome, Snapshot, StepError, Tissue};
 use crate::synth::{FrameState, NeedleShaft};
 
-/// Time is reached up to this share of a step.
+/// Tolerance for reaching a time, as a fraction of a step.
 const REACHED: f64 = 1e-6;
 
-/// A step that was made.
+/// A completed step.
 #[derive(Clone, Copy, Debug)]
 pub struct Step<'a> {
-    /// Which, counted from 1.
+    /// Step number, counted from 1.
     pub number: u64,
-    /// Simulated time at its end, s from the start of the run.
+    /// Simulated time at the end of the step, s from the start of the run.
     pub time_s: f64,
-    /// Base frame of the needle to world.
+    /// Transform from the base frame of the needle to world.
     pub base: Isometry3<f64>,
-    /// Frame of the probe in contact (see [`ProbeContact`](crate::mechanics::insertion::ProbeContact)) to world; without one, that of
-    /// the imaging probe.
+    /// Transform from the frame of the probe in contact (see [`ProbeContact`](crate::mechanics::insertion::ProbeContact)) to world;
+    /// without one, from that of the imaging probe.
     pub probe: Isometry3<f64>,
-    /// What came of it.
+    /// Outcome of the step.
     pub outcome: &'a Outcome,
-    /// The force on the probe split between the two points that drive it, N, world axes; none of a probe that has none.
+    /// Force on the probe split between the two points that drive it, N, world axes; `None` for a probe without such
+    /// points.
     pub driven: Option<[Vector3<f64>; 2]>,
-    /// What it took, ms.
+    /// Duration of the step, ms.
     pub ms: f64,
 }
 
 /// A moment at which an image is due.
 #[derive(Clone, Copy, Debug)]
 pub struct Moment<'a> {
-    /// Which, counted from 0.
+    /// Number of the image, counted from 0.
     pub number: u64,
     /// Simulated time, s from the start of the run.
     pub time_s: f64,
-    /// What a [`Synthesizer`](crate::synth::Synthesizer) renders.
+    /// State that a [`Synthesizer`](crate::synth::Synthesizer) renders.
     pub state: &'a FrameState,
 }
 
-/// A moment at which the mesh is to be written.
+/// A moment at which the mesh is due.
 #[derive(Clone, Copy, Debug)]
 pub struct Deformed<'a> {
-    /// Which, counted from 0.
+    /// Number of the mesh, counted from 0.
     pub number: u64,
     /// Simulated time, s from the start of the run.
     pub time_s: f64,
     /// Elements, four nodes each.
     pub elements: &'a [[u32; 4]],
-    /// Where the nodes are.
+    /// Deformed tissue with node positions.
     pub tissue: &'a Tissue,
 }
 
-/// Who is told.
+/// Observer of a run.
 pub trait Observer {
-    /// What can go wrong with telling, or with a step.
+    /// Errors of the observer and of steps.
     type Error: From<StepError>;
 
-    /// After every step.
+    /// Called after every step.
     ///
     /// # Errors
-    /// As the observer likes; the run ends with it.
+    /// Errors of the observer; they end the run.
     fn step(&mut self, step: &Step<'_>) -> Result<(), Self::Error>;
 
-    /// When an image is due, if frames were asked for.
+    /// Called when an image is due, if frames were requested.
     ///
     /// # Errors
-    /// As the observer likes; the run ends with it.
+    /// Errors of the observer; they end the run.
     fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Self::Error>;
 
-    /// When the mesh is due, if it was asked for.
+    /// Called when the mesh is due, if it was requested.
     ///
     /// # Errors
-    /// As the observer likes; the run ends with it.
+    /// Errors of the observer; they end the run.
     fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Self::Error>;
 }
 
-/// What is told besides steps.
+/// Output requested in addition to steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Asked {
-    /// Frames at the scenario's rate.
+pub struct Requests {
+    /// Whether frames are requested, at the scenario's rate.
     pub frames: bool,
-    /// The deformed mesh, every so many seconds of simulated time (above 0).
+    /// Interval between deformed meshes, s of simulated time (above 0).
     pub mesh_s: Option<f64>,
 }
 
-/// Moments at equal distances from the start on, each told after the first step that reaches it.
+/// Equidistant moments from the start on, each reported after the first step that reaches it.
 struct Beat {
     every_s: f64,
     next: u64,
 }
 
 impl Beat {
-    /// The number of the next moment, if a time has reached it. Of steps longer than the distance each has one.
+    /// Number of the next moment, if a time has reached it. A step longer than the interval reports one moment.
     fn reached(&mut self, time_s: f64, dt_s: f64) -> Option<u64> {
         let number = self.next;
         let due = time_s + REACHED * dt_s >= number as f64 * self.every_s;
@@ -106,14 +107,14 @@ impl Beat {
     }
 }
 
-/// Runs a scenario from its start to its end. Times of steps are measured and told; nothing depends on them.
+/// Runs a scenario from start to end. Step times are measured and reported; nothing depends on them.
 ///
 /// # Errors
-/// Those of a step and of a change of level, and the observer's.
+/// Errors of steps, of changes of level, and of the observer.
 pub fn run<O: Observer>(
     scenario: &Scenario,
     model: &mut dyn Model,
-    asked: Asked,
+    asked: Requests,
     observer: &mut O,
 ) -> Result<Summary, O::Error> {
     let timing = scenario.timing;
@@ -175,7 +176,7 @@ pub fn run<O: Observer>(
     Ok(tally.finish(&view.snapshot))
 }
 
-/// What an image needs of a model, in memory that is kept.
+/// Inputs of an image taken from a model, in reused memory.
 struct View {
     imager: Box<dyn Imager>,
     snapshot: Snapshot,
@@ -204,7 +205,7 @@ impl View {
 
     fn look(&mut self, model: &mut dyn Model, base: &Isometry3<f64>) {
         model.snapshot(&mut self.snapshot);
-        // Seeds come out along the needle that leaves them.
+        // Seeds leave the needle along its direction.
         self.seeds
             .along
             .resize(self.snapshot.seeds.len(), base.rotation * Vector3::z());

@@ -1,4 +1,4 @@
-//! The scene of a scenario: its file found, resolved, and given the needle.
+//! Scene of a scenario: located, resolved, and equipped with the needle.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use crate::document::nearest;
 use crate::scene::{self, EXAMPLES, PoseTable, Scene, SceneFile};
 
 impl ScenarioFile {
-    /// The scene with its needle, what that does on its way, and how it is aimed where names say where it goes.
+    /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.
     pub(super) fn scene_with(
         &self,
         needle: &NeedleSettings,
@@ -35,12 +35,12 @@ impl ScenarioFile {
                 (scene, moving, Some(aim))
             }
         };
-        // A needle that goes in is to be seen, whether the scene thought of one or not.
+        // An inserted needle is shown even if the scene does not enable it.
         scene.settings.effects.needle.get_or_insert_default();
         Ok((scene, moving, aim))
     }
 
-    /// The scene's file without needle and deformation, the folder that its paths start at, and whether it stands in this file.
+    /// The scene's file without needle and deformation, the base folder of its paths, and whether it is inline.
     pub(super) fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), ScenarioError> {
         let (mut file, folder, is_inline) = match &self.scene {
             None => {
@@ -100,7 +100,7 @@ impl ScenarioFile {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let file = SceneFile::read(&path).map_err(|error| match error.location() {
             Some(_) => self.of_scene(error, false),
-            // A file that is not there is the fault of this one.
+            // A missing scene file is an error of the scenario file.
             None => error.map(Wrong::Scene).at_key("scene", self.source.as_ref()),
         })?;
         Ok((file, folder))

@@ -1,4 +1,4 @@
-//! Tissue that stiffens and creeps: its tables, and what a scenario with it cannot have.
+//! Stiffening and viscoelastic tissue: its tables, and the features that it excludes.
 
 use nalgebra::{Point3, Unit, Vector3};
 use schemars::JsonSchema;
@@ -16,54 +16,56 @@ use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
 use crate::statics::{MemoryName, SchemeName};
 use crate::tracking::trajectory::{Key, Trajectory};
 
-/// How far a needle may go sideways in tissue, mm: rounding of what a file says.
+/// Largest sideways motion of a needle in tissue, mm: rounding of the numbers in a file.
 const SIDEWAYS_MM: f64 = 0.05;
 
-/// How steps of tissue that stiffens are solved.
+/// Solver for the steps of stiffening tissue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StepSolverSpec {
-    /// Default `modified-newton`.
+    /// Solution scheme. Default `modified-newton`.
     pub scheme: Option<SchemeName>,
-    /// The largest force out of balance over the largest force (above 0, below 1). Euler steps have none. Default 1e-6.
+    /// Convergence tolerance: largest residual force over the largest force (above 0, below 1). Euler steps have none.
+    /// Default 1e-6.
     pub tolerance: Option<f64>,
-    /// Iterations at most of each part of a step (1 to 10000). Default 400.
+    /// Maximum number of iterations of each substep (1 to 10000). Default 400.
     pub iterations: Option<u32>,
-    /// The farthest that the tip goes through tissue in a part of a step, mm (0.001 to 100). Default 0.5.
+    /// Longest path of the tip through tissue in a substep, mm (0.001 to 100). Default 0.5.
     pub part_mm: Option<f64>,
 }
 
-/// Viscosity of all tissue, of a fractional order.
+/// Viscosity of fractional order, the same for all tissue.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TissueViscositySpec {
-    /// Order k of the derivative (0, elastic, to 1, viscous); moduli are in kPa s^k. Default 0.1, porcine liver's.
+    /// Order k of the derivative (0, elastic, to 1, viscous); moduli are in kPa s^k. Default 0.1, that of porcine
+    /// liver.
     pub order: Option<f64>,
-    /// What remembers. Default `load-integral`, that of Kobayashi et al. 2010.
+    /// Memory variable. Default `load-integral`, that of Kobayashi et al. 2010.
     #[serde(alias = "law")]
     pub memory: Option<MemoryName>,
-    /// Bound of the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
+    /// Bound on the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
     pub tolerance: Option<f64>,
 }
 
-/// Tissue that stiffens.
+/// Stiffening tissue.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stiffened {
-    /// The law of each element.
+    /// Constitutive law of each element.
     pub laws: Vec<Stiffening>,
-    /// Of a viscoelastic model.
+    /// Viscosity of a viscoelastic model.
     pub viscosity: Option<Viscosity>,
-    /// How steps are cut and solved.
+    /// Substep and solver options.
     pub options: Options,
 }
 
-/// Whether tissue of a model stiffens.
+/// Whether the tissue of a model stiffens.
 pub(super) fn stiffens(model: TissueModel) -> bool {
     matches!(model, TissueModel::Nonlinear | TissueModel::Viscoelastic)
 }
 
 impl ScenarioFile {
-    /// How tissue that stiffens is solved, if it does; what such a scenario cannot have is refused.
+    /// Returns the viscosity and solver options of stiffening tissue; unsupported features are refused.
     pub(super) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, ScenarioError> {
         let spec = &self.tissue;
         let refuse = |key: String, found: String, expected: &str| Err(self.wrong_keys(key, found, expected));
@@ -107,7 +109,7 @@ impl ScenarioFile {
         Ok(Some((creeps.then(|| self.viscosity()).transpose()?, self.steps()?)))
     }
 
-    /// Refuses what belongs to other models.
+    /// Refuses keys that belong to other models.
     fn no_others(&self) -> Result<(), ScenarioError> {
         let spec = &self.tissue;
         let of_linear = [
@@ -172,7 +174,7 @@ impl ScenarioFile {
         Ok(options)
     }
 
-    /// Refuses a path that the needle cannot go: sideways in tissue, or into bone.
+    /// Refuses a path that the needle cannot follow: sideways in tissue, or into bone.
     pub(super) fn is_straight(
         &self,
         path: &Trajectory,

@@ -1,4 +1,4 @@
-//! The figures of a run.
+//! Summary of a run.
 
 use nalgebra::Point3;
 use serde::Serialize;
@@ -8,129 +8,130 @@ use super::run::Step;
 use crate::mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue};
 use crate::study::spread::Times;
 
-/// Most events that are kept: a run that never converges reports one a step.
+/// Maximum number of events kept: a run that never converges reports one per step.
 const MOST_EVENTS: usize = 10_000;
 
-/// The figures of a run, as `insonify insert --json` prints them.
+/// Summary of a run, as `insonify insert --json` prints it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Steps made.
+    /// Number of steps.
     pub steps: u64,
     /// Simulated time, s.
     pub simulated_s: f64,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub nodes: usize,
-    /// Its tetrahedra.
+    /// Number of tetrahedra of the mesh.
     pub elements: usize,
-    /// Nodes that the probe can touch.
+    /// Number of nodes that the probe can touch.
     pub probe_candidates: usize,
     /// Largest force on the hand, N.
     pub max_base_force_n: f64,
-    /// Largest force on the probe, N; none without one.
+    /// Largest force on the probe, N; `None` without a probe in contact.
     pub max_probe_force_n: Option<f64>,
-    /// Largest distance of the tip from where that of the unloaded needle would be, mm.
+    /// Largest distance of the tip from that of the unloaded needle, mm.
     pub tip_deflection_mm: f64,
     /// Largest depth of the tip, mm.
     pub max_inserted_mm: f64,
-    /// Nodes moved to the tip, or back.
+    /// Number of nodes moved to the tip or back.
     pub remeshes: u64,
-    /// Steps that did not converge.
+    /// Number of steps that did not converge.
     pub not_converged: u64,
-    /// Most elements that were inverted at a frame or a mesh that was asked for: tissue was crushed there. None where neither was.
+    /// Maximum number of inverted elements, evaluated at frames and mesh outputs: tissue was crushed there. `None` without such
+    /// outputs.
     pub max_inverted_elements: Option<usize>,
-    /// Times of steps.
+    /// Distribution of step times.
     pub step_ms: StepMs,
     /// Changes of the level of remeshing.
     pub level_changes: Vec<LevelChanged>,
-    /// What happened.
+    /// Events of the run.
     pub events: Vec<Happened>,
-    /// Seeds, in the order in which they were left.
+    /// Seeds, in the order of deposition.
     pub seeds: Vec<Seed>,
-    /// How near targets were come to.
+    /// Closest approach to each target.
     pub targets: Vec<Reached>,
-    /// What is odd.
+    /// Warnings of the run.
     pub warnings: Vec<String>,
 }
 
-/// Times of steps, ms; percentiles to within 0.6 %.
+/// Distribution of step times, ms; percentiles to within 0.6 %.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct StepMs {
-    /// Half of the steps took at most this.
+    /// Median.
     pub median: f64,
-    /// 95 of 100 steps did.
+    /// 95th percentile.
     pub p95: f64,
-    /// 99 of 100 steps did.
+    /// 99th percentile.
     pub p99: f64,
-    /// The longest.
+    /// Maximum.
     pub max: f64,
-    /// Half of those that remesh took at most this; none where none did.
+    /// Median of steps that remesh; `None` if there are none.
     pub remesh_median: Option<f64>,
-    /// The longest of those that remesh; none where none did.
+    /// Maximum of steps that remesh; `None` if there are none.
     pub remesh_max: Option<f64>,
 }
 
 /// A change of the level of remeshing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LevelChanged {
-    /// At the end of the step before it, s from the start of the run.
+    /// Time at the end of the step before the change, s from the start of the run.
     pub time_s: f64,
-    /// The level before.
+    /// Level before the change.
     pub from: String,
-    /// The level since.
+    /// Level after the change.
     pub to: String,
     /// Change of the force on the hand at the same pose, N.
     pub force_jump_n: f64,
     /// Largest change of an entry of the compliance at the contacts, over its largest entry.
     pub compliance_change: f64,
-    /// What it took on this machine, s.
+    /// Duration of the change on this machine, s.
     pub seconds: f64,
 }
 
 /// An event.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Happened {
-    /// What, for programs: `surface`, `puncture`, `region`, `bone`, `critical`, `out`, `seed`, `not-remeshed`, `not-converged`,
-    /// `crushed` or `device-lost`.
+    /// Machine-readable kind: `surface`, `puncture`, `region`, `bone`, `critical`, `out`, `seed`, `not-remeshed`,
+    /// `not-converged`, `crushed` or `device-lost`.
     pub kind: &'static str,
-    /// What, for people.
+    /// Description for the user.
     pub text: String,
-    /// When, s from the start of the run.
+    /// Time, s from the start of the run.
     pub time_s: f64,
-    /// Where, mm.
+    /// Position, mm.
     pub at_mm: [f64; 3],
-    /// The region that it is about.
+    /// Region concerned.
     pub region: Option<String>,
 }
 
-/// A seed.
+/// A deposited seed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Seed {
-    /// When it was left, s from the start of the run.
+    /// Time of deposition, s from the start of the run.
     pub time_s: f64,
-    /// Where it was planned in the anatomy at rest, mm; none where it was only commanded.
+    /// Planned position in the anatomy at rest, mm; `None` for a seed that was only commanded.
     pub planned_mm: Option<[f64; 3]>,
-    /// Where it was left, mm: the tip at that time.
+    /// Position of the tip at deposition, mm.
     pub left_at_mm: [f64; 3],
-    /// The tissue that it lies in, by its place in the anatomy at rest, mm; none where it was left outside.
+    /// Position in the anatomy at rest of the tissue that contains it, mm; `None` if it was left outside tissue.
     pub deposited_mm: Option<[f64; 3]>,
-    /// From `planned_mm` to `deposited_mm`, mm.
+    /// Distance from `planned_mm` to `deposited_mm`, mm.
     pub distance_mm: Option<f64>,
 }
 
-/// How near a target was come to, in the anatomy at rest.
+/// Closest approach to a target, in the anatomy at rest.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Reached {
-    /// The target.
+    /// Name of the target.
     pub name: String,
-    /// Where it is, mm.
+    /// Position of the target, mm.
     pub at_mm: [f64; 3],
-    /// Least distance of the tip from there, mm.
+    /// Smallest distance of the tip from the target, mm.
     pub nearest_tip_mm: f64,
-    /// Distance of the nearest seed, mm; none where there are no seeds in tissue.
+    /// Distance of the nearest seed from the target, mm; `None` without seeds in tissue.
     pub nearest_seed_mm: Option<f64>,
 }
 
-/// An event for people to read.
+/// Describes an event for the user.
 fn in_words(kind: EventKind, region: Option<&str>, is_skin: bool) -> String {
     let surface = match region {
         Some(_) if is_skin => "skin".to_owned(),
@@ -153,13 +154,13 @@ fn in_words(kind: EventKind, region: Option<&str>, is_skin: bool) -> String {
     }
 }
 
-/// The summary of a run while it lasts.
+/// Running summary of a run.
 pub(super) struct Tally<'a> {
     scenario: &'a Scenario,
     ms: Times,
     remesh_ms: Times,
     summary: Summary,
-    /// Seeds that the model has taken, by their place among all.
+    /// Indices of the seeds taken by the model, among all seeds.
     taken: Vec<usize>,
     unheard: u64,
 }
@@ -222,7 +223,7 @@ impl<'a> Tally<'a> {
         summary.max_inserted_mm = summary.max_inserted_mm.max(outcome.inserted_mm);
         summary.remeshes += outcome.remeshes as u64;
         summary.not_converged += u64::from(!outcome.converged);
-        // Outside the tissue the tip is where it is.
+        // Outside the tissue the tip is not displaced.
         let tip = outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm);
         for target in &mut summary.targets {
             let distance = (tip - Point3::from(target.at_mm)).norm();
@@ -247,7 +248,7 @@ impl<'a> Tally<'a> {
         }
     }
 
-    /// Takes note of a change of level before a step.
+    /// Records a change of level before a step.
     pub fn change(&mut self, step: u64, change: &LevelChange) {
         self.summary.level_changes.push(LevelChanged {
             time_s: (step - 1) as f64 * self.scenario.timing.dt_s,
@@ -259,7 +260,7 @@ impl<'a> Tally<'a> {
         });
     }
 
-    /// Takes note of the tissue at a frame or a mesh.
+    /// Records the tissue at a frame or mesh output.
     pub fn see(&mut self, tissue: &Tissue) {
         let most = &mut self.summary.max_inverted_elements;
         *most = (*most).max(Some(tissue.inverted));

@@ -1,16 +1,16 @@
-//! Scenarios read, resolved and run with a model that only says what it is told.
+//! Scenarios parsed, resolved and run with a model of prescribed response.
 
 mod aimed;
 mod parts;
+mod prescribed;
 mod read;
 mod stepped;
-mod told;
 
 use std::path::Path;
 
 use super::{Scenario, ScenarioError, ScenarioFile};
 
-/// A coarse block, held from below, with a needle that goes in 20 mm along z in 2 s.
+/// Coarse block, fixed at the bottom, with a needle inserted 20 mm along z in 2 s.
 const BLOCK: &str = r#"version = 1
 [run]
 dt_ms = 10
@@ -45,7 +45,7 @@ fn resolved(text: &str) -> Result<Scenario, ScenarioError> {
     ScenarioFile::parse(text, "block.toml")?.resolve(Path::new("."), |_| {})
 }
 
-/// The block with a cylinder in its hole, which runs along z, 26 mm from its middle.
+/// The block with a probe cylinder in its hole, which runs along z, 26 mm from its middle.
 fn with_probe() -> String {
     let text = BLOCK.to_owned()
         + r#"

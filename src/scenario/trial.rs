@@ -1,34 +1,34 @@
-//! How long the steps of a scenario take on this machine, found by making them.
+//! Measurement of the step time of a scenario by a trial run.
 
 use std::time::{Duration, Instant};
 
 use super::Scenario;
-use super::run::{Asked, Deformed, Moment, Observer, Step, run};
+use super::run::{Deformed, Moment, Observer, Requests, Step, run};
 use crate::error::Error;
 use crate::mechanics::insertion::StepError;
 use crate::study::spread::percentile;
 
-/// What steps of a scenario took. Those that remesh count, as they take longest; where none does, all.
+/// Step times of a trial run. Only steps that remesh count, as they take longest; all steps if there are none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Trial {
-    /// Median of those that count, ms.
+    /// Median of the counted steps, ms.
     pub ms: f64,
-    /// The longest of all, ms.
+    /// Maximum of all steps, ms.
     pub longest_ms: f64,
-    /// Steps that remesh.
+    /// Number of steps that remesh.
     pub remeshing: usize,
-    /// Steps that took longer than was asked for.
+    /// Number of steps over the limit.
     pub over: usize,
-    /// Steps made.
+    /// Number of steps.
     pub steps: usize,
 }
 
 impl Scenario {
-    /// Makes steps from the start on, until the end or until `patience` is spent, and counts those that take longer than `limit_ms`.
-    /// `told` hears the share done of whichever ends first.
+    /// Runs steps from the start until the end of the scenario or until `patience` has elapsed, and counts those that take longer
+    /// than `limit_ms`. `told` receives the completed fraction, of the steps or of the time, whichever is larger.
     ///
     /// # Errors
-    /// Those of the model and of a step.
+    /// Errors of the model and of a step.
     pub fn trial(&self, limit_ms: f64, patience: Duration, told: impl FnMut(f64)) -> Result<Trial, Error> {
         let mut model = self.model(|_, _| {})?;
         let mut clock = Clock {
@@ -39,14 +39,14 @@ impl Scenario {
             remeshing: Vec::new(),
             told,
         };
-        match run(self, model.as_mut(), Asked::default(), &mut clock) {
+        match run(self, model.as_mut(), Requests::default(), &mut clock) {
             Ok(_) | Err(End::Late) => Ok(clock.trial(limit_ms)),
             Err(End::Failed(error)) => Err(error.into()),
         }
     }
 }
 
-/// Takes the times of steps.
+/// Records the times of steps.
 struct Clock<F> {
     start: Instant,
     patience: Duration,
@@ -56,7 +56,7 @@ struct Clock<F> {
     told: F,
 }
 
-/// Why a trial ends before the scenario does.
+/// Reason for the end of a trial before the end of the scenario.
 enum End {
     Late,
     Failed(StepError),
@@ -69,7 +69,7 @@ impl From<StepError> for End {
 }
 
 impl<F: FnMut(f64)> Clock<F> {
-    /// Steps from one time that it is told to the next.
+    /// Number of steps between progress reports.
     const TOLD: u64 = 256;
 
     fn trial(mut self, limit_ms: f64) -> Trial {

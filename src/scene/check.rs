@@ -1,4 +1,4 @@
-//! Checks that need nothing but the file's own text.
+//! Validation of a scene file that requires no other file.
 
 use super::error::{At, Problem, SceneError};
 use super::file::{SceneFile, VolumeSpec};
@@ -9,13 +9,13 @@ use crate::synth::tables::ImageSize;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::{BeamGrid, ImageGrid, InvalidGrid, Probe, ProbeShape};
 
-/// Most frames that a scene may state.
+/// Maximum number of frames of a scene.
 const MAX_FRAMES: u32 = 1_000_000;
 
-/// What a scene says of a frame, whatever is in it.
+/// Frame settings of a scene, independent of its content.
 pub(super) struct Framing {
     pub probe: Probe,
-    /// Whether scanlines and samples are left open.
+    /// Whether the numbers of scanlines and samples are left open.
     pub open_grid: [bool; 2],
     pub grid: BeamGrid,
     pub image: ImageSize,
@@ -23,8 +23,8 @@ pub(super) struct Framing {
 }
 
 impl SceneFile {
-    /// Checks probe, image, effects and the number of frames, and fills in what is left open: of the probe from the
-    /// configuration of a recording first.
+    /// Checks probe, image, effects and the number of frames, and fills in open keys: those of the probe first from
+    /// the configuration of a recording.
     pub(super) fn framing(
         &self,
         plus: Option<&PlusConfig>,
@@ -90,7 +90,8 @@ impl SceneFile {
         })
     }
 
-    /// The volume table, which names exactly one volume and no key that has no meaning for it.
+    /// Returns the volume table after checking that it names exactly one volume and no key that does not apply to
+    /// it.
     pub(super) fn volume(&self) -> Result<&VolumeSpec, SceneError> {
         const EXPECTED: &str = "exactly one of `phantom = \"abdomen\"` (or another) and `file = \"labels.nii.gz\"`";
         let Some(volume) = &self.volume else {
@@ -134,7 +135,7 @@ impl SceneFile {
     }
 }
 
-/// The probe for which a phantom's own pose is made, and a deep curvilinear one for files.
+/// Default probe: the one that matches a phantom's default pose, and a deep curvilinear one for files.
 fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, crate::tracking::probe::InvalidProbe> {
     let (shape, depth_mm) = match phantom {
         None | Some(Phantom::Abdomen) => {

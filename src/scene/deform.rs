@@ -1,4 +1,4 @@
-//! A deformation without mechanics: analytic fields, or displacements from a mesh file, on a mesh over the volume.
+//! Kinematic tissue deformation: analytic fields, or displacements from a mesh file, on a mesh over the volume.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -16,38 +16,40 @@ use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::{Displacement, TetMesh};
 use crate::volume::LabelVolume;
 
-/// Nodes of a mesh over the volume where a scene states none.
+/// Default number of nodes of a mesh over the volume.
 pub const DEFAULT_NODES: u32 = 5000;
-/// Fewest and most nodes of a mesh over the volume: one cell, and what still deforms in interactive time.
+/// Minimum and maximum number of nodes of a mesh over the volume: one cell, and what still deforms at interactive
+/// rates.
 pub const NODES: [u32; 2] = [8, 1_000_000];
 
 /// A deformation of the tissue: `field`, `mesh`, or both.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DeformSpec {
-    /// Nodes of the mesh over the volume, about (8 to 1000000). Default 5000; not with `mesh`.
+    /// Approximate number of nodes of the mesh over the volume (8 to 1000000). Default 5000; not with `mesh`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nodes: Option<u32>,
-    /// A displacement field, or a list of some; their displacements add up.
+    /// A displacement field, or a list of fields whose displacements add up.
     #[serde(deserialize_with = "one_or_more", skip_serializing_if = "Vec::is_empty")]
     #[schemars(with = "OneOrMore")]
     pub field: Vec<Displacement>,
-    /// A tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS, mm) in place of one over the volume.
+    /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS, mm) in place of one over the volume.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub mesh: Option<PathBuf>,
     /// Name of the point array of `mesh` that holds displacements in mm. Default `displacement`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub array: Option<String>,
-    /// Seconds over which the deformation grows from nothing to the whole, above 0. Default: it is whole at all times.
+    /// Duration of the ramp from no deformation to full deformation, s, above 0. Default: full deformation at all
+    /// times.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub ramp_s: Option<f64>,
-    /// In place of `ramp_s`: points `[time_s, share]` in rising time between which the share of the deformation runs
-    /// linearly, flat outside.
+    /// In place of `ramp_s`: points `[time_s, fraction]` in ascending time, with linear interpolation of the
+    /// fraction of the deformation between them and constant values outside.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub amplitude: Option<Vec<[f64; 2]>>,
 }
 
-/// How `field` may be written.
+/// Forms in which `field` may be written.
 #[derive(JsonSchema)]
 #[serde(untagged)]
 #[expect(
@@ -82,18 +84,18 @@ fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Displac
 /// A position or displacement for each node, mm.
 type Nodes = Vec<[f64; 3]>;
 
-/// A mesh and how it moves.
+/// A mesh and its motion.
 #[derive(Clone, Debug)]
 pub(super) struct Deformation {
     pub mesh: Arc<TetMesh>,
     /// Displacement of each node at an amplitude of 1, mm.
     displacements: Nodes,
-    /// Points of time (s) and amplitude, in rising time; one or more.
+    /// Points of time (s) and amplitude, in ascending time; one or more.
     amplitude: Vec<[f64; 2]>,
 }
 
 impl Deformation {
-    /// Time of the first and last change, s; none where it stays as it is.
+    /// Times of the first and last change, s; `None` if the deformation is constant.
     pub fn span_s(&self) -> Option<[f64; 2]> {
         match self.amplitude[..] {
             [first, .., last] => Some([first[0], last[0]]),
@@ -101,7 +103,7 @@ impl Deformation {
         }
     }
 
-    /// Share of the deformation at a time, s.
+    /// Amplitude of the deformation at a time, s.
     pub fn amplitude_at(&self, time_s: f64) -> f64 {
         let after = self.amplitude.partition_point(|point| point[0] <= time_s);
         match (
@@ -129,7 +131,7 @@ impl Deformation {
 }
 
 impl SceneFile {
-    /// The deformation that the scene names, if it names one.
+    /// Returns the deformation of the scene, if it has one.
     pub(super) fn deformation(&self, volume: &LabelVolume, base: &Path) -> Result<Option<Deformation>, SceneError> {
         let Some(spec) = &self.deform else { return Ok(None) };
         for (at, field) in spec.field.iter().enumerate() {
@@ -231,7 +233,7 @@ impl SceneFile {
     }
 }
 
-/// The image of the unit cube that is the box of the voxels.
+/// Affine map from the unit cube to the bounding box of the voxels.
 fn box_of(volume: &LabelVolume) -> Matrix4<f64> {
     let size = volume.size().map(|n| n as f64);
     volume.index_to_world()

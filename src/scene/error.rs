@@ -1,4 +1,4 @@
-//! What can be wrong with a scene, and where in its file.
+//! Errors of scene files.
 
 use std::path::PathBuf;
 
@@ -18,63 +18,63 @@ use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
 use crate::volume::texture::InvalidTexture;
 
-/// Why a scene cannot be used: what is wrong, the key that it is about and where that stands in the file.
+/// Error of a scene: the cause, the key concerned and its place in the file.
 pub type SceneError = Fault<Problem>;
 
-/// What is wrong with a scene.
+/// Cause of a scene error.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
-    /// The file cannot be read, or says what no scene says.
+    /// The file cannot be read or parsed.
     #[error(transparent)]
     Text(#[from] Unreadable),
-    /// Keys that contradict each other, or do not say enough.
+    /// Keys that contradict each other, or are incomplete.
     #[error("found {found}; expected {expected}")]
     Keys {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: &'static str,
     },
     /// A number outside its range.
     #[error("found {found}; expected {expected}")]
     Number {
-        /// The number.
+        /// The number found.
         found: f64,
-        /// The range.
+        /// The expected range.
         expected: &'static str,
     },
-    /// A name that nothing in the scene has.
+    /// A name that is unknown in the scene.
     #[error("nothing here is named \"{found}\"; expected {expected}")]
     Name {
-        /// The name.
+        /// The unknown name.
         found: String,
-        /// What there is.
+        /// Known names.
         expected: String,
     },
-    /// A tracked sequence without the transform asked for.
+    /// A tracked sequence without the requested transform.
     #[error("no frame of {} has `{transform}`, or valid transforms that connect the two; it has {has}", path.display())]
     NoTransform {
-        /// The sequence.
+        /// Path of the sequence.
         path: PathBuf,
-        /// The transform asked for.
+        /// Name of the requested transform.
         transform: String,
-        /// The transforms that are there.
+        /// Names of the available transforms.
         has: String,
     },
     /// A transform that has no valid pose in any frame.
     #[error("`{transform}`: {source}")]
     NoPose {
-        /// The transform asked for.
+        /// Name of the requested transform.
         transform: String,
-        /// The cause.
+        /// Underlying error of the path.
         source: TrajectoryError,
     },
     /// A frame past the last.
     #[error("frame {frame} of {of}; frames count from 0")]
     Frame {
-        /// The frame asked for, from 0.
+        /// Requested frame, from 0.
         frame: usize,
-        /// Frames that there are.
+        /// Number of frames.
         of: usize,
     },
     /// A phantom cannot be made.
@@ -86,28 +86,28 @@ pub enum Problem {
     /// A volume cannot be completed.
     #[error(transparent)]
     Completion(#[from] CompletionError),
-    /// A tissue is wrong.
+    /// A tissue is invalid.
     #[error(transparent)]
     Tissue(#[from] TissueError),
-    /// A texture is wrong.
+    /// A texture is invalid.
     #[error(transparent)]
     Texture(#[from] InvalidTexture),
-    /// The probe is wrong.
+    /// The probe is invalid.
     #[error(transparent)]
     Probe(#[from] InvalidProbe),
-    /// The pose is wrong.
+    /// The pose is invalid.
     #[error(transparent)]
     Pose(#[from] InvalidPose),
-    /// The needle is wrong.
+    /// The needle is invalid.
     #[error(transparent)]
     Needle(#[from] InvalidNeedle),
-    /// A path is wrong.
+    /// A path is invalid.
     #[error(transparent)]
     Trajectory(#[from] TrajectoryError),
-    /// A calibration is wrong.
+    /// A calibration is invalid.
     #[error(transparent)]
     Calibration(#[from] CalibrationError),
-    /// A displacement field is wrong.
+    /// A displacement field is invalid.
     #[error(transparent)]
     Displacement(#[from] InvalidDisplacement),
     /// A mesh cannot be made.
@@ -125,14 +125,14 @@ pub enum Problem {
 }
 
 impl SceneError {
-    /// Whether the machine failed rather than the scene: a file that is there cannot be read.
+    /// Whether the machine is at fault rather than the scene: an existing file cannot be read.
     pub fn is_machine(&self) -> bool {
         self.problem().is_machine()
     }
 }
 
 impl Problem {
-    /// Whether the machine failed rather than the scene.
+    /// Whether the machine is at fault rather than the scene.
     pub(crate) fn is_machine(&self) -> bool {
         match self {
             Self::Text(error) => error.is_machine(),
@@ -147,12 +147,12 @@ impl Problem {
 }
 
 impl SceneFile {
-    /// An error about a key of this file.
+    /// Creates an error about a key of this file.
     pub(super) fn fault(&self, key: impl Into<String>, problem: impl Into<Problem>) -> SceneError {
         SceneError::new(problem).at_key(key, self.source.as_ref())
     }
 
-    /// As [`SceneFile::fault`], for keys that contradict each other or do not say enough.
+    /// Creates an error as [`SceneFile::fault`] does, for keys that contradict each other or are incomplete.
     pub(super) fn wrong_keys(
         &self,
         key: impl Into<String>,
@@ -164,7 +164,7 @@ impl SceneFile {
     }
 }
 
-/// Ties an error to a key of a scene file.
+/// Attaches an error to a key of a scene file.
 pub(super) trait At<T> {
     fn at(self, file: &SceneFile, key: &str) -> Result<T, SceneError>;
 }

@@ -1,4 +1,4 @@
-//! From the paths that a scene names to where probe and needle are at a time.
+//! Paths of probe and needle in a scene, evaluated over time.
 
 use std::path::Path;
 
@@ -13,7 +13,7 @@ use crate::tracking::plus::PlusConfig;
 use crate::tracking::trajectory::{Interpolation, Trajectory, TrajectoryError};
 use crate::tracking::world::World;
 
-/// A path, whether its poses are frames of their own, as those of a recording are, and the tracked sequence that it is from.
+/// A probe path, whether its poses are frames of their own, as in a recording, and its tracked sequence.
 #[derive(Clone, Debug)]
 pub(super) struct ProbePath {
     pub trajectory: Trajectory,
@@ -21,7 +21,7 @@ pub(super) struct ProbePath {
     pub recording: Option<Recording>,
 }
 
-/// A needle that lies or moves.
+/// A needle at rest or moving.
 #[derive(Clone, Debug)]
 pub(super) enum Needle {
     Still(NeedlePose),
@@ -29,7 +29,7 @@ pub(super) enum Needle {
 }
 
 impl SceneFile {
-    /// The path of the probe, if the scene names one.
+    /// Path of the probe, if the scene has one.
     pub(super) fn probe_path(
         &self,
         base: &Path,
@@ -87,7 +87,7 @@ impl SceneFile {
         }))
     }
 
-    /// The needle, if the scene names one.
+    /// Needle of the scene, if it has one.
     pub(super) fn needle(
         &self,
         base: &Path,
@@ -195,7 +195,7 @@ impl SceneFile {
         }
     }
 
-    /// The error of a path from recorded poses of a transform.
+    /// Error of a path from the recorded poses of a transform.
     fn tracked(&self, table: &str, transform: &str, error: TrajectoryError) -> SceneError {
         let key = tracked_key(table, &error);
         match error {
@@ -213,7 +213,7 @@ impl SceneFile {
         }
     }
 
-    /// The path with the needle turned about its shaft.
+    /// Applies the roll of keyframes about the shaft to a path.
     fn rolled(
         &self,
         tip: Trajectory,
@@ -235,7 +235,7 @@ impl SceneFile {
     }
 }
 
-/// The key that an error about keyframes is about.
+/// Key concerned by an error about keyframes.
 fn keyframe_key(table: &str, error: &TrajectoryError) -> String {
     match error {
         TrajectoryError::Time { index, .. } | TrajectoryError::Order { index, .. } => {
@@ -250,7 +250,7 @@ fn keyframe_key(table: &str, error: &TrajectoryError) -> String {
     }
 }
 
-/// The key that an error about a tracked path is about.
+/// Key concerned by an error about a tracked path.
 fn tracked_key(table: &str, error: &TrajectoryError) -> String {
     let key = match error {
         TrajectoryError::Transform { which, .. } if *which == "tracker-to-world" => "tracker_to_world",

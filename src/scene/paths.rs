@@ -1,4 +1,4 @@
-//! How probe and needle move, as written in a scene file.
+//! Motion of probe and needle in a scene file.
 
 use std::path::PathBuf;
 
@@ -10,25 +10,26 @@ use crate::tracking::needle::{BendingConstraint, NeedleSpec};
 use crate::tracking::trajectory::{Interpolation, KeyframeSpec};
 use crate::tracking::world::World;
 
-/// How the probe moves: at most one of `keyframes`, `csv` and `sequence`.
+/// Motion of the probe: at most one of `keyframes`, `csv` and `sequence`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotionSpec {
-    /// Frames to make, spread evenly over the time of the motion (1 to 1000000). Default: one a valid pose of a tracked
-    /// sequence or row of a CSV path; 25 a second of a path through keyframes or of a ramp, at most 1000; else 1.
+    /// Number of frames, spread evenly over the time of the motion (1 to 1000000). Default: one per valid pose of a
+    /// tracked sequence or row of a CSV path; 25 per second of a path through keyframes or of a ramp, at most 1000;
+    /// else 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames: Option<u32>,
-    /// Axes of the world that keyframes, CSV path or tracked sequence refer to: `lps` (default), or `ras` as in 3D Slicer.
+    /// World axes of keyframes, CSV path or tracked sequence: `lps` (default), or `ras` as in 3D Slicer.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world: Option<World>,
-    /// How positions run between poses. Default `linear`.
+    /// Interpolation of positions between poses. Default `linear`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub interpolation: Option<Interpolation>,
     /// Timed poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub keyframes: Option<Vec<KeyframeSpec>>,
-    /// A CSV file with a timed pose a row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`, `dy`, `dz`
-    /// (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`.
+    /// CSV file with one timed pose per row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`, `dy`,
+    /// `dz` (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub csv: Option<PathBuf>,
     /// A tracked sequence.
@@ -36,28 +37,28 @@ pub struct MotionSpec {
     pub sequence: Option<SequenceSpec>,
 }
 
-/// A probe's path from a tracked sequence file of PLUS. Matrices act on column vectors, lengths in mm.
+/// Probe path from a tracked sequence file of PLUS. Matrices act on column vectors, lengths in mm.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SequenceSpec {
-    /// The sequence: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
+    /// Sequence file: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]
     pub file: Option<PathBuf>,
-    /// The transform from the marker on the probe to the tracker: one that the file has, or one that follows from those it
-    /// has and those that `plus_config` defines. Default `ProbeToTracker`.
+    /// Transform from the marker on the probe to the tracker: one in the file, or one composed of those in the file and
+    /// those that `plus_config` defines. Default `ProbeToTracker`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transform: Option<String>,
     /// Rigid transform from the centre of the array (the probe frame of this crate) to the marker. Default: identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transducer_to_probe: Option<Rows>,
-    /// In place of that: a calibration from pixels (orientation MF) to the marker.
+    /// In place of `transducer_to_probe`: calibration from pixels (orientation MF) to the marker.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub image_to_probe: Option<Rows>,
-    /// The pixel (column, row) at which the centre of the array lies in the calibrated image.
+    /// Pixel (column, row) of the centre of the array in the calibrated image.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub array_centre_px: Option<[f64; 2]>,
-    /// In place of those: a PLUS configuration file that holds the calibration. Keys of the probe that the scene does not
-    /// state are taken from it too.
+    /// In place of these: PLUS configuration file with the calibration. Probe keys that the scene leaves open are also
+    /// taken from it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plus_config: Option<PathBuf>,
     /// Rigid transform from the tracker to the world. Default: identity.
@@ -65,21 +66,20 @@ pub struct SequenceSpec {
     pub tracker_to_world: Option<Rows>,
 }
 
-/// A needle: where it lies, or how it moves.
+/// A needle, at rest or moving.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NeedleTable {
-    /// Axes of the world that the needle, and what moves it, are stated in: `lps`, or `ras` as in 3D Slicer. Default: those of
-    /// `[motion]`.
+    /// World axes of the needle and its motion: `lps`, or `ras` as in 3D Slicer. Default: those of `[motion]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world: Option<World>,
-    /// The tip in the world, mm.
+    /// Tip in the world, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tip_mm: Option<[f64; 3]>,
-    /// A point that the shaft passes through on its way to the tip, mm.
+    /// Point that the shaft passes through on its way to the tip, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub entry_mm: Option<[f64; 3]>,
-    /// Where the needle points; any length.
+    /// Direction of the needle; any length.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub direction: Option<[f64; 3]>,
     /// A bent shaft: at least two points, hub first, tip last, mm.
@@ -91,16 +91,16 @@ pub struct NeedleTable {
     /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub diameter_mm: Option<f64>,
-    /// How it moves, in place of where it lies.
+    /// Motion, in place of a constant pose.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub motion: Option<NeedleMotionSpec>,
-    /// How far a moving needle may bend once it is in the body. Default: freely.
+    /// Bending limits of a moving needle in the body. Default: bends freely.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bending: Option<BendingSpec>,
 }
 
 impl NeedleTable {
-    /// The keys that make a needle at rest, in LPS.
+    /// Returns the pose keys of a needle at rest, in LPS.
     pub fn pose(&self) -> NeedleSpec {
         let world = self.world.unwrap_or_default();
         let vector = |stated: Option<[f64; 3]>| stated.map(|stated| world.vector(stated));
@@ -116,17 +116,17 @@ impl NeedleTable {
     }
 }
 
-/// How a needle moves: exactly one of `keyframes`, `csv` and `sequence`.
+/// Motion of the needle: exactly one of `keyframes`, `csv` and `sequence`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct NeedleMotionSpec {
-    /// How positions run between poses. Default `linear`.
+    /// Interpolation of positions between poses. Default `linear`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub interpolation: Option<Interpolation>,
     /// Timed tips and directions.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub keyframes: Option<Vec<NeedleKeyframe>>,
-    /// A CSV file as for the probe, with the tip in place of the array and the needle's direction in place of the axial one.
+    /// CSV file as for the probe, with the tip in place of the array and the needle's direction in place of the axial one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub csv: Option<PathBuf>,
     /// A tracked sequence.
@@ -134,32 +134,32 @@ pub struct NeedleMotionSpec {
     pub sequence: Option<NeedleSequenceSpec>,
 }
 
-/// Where a needle is at a time.
+/// Timed tip and direction of a needle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeedleKeyframe {
-    /// When, s; later than the keyframe before it.
+    /// Time, s; later than that of the previous keyframe.
     pub time_s: f64,
-    /// The tip in the world, mm.
+    /// Tip in the world, mm.
     pub tip_mm: [f64; 3],
-    /// Where the needle points; any length.
+    /// Direction of the needle; any length.
     pub direction: [f64; 3],
-    /// Turn about the shaft, degrees: it turns a bevel. At most half a turn from keyframe to keyframe. Default 0.
+    /// Roll about the shaft, degrees: it turns a bevel. At most half a turn from keyframe to keyframe. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub roll_deg: Option<f64>,
 }
 
-/// A needle's path from a tracked sequence file of PLUS.
+/// Needle path from a tracked sequence file of PLUS.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeedleSequenceSpec {
-    /// The sequence: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
+    /// Sequence file: `.igs.mha`, `.igs.mhd`, `.igs.nrrd`.
     #[schemars(required)]
     pub file: Option<PathBuf>,
-    /// The transform from the marker on the needle to the tracker, as for the probe. Default `NeedleToTracker`.
+    /// Transform from the marker on the needle to the tracker, as for the probe. Default `NeedleToTracker`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub transform: Option<String>,
-    /// A PLUS configuration file with more transforms. Default: that of the probe's sequence.
+    /// PLUS configuration file with more transforms. Default: that of the probe's sequence.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plus_config: Option<PathBuf>,
     /// Rigid transform from the tip's frame to the marker. Default: identity.
@@ -173,18 +173,18 @@ pub struct NeedleSequenceSpec {
     pub tracker_to_world: Option<Rows>,
 }
 
-/// The bending constraint of a needle and where it entered the body.
+/// Bending constraint of a needle and its entry into the body.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BendingSpec {
-    /// Where the needle entered the body, mm.
+    /// Entry point of the needle into the body, mm.
     pub entry_mm: [f64; 3],
-    /// The direction in which it entered; any length.
+    /// Direction of the needle at entry; any length.
     pub entry_direction: [f64; 3],
     /// Largest weight of the entry direction (0 to 1). Default 0.9.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_weight: Option<f64>,
-    /// How sharply bending becomes constrained, 1/mm (0 to 10). Default 0.06.
+    /// Steepness of the transition to constrained bending, 1/mm (0 to 10). Default 0.06.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub alpha_per_mm: Option<f64>,
     /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
@@ -193,7 +193,7 @@ pub struct BendingSpec {
 }
 
 impl BendingSpec {
-    /// The constraint, defaults filled in.
+    /// Returns the constraint with defaults filled in.
     pub fn constraint(&self) -> BendingConstraint {
         let usual = BendingConstraint::default();
         BendingConstraint {

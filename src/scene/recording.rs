@@ -1,4 +1,4 @@
-//! Tracked sequences of a scene: recorded poses, the calibration, and the probe and pixels that images were recorded with.
+//! Tracked sequences of a scene: recorded poses, calibration, and the probe and pixels of the recorded images.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -19,20 +19,20 @@ use crate::tracking::trajectory::{TrackedFrame, Trajectory};
 
 const KEY: &str = "motion.sequence";
 
-/// Name of the transform from the images that were calibrated to the part of them that is stored.
+/// Name of the transform from calibrated images to the stored crop of them.
 pub(super) const CROP: &str = "ImageToCroppedImage";
 
-/// Difference of entries of that transform that says nothing.
+/// Tolerance for entries of the crop transform.
 const SAME_CROP: f64 = 1e-6;
 
-/// The tracked sequence that moves the probe.
+/// Tracked sequence that moves the probe.
 #[derive(Clone, Debug)]
 pub(super) struct Recording {
-    /// The frames as recorded.
+    /// Recorded frames.
     pub frames: Vec<SequenceFrame>,
-    /// The transform that was taken for the pose of the marker.
+    /// Name of the transform that gives the pose of the marker.
     pub transform: String,
-    /// Centre of the array to the marker on the probe, rigid.
+    /// Rigid transform from the centre of the array to the marker on the probe.
     pub array_to_marker: Matrix4<f64>,
     /// Calibration of the stored pixels.
     calibration: Option<Calibration>,
@@ -40,7 +40,7 @@ pub(super) struct Recording {
 }
 
 impl SceneFile {
-    /// The PLUS configuration that the scene names.
+    /// Reads the PLUS configuration that the scene names.
     pub(super) fn plus_config(&self, base: &Path) -> Result<Option<PlusConfig>, SceneError> {
         let spec = self.motion.as_ref().and_then(|motion| motion.sequence.as_ref());
         let config = spec.and_then(|spec| spec.plus_config.as_ref());
@@ -48,7 +48,7 @@ impl SceneFile {
         config.map(read).transpose()
     }
 
-    /// The probe table, with what it leaves open taken from the configuration of the recording.
+    /// Returns the probe table, with open keys taken from the configuration of the recording.
     pub(super) fn probe_table(
         &self,
         plus: Option<&PlusConfig>,
@@ -90,7 +90,7 @@ impl SceneFile {
         }
     }
 
-    /// What a sequence recorded of the probe, and what comes with it.
+    /// Recorded probe poses of a sequence, with calibration and image data.
     pub(super) fn recording(
         &self,
         spec: &SequenceSpec,
@@ -102,7 +102,7 @@ impl SceneFile {
         let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
         let (frames, sequence) = self.frames(KEY, (spec.file.as_deref(), transform, plus), base, notes)?;
         warnings.extend(sequence.warnings);
-        // A single pixel stands for no image.
+        // An image size of a single pixel means that there are no images.
         let stored = sequence.image_size.filter(|size| *size != [1, 1]);
         let configured = plus.and_then(PlusConfig::image_size);
         let crop = match spec.image_to_probe.is_some() || plus.is_some() {
@@ -165,7 +165,7 @@ impl SceneFile {
         Ok((frames, recording))
     }
 
-    /// The poses of one transform that a sequence (of a path) recorded, if need be with what a configuration defines.
+    /// Recorded poses of one transform in a sequence, composed with transforms of a configuration where needed.
     pub(super) fn frames(
         &self,
         key: &str,
@@ -217,7 +217,7 @@ impl SceneFile {
         Err(self.fault(format!("{key}.transform"), problem).with_help(help))
     }
 
-    /// The calibration of the recorded images, if the scene has one.
+    /// Calibration of the recorded images, if the scene has one.
     fn calibration(
         &self,
         spec: &SequenceSpec,
@@ -269,7 +269,7 @@ impl SceneFile {
         }
     }
 
-    /// The pixels of a frame, on the grid of the recording where the scene asks for that.
+    /// Pixels of a frame, on the grid of the recording if the scene requests it.
     pub(super) fn on_grid(&self, image: ImageSize, recording: Option<&Recording>) -> Result<ImageSize, SceneError> {
         let Some(spec) = self.image.filter(|image| image.grid == GridSpec::Recorded) else {
             return Ok(image);
@@ -298,7 +298,7 @@ impl SceneFile {
     }
 }
 
-/// The crop of the images of a recording, if the frames that have a pose hold one; or else what is wrong with it.
+/// Crop of the images of a recording, if the frames with a pose have one; otherwise a description of the error.
 fn cropping(frames: &[TrackedFrame], recorded: &[SequenceFrame]) -> Result<Option<Matrix4<f64>>, String> {
     let used = recorded.iter().zip(frames);
     let used: Vec<_> = used.filter(|(_, pose)| pose.tool_to_tracker.is_some()).collect();
@@ -323,7 +323,8 @@ fn cropping(frames: &[TrackedFrame], recorded: &[SequenceFrame]) -> Result<Optio
     Err(format!("is {rows:?}"))
 }
 
-/// The transforms that a sequence has, invalid ones marked, and those defined beside it, and what a misspelt one may mean.
+/// Lists the transforms of a sequence, invalid ones marked, and those defined in the configuration, with a suggestion for
+/// a misspelt name.
 fn known_transforms(
     sequence: &Sequence,
     defined: &BTreeMap<String, TrackedTransform>,
@@ -358,7 +359,7 @@ fn known_transforms(
     (has, help)
 }
 
-/// What is said of frames of a recording that make no pose, or the same pose again.
+/// Notes about frames of a recording without a pose, or with a repeated pose.
 pub(super) fn left_out(key: &str, path: &Trajectory, frames: usize) -> Vec<String> {
     let mut said = Vec::new();
     if let Some(first) = path.skipped().first() {
@@ -379,7 +380,7 @@ pub(super) fn left_out(key: &str, path: &Trajectory, frames: usize) -> Vec<Strin
     said
 }
 
-/// Rising numbers as ranges such as `3, 7 to 9`, the first of many.
+/// Formats ascending numbers as ranges such as `3, 7 to 9`, the first of many.
 fn ranges(numbers: impl Iterator<Item = usize>) -> String {
     const SHOWN: usize = 12;
     let mut ranges: Vec<[usize; 2]> = Vec::new();

@@ -1,4 +1,4 @@
-//! From a scene file to a scene.
+//! Resolution of a scene file to a renderable scene.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -32,11 +32,11 @@ use crate::volume::texture::{InvalidTexture, SolidTexture, TextureOptions};
 use crate::volume::{LabelVolume, load_scalar, structures};
 
 impl SceneFile {
-    /// Loads or makes everything that the scene names, fills in what it leaves open and checks it all. Relative paths start
-    /// at `base_dir`, the folder of the scene file.
+    /// Loads or generates everything that the scene names, fills in defaults and checks it. Relative paths start at
+    /// `base_dir`, the folder of the scene file.
     ///
     /// # Errors
-    /// [`SceneError`], with the key and its place in the file.
+    /// [`SceneError`] with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path) -> Result<Scene, SceneError> {
         let mut notes: Vec<String> = self.source.iter().flat_map(|source| source.renamed()).collect();
         let mut warnings = Vec::new();
@@ -115,7 +115,7 @@ impl SceneFile {
         })
     }
 
-    /// When frames are: `recorded` tells whether the poses of the probe's path are frames of their own.
+    /// Times of frames; `recorded` tells whether each pose of the probe's path is a frame of its own.
     fn timeline(
         &self,
         probe: &Trajectory,
@@ -215,7 +215,7 @@ impl SceneFile {
         Ok(structured.volume)
     }
 
-    /// The table that places the probe in the world, and the axes in which it does.
+    /// Key of the table that places the probe in the world, and its axes.
     fn stated_world(&self) -> Option<(&'static str, World)> {
         let moves =
             |motion: &&MotionSpec| motion.keyframes.is_some() || motion.csv.is_some() || motion.sequence.is_some();
@@ -225,7 +225,7 @@ impl SceneFile {
         motion.or_else(|| pose.map(|pose| ("pose", pose.world.unwrap_or_default())))
     }
 
-    /// A note for each tracked sequence whose place in the world is left open.
+    /// Notes about tracked sequences whose position in the world is left open.
     fn assumed_worlds(&self) -> Vec<String> {
         let probe = self.motion.as_ref().filter(|motion| motion.world.is_none());
         let probe = probe.and_then(|motion| motion.sequence.as_ref());
@@ -316,7 +316,7 @@ impl SceneFile {
     }
 }
 
-/// States the size of frames on the recorded grid; of others takes the crop from what was recorded, as they have other pixels.
+/// Sets the frame size of the recorded grid; on other grids removes the recorded crop, as their pixels differ.
 fn settle(image: &ImageSize, file: &mut SceneFile, recording: Option<&mut Recording>) {
     if image.placed.is_none() {
         for frame in recording.into_iter().flat_map(|recording| &mut recording.frames) {
@@ -327,8 +327,8 @@ fn settle(image: &ImageSize, file: &mut SceneFile, recording: Option<&mut Record
     }
 }
 
-/// A warning where poses of a path show nothing of the volume, with what to change where the other reading of the axes in
-/// which `stated` (a table and its axes) has them shows more.
+/// Warning about poses of a path that show nothing of the volume. If the other reading of the axes of `stated` (a table
+/// and its axes) shows more, it says what to change.
 fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Option<(&str, World)>) -> Option<String> {
     let poses = path.keys().len();
     let blind = |turn: World| {
@@ -362,7 +362,7 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
     Some(warning)
 }
 
-/// The places of an array and of the volume in the axes of `world`, and the distance between them.
+/// Describes the positions of an array and of the volume in the axes of `world`, and the distance between them.
 fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
     let ends = volume.size().map(|count| [-0.5, count as f64 - 0.5]);
     let [mut low, mut high] = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
@@ -385,7 +385,7 @@ fn apart(volume: &LabelVolume, pose: &Pose, world: World) -> String {
     )
 }
 
-/// A warning where a recorded needle is in no frame so near to the scan plane that it is shown.
+/// Warning about a recorded needle that is too far from the scan plane to be shown in any frame.
 fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effects: &Effects) -> Option<String> {
     let Some(Needle::Moving { path, recorded: true }) = needle else {
         return None;
@@ -411,13 +411,14 @@ fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effe
     })
 }
 
-/// Scanlines and depths at which [`sees`] looks: a volume that slips between them is smaller than a few beam widths.
+/// Number of scanlines and of depths sampled by [`sees`]: a volume missed between them is smaller than a few beam
+/// widths.
 const LOOKS: usize = 24;
 
-/// Share of an array without contact above which that is told, percent.
+/// Percentage of the array without contact above which a warning is given.
 const MOST_DARK_PERCENT: usize = 25;
 
-/// Warning of poses at which much of the array has no body within reach.
+/// Warning about poses at which much of the array has no body within reach.
 fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, reach_mm: f64) -> Option<String> {
     let dark = |pose: &Pose| {
         let is_dark = |ray: &&Ray| {

@@ -1,4 +1,4 @@
-//! Where a probe goes that the scene gives no pose.
+//! Automatic pose of a probe without a stated one.
 
 use nalgebra::{Point3, Vector3};
 
@@ -14,14 +14,14 @@ use crate::tracking::pose::{Pose, PoseSpec};
 use crate::tracking::probe::Probe;
 use crate::volume::{Label, LabelVolume};
 
-/// What is known of the body: its labels and what they are made of.
+/// Labels of the body and their tissues.
 pub(crate) struct Body<'a> {
     pub volume: &'a LabelVolume,
     pub tissues: &'a TissueTable,
 }
 
 impl SceneFile {
-    /// The pose of a probe that stays, with what was assumed of it.
+    /// Constant pose of the probe, with the assumptions made.
     pub(super) fn fixed_pose(
         &self,
         body: &Body<'_>,
@@ -63,7 +63,7 @@ impl SceneFile {
         turned.pose(None).map_err(invalid)
     }
 
-    /// The error of a target that no label has, with the labels most like it and what was odd about the labels.
+    /// Error about a target that matches no label, with the most similar labels and the warnings about labels.
     fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> SceneError {
         let names = Names::new(body.entries()).known();
         let meant = nearest(target, names.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"));
@@ -134,7 +134,7 @@ impl SceneFile {
 }
 
 impl Body<'_> {
-    /// True of the air around the body.
+    /// Whether a label is the air around the body.
     pub(crate) fn is_outside(&self, label: u8) -> bool {
         matches!(self.tissues.of(label).name.as_ref(), "background" | "air")
     }
@@ -147,7 +147,7 @@ impl Body<'_> {
         counts
     }
 
-    /// The labels of the volume that are wanted, the largest first.
+    /// Labels of the volume accepted by `wanted`, the largest first.
     fn by_size(&self, wanted: impl Fn(u8, &Label) -> bool) -> Vec<u8> {
         let counts = self.counts();
         let mut labels: Vec<u8> = (0u8..=255)
@@ -164,25 +164,25 @@ impl Body<'_> {
         self.by_size(wanted).first().copied()
     }
 
-    /// The largest soft organ, or else the largest label that the file itself has.
+    /// Largest soft organ, or else the largest label from the file itself.
     fn largest_organ(&self) -> Option<u8> {
         self.largest(|label, _| self.tissues.of(label).soft_organ)
             .or_else(|| self.largest(|label, of| of.voxels > 0 && !self.is_outside(label)))
             .or_else(|| self.largest(|label, _| !self.is_outside(label)))
     }
 
-    /// The largest label that a target may mean.
+    /// Largest label that matches a target.
     pub(crate) fn named(&self, target: &str) -> Option<u8> {
         self.matching(target).first().copied()
     }
 
-    /// The labels that a target may mean, the largest first: by value, by whole name, or by a part of one.
+    /// Labels that match a target, the largest first: by value, by complete name, or by a part of a name.
     fn matching(&self, target: &str) -> Vec<u8> {
         let meant = Names::new(self.entries()).all(&RegionName::Name(target.to_owned()));
         self.by_size(|label, _| meant.contains(&label))
     }
 
-    /// Every label but the background, with its value and names.
+    /// Every label except the background, with its value and names.
     pub(crate) fn entries(&self) -> Vec<(u8, i64, Vec<String>)> {
         let labels = (0u8..=255).zip(self.volume.labels()).skip(1);
         labels
@@ -213,7 +213,7 @@ impl Body<'_> {
         }
     }
 
-    /// A probe at the front face of the volume, before the middle of a label, looking back.
+    /// Pose at the front face of the volume, in front of the centre of a label, directed backwards.
     fn before(&self, label: u8) -> Result<Pose, crate::tracking::pose::InvalidPose> {
         let [nx, ny, nz] = self.volume.size();
         let to_world = self.volume.index_to_world();

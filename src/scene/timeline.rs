@@ -1,13 +1,13 @@
-//! When frames are.
+//! Times of frames.
 
-/// Frames a second of a motion that states no number of frames.
+/// Default number of frames per second of a motion.
 const PER_SECOND: f64 = 25.0;
-/// Most frames that are made unasked.
+/// Maximum default number of frames.
 const MOST: f64 = 1000.0;
 
 #[derive(Clone, Debug, PartialEq)]
 enum Times {
-    /// Nothing moves.
+    /// A scene without motion.
     Still,
     /// Times of recorded poses, s.
     Recorded(Vec<f64>),
@@ -15,7 +15,7 @@ enum Times {
     Span([f64; 2]),
 }
 
-/// The frames of a scene in time.
+/// Frame times of a scene.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Timeline {
     times: Times,
@@ -23,7 +23,8 @@ pub(super) struct Timeline {
 }
 
 impl Timeline {
-    /// The times of a recording, if one moves probe or needle, or else what all spans (first and last time, s) cover.
+    /// Creates the timeline from the times of a recording that moves probe or needle, or else from the union of all
+    /// spans (first and last time, s).
     pub fn new(recorded: Option<Vec<f64>>, spans: &[[f64; 2]], stated: Option<usize>) -> Self {
         let cover = |all: [f64; 2], span: [f64; 2]| [all[0].min(span[0]), all[1].max(span[1])];
         let times = match (recorded, spans.iter().copied().reduce(cover)) {
@@ -34,7 +35,7 @@ impl Timeline {
         Self { times, stated }
     }
 
-    /// Frames that the scene asks for.
+    /// Number of frames.
     pub fn frames(&self) -> usize {
         self.stated.unwrap_or_else(|| match &self.times {
             Times::Still => 1,

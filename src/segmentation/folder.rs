@@ -1,4 +1,4 @@
-//! A folder of binary masks, one a file, named by their files.
+//! Folders of binary masks, one per file, named by their files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,16 +11,16 @@ use crate::tissue::totalsegmentator;
 use crate::volume::complete::is_body;
 use crate::volume::{At, InvalidVolume, Label, LabelVolume, Loaded, VolumeError, load};
 
-/// Value of the first label whose name is no class of TotalSegmentator.
+/// Value of the first label whose name is not a class of TotalSegmentator.
 const FREE: i64 = 301;
 
-/// Names of the image beside its masks, as data sets have them.
+/// Names of the image beside the masks in public data sets.
 const IMAGES: [&str; 2] = ["ct", "mri"];
 
-/// Distance between the corners of two grids up to which they are the same, mm.
+/// Largest distance between the corners of two equal grids, mm.
 const SAME_MM: f64 = 0.01;
 
-/// A mask's file and its stem, the name of the label.
+/// File of a mask and its stem, the name of the label.
 struct Mask {
     path: PathBuf,
     name: String,
@@ -31,7 +31,7 @@ impl Mask {
         IMAGES.contains(&self.name.to_lowercase().as_str())
     }
 
-    /// The volume of its file, of which values are not yet checked.
+    /// Loads the volume of the file; its values are not yet checked.
     fn load(&self) -> Result<Loaded, VolumeError> {
         load(&self.path).map_err(|error| match error {
             VolumeError::Fractional { value, .. } => no_mask(&self.path, format!("the value {value:?}")),
@@ -44,13 +44,13 @@ impl Mask {
     }
 }
 
-/// The error of a file that is no mask.
+/// Error of a file that is not a mask.
 fn no_mask(path: &Path, found: impl Into<String>) -> VolumeError {
     let expected = "a binary mask, as all files of a folder are: move another file, such as the CT, out of the folder";
     VolumeError::malformed(path, At::Voxels, found, expected)
 }
 
-/// The files of a folder that hold volumes.
+/// Lists the files of a folder that hold volumes.
 fn volumes(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     let fail = |cause| VolumeError::read(folder, cause);
     let mut masks = Vec::new();
@@ -70,7 +70,7 @@ fn volumes(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     Ok(masks)
 }
 
-/// The masks of a folder by name, those of a whole body first: a later one lies over those before.
+/// Lists the masks of a folder by name, those of the entire body first: later ones take precedence.
 fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     let mut masks = volumes(folder)?;
     if masks.iter().all(Mask::is_image) {
@@ -96,8 +96,8 @@ fn file_name(path: &Path) -> String {
     path.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
-/// The masks of a folder as one volume. Labels have the values of TotalSegmentator's classes, or free ones; empty masks make
-/// none.
+/// Reads the masks of a folder as one volume. Labels have the values of TotalSegmentator's classes, or free ones; empty
+/// masks give no label.
 pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     let masks = masks(folder)?;
     let first = masks[0].load()?;
@@ -136,7 +136,7 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     Ok(segmentation)
 }
 
-/// The union of masks.
+/// Union of masks.
 struct Union {
     voxels: Vec<u8>,
     /// Labels in the order of their masks, without values.
@@ -154,7 +154,7 @@ impl Union {
             return Ok(());
         }
         let mut voxels = 0;
-        // Past 255 the volume is refused below; the count of labels is all that still matters.
+        // Past 255 the volume is refused below; only the count of labels still matters.
         let index = (self.labels.len() + 1) as u8;
         for (voxel, _) in self.voxels.iter_mut().zip(volume.voxels()).filter(|(_, own)| **own > 0) {
             voxels += 1;
@@ -169,7 +169,7 @@ impl Union {
         Ok(())
     }
 
-    /// The volume on the grid of `like`, its labels by ascending value.
+    /// Returns the volume on the grid of `like`, its labels by ascending value.
     fn volume(mut self, like: &LabelVolume) -> Result<LabelVolume, InvalidVolume> {
         if self.labels.len() > 255 {
             return Err(InvalidVolume::TooManyLabels(self.labels.len() + 1));

@@ -1,4 +1,4 @@
-//! The contents of a segmentation, for people and for scripts.
+//! Summary of a segmentation, as text and JSON.
 
 use std::fmt;
 use std::path::Path;
@@ -13,49 +13,50 @@ use crate::volume::LabelVolume;
 /// Name of the background in listings.
 const BACKGROUND: &str = "unlabelled";
 
-/// A summary of a label volume.
+/// Summary of a label volume.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Info {
-    /// The file it came from, as it was named.
+    /// Path of the file, as given.
     pub file: String,
-    /// Voxels along each index axis.
+    /// Number of voxels along each index axis.
     pub size: [usize; 3],
     /// Distance between voxel centres along each index axis, mm.
     pub spacing_mm: [f64; 3],
-    /// The direction of the body that each index axis runs towards, one letter each: Left or Right, Posterior or
-    /// Anterior, Superior or Inferior. `LPS` is the identity of the world frame.
+    /// Anatomical direction of each index axis, one letter each: Left or Right, Posterior or Anterior, Superior or
+    /// Inferior. `LPS` is the identity of the world frame.
     pub orientation: String,
     /// Centre of voxel (0, 0, 0) in LPS, mm.
     pub origin_mm: [f64; 3],
     /// Labels by ascending value after the background.
     pub labels: Vec<LabelInfo>,
-    /// Where names come from.
+    /// Sources of the names.
     pub notes: Vec<String>,
-    /// What the reader had to assume or found odd.
+    /// Assumptions and warnings of the reader.
     pub warnings: Vec<String>,
 }
 
-/// One label of an [`Info`].
+/// A label of an [`Info`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelInfo {
-    /// Value in the file.
+    /// Label value in the file.
     pub value: i64,
     /// Name; `unlabelled` for value 0 without a name, empty for others without one.
     pub name: String,
-    /// Voxels that carry it, as stored.
+    /// Number of voxels, as stored.
     pub voxels: u64,
-    /// Their volume, ml.
+    /// Volume, ml.
     pub millilitres: f64,
-    /// The tissue it is taken for where no scene says otherwise.
+    /// Tissue assigned by default.
     pub tissue: String,
-    /// The evidence for that: `name`, `class name`, `word`, a value of a numbering such as `BTCV value`, or `fallback`.
+    /// Evidence for the tissue: `name`, `class name`, `word`, a value of a numbering such as `BTCV value`, or
+    /// `fallback`.
     pub from: String,
-    /// True where the evidence is a whole name.
+    /// Whether the evidence is a complete name.
     pub sure: bool,
 }
 
 impl Info {
-    /// A summary of a segmentation from `file`.
+    /// Creates the summary of a segmentation from `file`.
     pub fn new(segmentation: &Segmentation, file: &Path) -> Self {
         let volume = &segmentation.volume;
         let labels = (0..volume.labels().len()).map(|index| LabelInfo::new(segmentation, index));
@@ -105,7 +106,7 @@ impl LabelInfo {
     }
 }
 
-/// The assignment of index axes to world axes whose direction cosines add up to most.
+/// Assignment of index axes to world axes with the largest sum of direction cosines.
 fn orientation(volume: &LabelVolume) -> String {
     const ASSIGNMENTS: [[usize; 3]; 6] = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
     const LETTERS: [[char; 2]; 3] = [['L', 'R'], ['P', 'A'], ['S', 'I']];

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::read;
 use crate::volume::{At, VolumeError};
 
-/// Headers of the column of values and of that of names, without capitals, blanks and punctuation; the first that is there counts.
+/// Accepted headers of the value and name columns, without capitals, blanks and punctuation; the first one present counts.
 const VALUES: [&str; 5] = ["value", "labelvalue", "index", "id", "label"];
 const NAMES: [&str; 4] = ["name", "labelname", "structure", "label"];
 
@@ -18,12 +18,12 @@ pub struct Names {
 }
 
 impl Names {
-    /// Reads a table: CSV with columns such as `value` (or `label`) and `name`, or these two without a header; a colour table of 3D Slicer (number, name and
-    /// colour a line); label descriptions of ITK-SNAP.
+    /// Reads a table: CSV with columns such as `value` (or `label`) and `name`, or these two without a header; a colour table of 3D Slicer (number,
+    /// name and colour per line); label descriptions of ITK-SNAP.
     ///
     /// # Errors
-    /// [`VolumeError`] with the line, for tables that are none of these, values that are no whole numbers, and values with
-    /// two names.
+    /// [`VolumeError`] with the line, for tables of other formats, values that are not integers, and values with two
+    /// names.
     pub fn read(path: &Path) -> Result<Self, VolumeError> {
         let text = read::text(path, read::CSV).map_err(|cause| VolumeError::read(path, cause))?;
         let mut names = Self {
@@ -45,12 +45,12 @@ impl Names {
         Ok(names)
     }
 
-    /// The file they are from.
+    /// Path of the table.
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// The name of a label value.
+    /// Name of a label value.
     pub fn of(&self, value: i64) -> Option<&str> {
         self.by_value.get(&value).map(String::as_str)
     }
@@ -76,7 +76,7 @@ impl Names {
         }
     }
 
-    /// Lines of a number, a name and a colour, or of a number, a colour and a name in quotes.
+    /// Parses lines of a number, a name and a colour, or of a number, a colour and a name in quotes.
     fn read_colours(&mut self, text: &str) -> Result<(), VolumeError> {
         for (line, row) in text.lines().enumerate() {
             let row = row.trim();
@@ -91,7 +91,7 @@ impl Names {
         Ok(())
     }
 
-    /// Rows by their columns; without a header, of a value and a name. `first` is the first line.
+    /// Parses rows by their columns; without a header, of a value and a name. `first` is the first line.
     fn read_csv(&mut self, text: &str, first: &str, has_header: bool) -> Result<(), VolumeError> {
         let fail = |line: u64, found: String, expected: &str| {
             VolumeError::malformed(&self.path, At::Line(line as usize), found, expected)

@@ -11,7 +11,7 @@ use crate::volume::{Label, save};
 /// Edge of the grid of [`organs`], voxels of 1 ml.
 const SIDE: usize = 18;
 
-/// A volume of labels without names, from right to left, each of so many voxels of 1 ml, clear of the edge of the scan.
+/// A volume of unnamed labels, from right to left, each of a number of voxels of 1 ml, clear of the edge of the scan.
 fn organs(ml: &[(i64, usize)]) -> LabelVolume {
     let mut voxels = vec![0; SIDE * SIDE * SIDE];
     let inner = |at: &usize| {
@@ -153,7 +153,7 @@ fn the_masks_of_a_folder_are_one_volume_named_by_files() {
         names(&whole),
         [(2, "kidney_right"), (5, "liver"), (301, "skin"), (302, "odd_thing")]
     );
-    // Skin lies under the organs; otherwise the last by name counts.
+    // Skin has the lowest priority; otherwise the last by name takes precedence.
     assert_eq!(whole.volume.voxels(), [4, 1, 2, 2]);
     let counts: Vec<u64> = whole.volume.labels().iter().map(|label| label.voxels).collect();
     assert_eq!(counts, [0, 2, 2, 2, 1]);
@@ -290,7 +290,7 @@ fn tables_that_are_wrong_are_refused_with_their_line() {
     }
 }
 
-/// Organs of credible volumes by the numbers of BTCV, ml.
+/// Plausible organ volumes by the numbers of BTCV, ml.
 const BTCV: [(i64, usize); 13] = [
     (1, 200),
     (2, 150),

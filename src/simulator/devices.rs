@@ -1,22 +1,22 @@
-//! What haptic devices need besides forces (Goksel et al. 2011, section V-C): a probe held at two points, damping, a needle that goes
-//! through the holes of a template while its device stays in one place.
+//! Support for haptic devices (Goksel et al. 2011, section V-C): a probe driven at two points, damping, and a needle that
+//! goes through the holes of a template while its device stays in one place.
 //!
-//! Velocities are differences of places over a step, so they lag by half of one: see [`Damper::most_ns_per_mm`].
+//! Velocities are differences of positions over a step, so they lag by half a step: see [`Damper::most_ns_per_mm`].
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use crate::mechanics::insertion::{Instruments, Outcome, Wrench, lever, pointed};
 use crate::tracking::template::{Template, UnknownHole};
 
-/// A device that cannot be as it is set or measured.
+/// Invalid parameter or measurement of a device.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("`{key}` is {found}; expected {expected}")]
 pub struct InvalidDevice {
-    /// Which value.
+    /// Name of the value.
     pub key: &'static str,
-    /// As given.
+    /// The rejected value.
     pub found: String,
-    /// What it must be.
+    /// Permitted values.
     pub expected: String,
 }
 
@@ -31,24 +31,24 @@ fn check(key: &'static str, found: f64, holds: bool, expected: &str) -> Result<(
     }
 }
 
-/// Two points on the axis of a probe, each held by a device that measures and renders three axes.
+/// Two points on the axis of a probe, each driven by a device that measures and renders three axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TwoPoints {
     at_mm: [f64; 2],
 }
 
-/// A pose that two points say.
+/// Pose of a probe from two measured points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointsPose {
     /// Probe frame to world (see [`ProbeContact`](crate::mechanics::insertion::ProbeContact)).
     pub pose: Isometry3<f64>,
-    /// How much farther apart the points are than on the probe, mm: calibration and play of the devices. The pose leaves half of it at
-    /// each point.
+    /// Excess of the distance between the points over that on the probe, mm, due to calibration and play of the devices. The
+    /// pose leaves half of it at each point.
     pub stretch_mm: f64,
 }
 
 impl TwoPoints {
-    /// Points that lie `at_mm` (mm, at least 1 apart) behind the origin of the probe, as
+    /// Takes points that lie `at_mm` (mm, at least 1 apart) behind the origin of the probe, as in
     /// [`ProbeContact::driven_at_mm`](crate::mechanics::insertion::ProbeContact::driven_at_mm).
     ///
     /// # Errors
@@ -58,8 +58,8 @@ impl TwoPoints {
         check("at_mm", apart, apart >= 1.0, "two points at least 1 mm apart").map(|()| Self { at_mm })
     }
 
-    /// The pose of a probe whose points are measured, mm, world. Two points say nothing about the turn around the axis: it is that of
-    /// `last`, taken along by the shortest rotation.
+    /// Returns the pose of a probe from its measured points, mm, world. Two points do not determine the roll about the axis:
+    /// it is that of `last`, carried along by the shortest rotation.
     ///
     /// # Errors
     /// [`InvalidDevice`] where the points are less than half as far apart as on the probe.
@@ -78,14 +78,14 @@ impl TwoPoints {
         })
     }
 
-    /// The forces on the points, N, that together are a force on the probe at `pose`, about its origin: see
+    /// Returns the forces on the points, N, that are equivalent to a wrench on the probe at `pose`, about its origin: see
     /// [`ProbeContact::split`](crate::mechanics::insertion::ProbeContact::split).
     pub fn split(&self, wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
         lever(self.at_mm, wrench, pose)
     }
 }
 
-/// The velocity of a device by differences, mm/s: zero at first, and where a place or time is no number.
+/// Velocity of a device by differences, mm/s: zero at first, and where a position or time is not finite.
 #[derive(Clone, Copy, Debug, Default)]
 struct Velocity(Option<Point3<f64>>);
 
@@ -100,7 +100,7 @@ impl Velocity {
     }
 }
 
-/// Damping of a device, so that the loop through it stays stable.
+/// Damping of a device, which keeps the haptic loop stable.
 #[derive(Clone, Copy, Debug)]
 pub struct Damper {
     c_ns_per_mm: f64,
@@ -108,7 +108,7 @@ pub struct Damper {
 }
 
 impl Damper {
-    /// A force of `c_ns_per_mm` (N s/mm, above 0) for each mm/s, against the motion.
+    /// Builds a damper with a force of `c_ns_per_mm` (N s/mm, above 0) per mm/s, against the motion.
     ///
     /// # Errors
     /// [`InvalidDevice`].
@@ -119,32 +119,32 @@ impl Damper {
         })
     }
 
-    /// The damping from which on a device of a mass (kg) that nothing else holds would swing up, N s/mm: 2 m/dt, where its place is
-    /// read every `dt_s` and the force kept until the next. With springs and tissue there is less room.
+    /// Returns the damping from which a free device of a mass (kg) would become unstable, N s/mm: 2 m/dt, where its position
+    /// is sampled every `dt_s` and the force held until the next sample. With springs and tissue the limit is lower.
     pub fn most_ns_per_mm(mass_kg: f64, dt_s: f64) -> f64 {
         2e-3 * mass_kg / dt_s
     }
 
-    /// The force on the device at its place now, `dt_s` after the call before, N. None at the first call.
+    /// Returns the force on the device at its current position, `dt_s` after the previous call, N: zero at the first call.
     pub fn force(&mut self, place_mm: &Point3<f64>, dt_s: f64) -> Vector3<f64> {
         self.velocity.next(place_mm, dt_s) * -self.c_ns_per_mm
     }
 }
 
-/// How a device is held: a PID controller.
+/// Parameters of the PID controller of [`LateralHold`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HoldOptions {
-    /// Force for each mm aside, N/mm (above 0).
+    /// Proportional gain: force per mm of lateral offset, N/mm (above 0).
     pub kp_n_per_mm: f64,
-    /// Force that grows by so much each second for each mm aside, N/(mm s) (0 or more).
+    /// Integral gain: growth of the force per second and mm of lateral offset, N/(mm s) (0 or more).
     pub ki_n_per_mm_s: f64,
-    /// Force for each mm/s aside, N s/mm (0 or more).
+    /// Derivative gain: force per mm/s of lateral velocity, N s/mm (0 or more).
     pub kd_ns_per_mm: f64,
-    /// The largest force, and the largest share of the integral in it, N (above 0).
+    /// Limit of the force, and of the integral's part in it, N (above 0).
     pub most_n: f64,
 }
 
-/// Holds the device of a needle across its axis at the hole that it runs through, and leaves it free along the axis.
+/// Lateral hold: keeps the device of a needle on the axis of its hole, and leaves it free along the axis.
 #[derive(Clone, Copy, Debug)]
 pub struct LateralHold {
     options: HoldOptions,
@@ -153,7 +153,7 @@ pub struct LateralHold {
 }
 
 impl LateralHold {
-    /// A device at rest.
+    /// Builds a hold for a device at rest.
     ///
     /// # Errors
     /// [`InvalidDevice`].
@@ -175,8 +175,8 @@ impl LateralHold {
         })
     }
 
-    /// The force on the device at its place now, `dt_s` after the call before, towards the line through `hole_mm` along `axis`, N.
-    /// None where a place is no number.
+    /// Returns the force on the device at its current position, `dt_s` after the previous call, towards the line through
+    /// `hole_mm` along `axis`, N: zero where a position is not finite.
     pub fn force(
         &mut self,
         place_mm: &Point3<f64>,
@@ -205,10 +205,10 @@ impl LateralHold {
     }
 }
 
-/// Why a hole cannot be chosen.
+/// Reason why a hole cannot be chosen.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HoleError {
-    /// A needle changes its hole outside alone.
+    /// The needle is in the body: it can change its hole only outside.
     #[error("the needle touches tissue, {inserted_mm:.1} mm deep; expected it outside before another hole is chosen")]
     Inserted {
         /// Depth of the tip, mm.
@@ -219,8 +219,8 @@ pub enum HoleError {
     Unknown(#[from] UnknownHole),
 }
 
-/// A needle that goes through a hole of a template, moved by a device that stays in place: what it does along its axis, and its
-/// turn about it, happens at the hole that is chosen.
+/// A needle that goes through a hole of a template, moved by a device that stays in place: the motion of the device along
+/// its axis and its roll are applied at the chosen hole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Guided {
     template: Template,
@@ -229,8 +229,8 @@ pub struct Guided {
 }
 
 impl Guided {
-    /// A needle outside, at a hole. `device_mm` is where the device's own guide is, in its frame of axes parallel to the world's, mm:
-    /// what the hole is to the virtual needle.
+    /// Places a needle outside the body, at a hole. `device_mm` is the position of the device's own guide, in its frame of
+    /// axes parallel to the world's, mm: it corresponds to the hole for the virtual needle.
     ///
     /// # Errors
     /// [`HoleError::Unknown`].
@@ -242,10 +242,10 @@ impl Guided {
         })
     }
 
-    /// Chooses another hole: the next instruments are there.
+    /// Chooses another hole for the next instruments. `outcome` is that of the last step.
     ///
     /// # Errors
-    /// [`HoleError`]; the hole is then as before. `outcome` is that of the last step.
+    /// [`HoleError`]; the hole is then unchanged.
     pub fn choose(&mut self, hole: &str, outcome: &Outcome) -> Result<(), HoleError> {
         let hole_mm = self.template.hole(hole)?;
         let inserted_mm = outcome.inserted_mm;
@@ -257,13 +257,13 @@ impl Guided {
         Ok(())
     }
 
-    /// The middle of the hole, mm: the guide of the needle.
+    /// Returns the centre of the hole, mm: the guide of the needle.
     pub fn hole_mm(&self) -> Point3<f64> {
         self.hole_mm
     }
 
-    /// Where the needle is by its device, whose base frame is `device` (to its own axes): on the axis of the hole, as far along it as
-    /// the device beyond its guide, and turned about it as the device.
+    /// Returns the instruments for a device whose base frame is `device` (to its own axes): the needle is on the axis of the
+    /// hole, as far along it as the device is beyond its guide, and rolled about it as the device is.
     pub fn instruments(&self, device: &Isometry3<f64>) -> Instruments {
         let axis = self.template.direction.into_inner();
         let along = axis.dot(&(device.translation.vector - self.device_mm.coords));

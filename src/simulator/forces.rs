@@ -1,4 +1,4 @@
-//! Forces for the hands, and how they go on after a late step.
+//! Forces on the hands, and their blending after a late step.
 
 use std::time::Duration;
 
@@ -7,36 +7,37 @@ use nalgebra::Vector3;
 use super::{Policy, TwoPoints};
 use crate::mechanics::insertion::{Instruments, Outcome, Wrench};
 
-/// What a step gives to the hands.
+/// Forces on the hands after a step.
 ///
-/// Forces are those that the instruments put on the hands that hold them, to be rendered by a haptic device as they
-/// are: pushing the needle into tissue, the hand feels a force out of the body, against the base frame's z axis.
-/// Torques are about the origin of the instrument's own frame.
+/// Forces are those of the instruments on the hands, to be rendered by a haptic device without change: as the needle is
+/// pushed into tissue, the hand feels a force out of the body, against the base frame's z axis. Torques are about the origin
+/// of the instrument's own frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Forces {
-    /// What the needle does to the hand at its base, about the base, world axes.
+    /// Wrench of the needle on the hand at its base, about the base, world axes.
     pub hand_world: Wrench,
-    /// The same in the axes of the base frame of this step.
+    /// Wrench of the needle on the hand at its base, about the base, in the axes of the base frame of this step.
     pub hand_base: Wrench,
-    /// What the tissue does to the probe, about the probe's origin, world axes; none if no probe presses.
+    /// Wrench of the tissue on the probe, about the probe's origin, world axes; `None` if no probe presses.
     pub probe_world: Option<Wrench>,
-    /// The force of that at each of the points of [`Options::probe_points`](super::Options::probe_points), N, world axes; none
-    /// without them or if no probe presses.
+    /// Forces at each of the points of [`Options::probe_points`](super::Options::probe_points) that are equivalent to
+    /// `probe_world`, N, world axes; `None` without points or if no probe presses.
     pub probe_points: Option<[Vector3<f64>; 2]>,
-    /// Time that the step took.
+    /// Duration of the step.
     pub took: Duration,
-    /// By how much that was over the budget, if it was.
+    /// Excess of the duration over the budget, if any.
     pub overrun: Option<Duration>,
 }
 
 impl Forces {
-    /// The force on the hand along the needle, N, for a device that renders this axis alone: negative while it is pushed in.
+    /// Returns the force on the hand along the needle, N, for a device that renders only this axis: negative while the
+    /// needle is pushed in.
     pub fn axial_n(&self) -> f64 {
         self.hand_base.force_n.z
     }
 }
 
-/// The wrenches that a step gives.
+/// Wrenches returned by a step.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Given {
     hand: Wrench,
@@ -70,16 +71,16 @@ impl Given {
     }
 }
 
-/// Forces on their way from what was given to what the model says.
+/// Blend from the forces returned last to those of the model.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Easing {
     given: Given,
-    /// Simulated time until they are there, s.
+    /// Remaining simulated time of the blend, s.
     left_s: f64,
 }
 
 impl Easing {
-    /// What is given after a step of `dt_s`.
+    /// Returns the forces after a step of `dt_s`.
     pub(super) fn next(&mut self, computed: Given, dt_s: f64, late: bool, policy: Policy) -> Given {
         if let (Policy::Ease { over }, true) = (policy, late) {
             self.left_s = over.as_secs_f64();

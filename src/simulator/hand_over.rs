@@ -1,22 +1,22 @@
-//! Whole states from one thread to another.
+//! Lock-free hand-over of complete states between threads.
 
 use std::sync::{Arc, Weak};
 
 use crate::mechanics::insertion::{Model, Snapshot};
 
-/// The end that writes.
+/// Writing end.
 pub(super) struct Publisher {
     buffers: triple_buffer::Input<Snapshot>,
     reader: Weak<()>,
 }
 
-/// The end that reads.
+/// Reading end.
 pub(super) struct Latest {
     buffers: triple_buffer::Output<Snapshot>,
     _alive: Arc<()>,
 }
 
-/// Two ends of one hand-over.
+/// Returns the two ends of a hand-over.
 pub(super) fn hand_over() -> (Publisher, Latest) {
     let (input, output) = triple_buffer::triple_buffer(&Snapshot::default());
     let alive = Arc::new(());
@@ -32,8 +32,8 @@ pub(super) fn hand_over() -> (Publisher, Latest) {
 }
 
 impl Publisher {
-    /// Hands the state of a model over, in place of the one before; waits for nobody. Nothing is done, and the model
-    /// not asked, once the reader is gone.
+    /// Publishes the state of a model in place of the previous one, without waiting. Does nothing, not even request the
+    /// state, once the reader is gone.
     pub(super) fn publish(&mut self, model: &mut dyn Model) {
         if self.reader.strong_count() > 0 {
             model.snapshot(self.buffers.input_buffer_mut());
@@ -43,12 +43,12 @@ impl Publisher {
 }
 
 impl Latest {
-    /// Takes the latest state; whether it is another than before.
+    /// Takes the latest state; returns whether it is new.
     pub(super) fn take(&mut self) -> bool {
         self.buffers.update()
     }
 
-    /// The state taken last.
+    /// Returns the state taken last.
     pub(super) fn state(&self) -> &Snapshot {
         self.buffers.output_buffer()
     }

@@ -1,4 +1,4 @@
-//! The part for the haptic thread.
+//! Stepping part of the simulator, for the haptic thread.
 
 use std::time::Instant;
 
@@ -13,7 +13,7 @@ use crate::synth::Synthesizer;
 
 /// Steps a model on the caller's thread.
 ///
-/// A step allocates nothing of its own but for the memory of a recording while there is one.
+/// A step allocates nothing of its own except the memory of a recording in progress.
 pub struct Haptic {
     model: Box<dyn Model>,
     options: Options,
@@ -24,7 +24,7 @@ pub struct Haptic {
 }
 
 impl Haptic {
-    /// A model that nobody images.
+    /// Takes a model that is not imaged.
     pub fn new(model: Box<dyn Model>, options: Options) -> Self {
         Self {
             model,
@@ -36,7 +36,7 @@ impl Haptic {
         }
     }
 
-    /// What images this model, from the state that it is in, in place of what imaged it before. See
+    /// Returns an imaging of this model from its current state, in place of any previous one. See
     /// [`Simulator::new`](super::Simulator::new).
     ///
     /// # Errors
@@ -49,11 +49,10 @@ impl Haptic {
         Ok(imaging)
     }
 
-    /// Makes one step of `dt_s` simulated seconds to where the instruments are now, and hands the state over to the
-    /// image if there is one.
+    /// Makes one step of `dt_s` simulated seconds to the given poses, and publishes the state to the image if there is one.
     ///
     /// # Errors
-    /// [`StepError`]; then nothing has changed, and the hand keeps what it had.
+    /// [`StepError`]; then nothing has changed, and the hand keeps its previous forces.
     pub fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<Forces, StepError> {
         let start = Instant::now();
         let computed = Given::of(self.model.step(instruments, dt_s)?);
@@ -73,11 +72,12 @@ impl Haptic {
         Ok(given.forces(instruments, self.options.probe_points, took, overrun))
     }
 
-    /// Changes the level of remeshing, and tells what that took and by how much the force on the hand jumps. It may take longer than a
-    /// step: see [`Model::set_level`]. A recording begins anew, from the state now, as states and inputs do not hold the level.
+    /// Changes the remeshing level, and returns the duration of the change and the jump of the force on the hand. It may
+    /// take longer than a step: see [`Model::set_level`]. A recording restarts from the current state, since states and
+    /// inputs do not contain the level.
     ///
     /// # Errors
-    /// [`StepError`]; the level is then as before.
+    /// [`StepError`]; the level is then unchanged.
     pub fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {
         let change = self.model.set_level(level)?;
         if let Some(publisher) = &mut self.publisher {
@@ -89,18 +89,18 @@ impl Haptic {
         Ok(change)
     }
 
-    /// All that the last step found. Its forces are those of the model, which an easing [`Policy`](super::Policy) may
-    /// still keep from the hand.
+    /// Returns the outcome of the last step. Its forces are those of the model, which an easing [`Policy`](super::Policy)
+    /// may still be blending.
     pub fn outcome(&self) -> &Outcome {
         self.model.outcome()
     }
 
-    /// Simulated time, s.
+    /// Returns the simulated time, s.
     pub fn time_s(&self) -> f64 {
         self.time_s
     }
 
-    /// The state: put back, the same steps give the same outcomes, bit for bit.
+    /// Returns the state: after a restore, the same steps give the same outcomes, bit for bit.
     pub fn save(&mut self) -> State {
         State {
             time_s: self.time_s,
@@ -108,8 +108,8 @@ impl Haptic {
         }
     }
 
-    /// Goes back to a saved state, and hands it over to the image. The next step gives the forces of the model, eased
-    /// by nothing before. A recording begins anew, from this state.
+    /// Restores a saved state, and publishes it to the image. The next step returns the forces of the model, without any
+    /// earlier blend. A recording restarts from this state.
     ///
     /// # Errors
     /// [`StepError::Foreign`]; then nothing has changed.
@@ -126,7 +126,7 @@ impl Haptic {
         Ok(())
     }
 
-    /// Records the inputs of steps from here on, in place of what was recorded so far.
+    /// Starts recording the inputs of steps, in place of any previous recording.
     pub fn record(&mut self) {
         self.recording = Some(Recording {
             start: self.save(),
@@ -134,12 +134,12 @@ impl Haptic {
         });
     }
 
-    /// Ends a recording and gives it.
+    /// Ends a recording and returns it.
     pub fn take_recording(&mut self) -> Option<Recording> {
         self.recording.take()
     }
 
-    /// Goes back to where a recording began and makes its steps again; `seen` gets what each of them finds.
+    /// Restores the start of a recording and repeats its steps; `seen` receives the results of each.
     ///
     /// # Errors
     /// [`StepError`]; the steps before it are made.

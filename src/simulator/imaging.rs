@@ -1,4 +1,4 @@
-//! The part for the image thread.
+//! Imaging part of the simulator, for the image thread.
 
 use std::mem;
 
@@ -9,41 +9,41 @@ use super::seeds::Seeds;
 use crate::mechanics::insertion::{Imager, Snapshot, Tissue};
 use crate::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
 
-/// Why a model cannot be imaged like this.
+/// Reason why a model cannot be imaged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidImaging {
-    /// A diameter that no needle has.
+    /// An invalid needle diameter.
     #[error("`needle_diameter_mm` is {found}; expected a finite number above 0")]
     Diameter {
-        /// As given.
+        /// The rejected diameter, mm.
         found: f64,
     },
-    /// A mesh of another size.
+    /// A mesh with another number of elements.
     #[error("the imaged mesh has {found} elements; expected the {expected} of the tissue model")]
     Elements {
-        /// Elements of the anatomy's mesh.
+        /// Number of elements of the anatomy's mesh.
         found: usize,
-        /// Elements of the model.
+        /// Number of elements of the model.
         expected: usize,
     },
-    /// A mesh of other elements.
+    /// A mesh with other elements.
     #[error(
         "element {element} of the imaged mesh has nodes {found:?}; expected those of the tissue model, {expected:?}"
     )]
     Element {
-        /// The first that differs, from 0.
+        /// Index of the first element that differs, from 0.
         element: usize,
-        /// Its nodes in the anatomy's mesh.
+        /// Nodes of that element in the anatomy's mesh.
         found: [u32; 4],
-        /// Its nodes in the model.
+        /// Nodes of that element in the model.
         expected: [u32; 4],
     },
 }
 
-/// Renders frames of the latest whole state.
+/// Renders frames of the latest complete state.
 pub struct Imaging {
     latest: Latest,
-    /// None if the image has no mesh: then nobody asks where its nodes are.
+    /// `None` if the image has no mesh: then node positions are not needed.
     imager: Option<Box<dyn Imager>>,
     synthesizer: Synthesizer,
     tissue: Tissue,
@@ -78,26 +78,26 @@ impl Imaging {
         })
     }
 
-    /// Renders the latest state as the probe sees it (probe frame to world, mm). Frames count up from 0. Where no step
-    /// was made since the last frame, tissue stays as it was imaged then. In the steady state it allocates nothing but
-    /// what the model's [`Imager`] does.
+    /// Renders the latest state for a pose of the probe (probe frame to world, mm). Frames count up from 0. Where no step
+    /// was made since the last frame, tissue stays as it was imaged then. In the steady state only the model's [`Imager`]
+    /// allocates.
     ///
     /// # Errors
     /// [`SynthError`].
     pub fn frame(&mut self, probe_to_world: &Matrix4<f64>) -> Result<&Frame, SynthError> {
-        // Before the first frame there is always a state to take: that of the model as it was given.
+        // Before the first frame there is always a state to take: the initial one of the model.
         if self.latest.take() {
             self.read();
         }
         self.state.probe_to_world = *probe_to_world;
         self.synthesizer.render(&self.state)?;
         self.state.frame += 1;
-        // The synthesizer keeps the places of nodes until it gets others.
+        // The synthesizer keeps the node positions until it gets others.
         self.take_nodes();
         Ok(self.synthesizer.frame())
     }
 
-    /// Writes the state taken into what is rendered.
+    /// Writes the state taken last into the frame state.
     fn read(&mut self) {
         let snapshot = self.latest.state();
         let line = snapshot.line.nodes();
@@ -122,30 +122,31 @@ impl Imaging {
         }
     }
 
-    /// Takes back the memory that a frame was given nodes in.
+    /// Takes back the memory of the node positions passed to a frame.
     fn take_nodes(&mut self) {
         if let (Some(current), Some(reference)) = (self.state.nodes.take(), self.state.reference.take()) {
             (self.tissue.current, self.tissue.reference) = (current, reference);
         }
     }
 
-    /// The state that the last frame shows.
+    /// Returns the state shown by the last frame.
     pub fn snapshot(&self) -> &Snapshot {
         self.latest.state()
     }
 
-    /// Elements that are inverted in what the last frame shows: tissue is crushed there. None are told of an image without a mesh.
+    /// Returns the number of inverted elements in the last frame: tissue is crushed there. It is 0 for an image without a
+    /// mesh.
     pub fn inverted(&self) -> usize {
         self.tissue.inverted
     }
 
-    /// What renders, to change its settings between frames.
+    /// Returns the synthesizer, to change its settings between frames.
     pub fn synthesizer(&mut self) -> &mut Synthesizer {
         &mut self.synthesizer
     }
 }
 
-/// Elements are matched, not nodes: a mesh that was written and read has other last bits.
+/// Checks that elements match; nodes are not compared, since a mesh that was written and read differs in their last bits.
 fn same_elements(found: &[[u32; 4]], expected: &[[u32; 4]]) -> Result<(), InvalidImaging> {
     if found.len() != expected.len() {
         let (found, expected) = (found.len(), expected.len());

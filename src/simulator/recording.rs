@@ -1,54 +1,54 @@
-//! States and inputs that are kept.
+//! Saved states and recorded inputs.
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
 use crate::mechanics::insertion::{Instruments, Saved};
 
-/// How far from 1 the length of a quaternion in a file may be.
+/// Tolerance on the length of a unit quaternion in a file.
 const UNIT_TOLERANCE: f64 = 1e-9;
 
-/// Everything that later steps depend on but the instruments and the level of remeshing, which is the model's own.
+/// Everything that later steps depend on except the instruments and the remeshing level, which belongs to the model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct State {
     /// Simulated time, s.
     pub time_s: f64,
-    /// That of the model.
+    /// State of the model.
     pub model: Saved,
 }
 
-/// A state, and the inputs of the steps from there on: enough to make them again, bit for bit, also when written to a
-/// file and read back (as JSON, which keeps every bit of a number).
+/// A state, and the inputs of the steps from there on: enough to repeat them, bit for bit, also when written to a file and
+/// read back (as JSON, which preserves every bit of a number).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Recording {
-    /// Before the first step.
+    /// State before the first step.
     pub start: State,
-    /// Those of each step.
+    /// Inputs of each step.
     pub inputs: Vec<Input>,
 }
 
-/// The inputs of a step.
+/// Inputs of a step.
 ///
-/// In a file it has `dt_s`, `base`, and where they are used `probe`, `guide_mm` and `deposit`; a pose has `position_mm`
-/// and `quaternion_xyzw`, a unit quaternion.
+/// In a file it has `dt_s`, `base`, and where they are used `probe`, `guide_mm` and `deposit`; a pose has `position_mm` and
+/// `quaternion_xyzw`, a unit quaternion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
 pub struct Input {
-    /// Where needle and probe are.
+    /// Poses of needle and probe.
     pub instruments: Instruments,
-    /// Time of the step, s.
+    /// Time step, s.
     pub dt_s: f64,
 }
 
-/// A pose in a file that is none.
+/// An invalid pose in a file.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("`quaternion_xyzw` of `{key}` is {found:?}; expected a quaternion of length 1")]
 pub struct InvalidInput {
-    /// Whose pose.
+    /// Key of the pose.
     pub key: &'static str,
-    /// As given.
+    /// The rejected quaternion.
     pub found: [f64; 4],
 }
 
@@ -87,7 +87,7 @@ impl Pose {
             return Err(InvalidInput { key, found });
         }
         let translation = Translation3::from(self.position_mm);
-        // As it is: another normalisation would change its last bits.
+        // Unchanged: another normalisation would alter its last bits.
         Ok(Isometry3::from_parts(
             translation,
             UnitQuaternion::new_unchecked(quaternion),

@@ -1,4 +1,4 @@
-//! Seeds where the tissue has carried them.
+//! Positions of seeds in the deformed tissue.
 
 use std::sync::Arc;
 
@@ -9,17 +9,17 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::synth::NeedleShaft;
 
-/// Finds seeds in the tissue.
+/// Locates seeds in the tissue.
 pub(super) struct Seeds {
     mesh: Option<Arc<TetMesh>>,
-    /// From the reference state to the current one; made for the first seed.
+    /// Locator from the reference state to the current one; made for the first seed.
     locator: Option<Locator<f64>>,
-    /// The element that each was in last.
+    /// Last element of each seed.
     elements: Vec<u32>,
 }
 
 impl Seeds {
-    /// Of tissue with a mesh, or of none that moves.
+    /// Takes the mesh of the tissue, or `None` if it does not move.
     pub(super) fn new(mesh: Option<Arc<TetMesh>>) -> Self {
         Self {
             mesh,
@@ -28,8 +28,8 @@ impl Seeds {
         }
     }
 
-    /// Writes the seeds of a state whose tissue is as stated. A seed points where the needle did when it was first seen here,
-    /// for only its place is known; one outside the tissue stays at its place in the reference state.
+    /// Writes the seeds of a state with the given tissue. A seed points along the needle at the time it was first seen here,
+    /// since only its position is known; one outside the tissue stays at its position in the reference state.
     pub(super) fn show(&mut self, snapshot: &Snapshot, tissue: &Tissue, into: &mut Vec<NeedleShaft>) {
         let count = snapshot.seeds.len();
         self.elements.resize(count, NONE);
@@ -40,7 +40,7 @@ impl Seeds {
         if let Some(mesh) = &self.mesh {
             let locator = self.locator.get_or_insert_with(|| Locator::new(mesh));
             let moved = locator.update_states(Some(&tissue.reference), Some(&tissue.current));
-            // Nodes of another number are the synthesizer's to refuse.
+            // The synthesizer reports a wrong number of nodes.
             if moved.is_err() {
                 return;
             }
@@ -58,7 +58,8 @@ impl Seeds {
     }
 }
 
-/// Where a point of the reference state is now; `element` is where to look first, and then where it was found.
+/// Returns the current position of a point of the reference state; the search starts at `element`, which receives the
+/// element found.
 fn carried(locator: Option<&Locator<f64>>, point: &Point3<f64>, element: &mut u32) -> Point3<f64> {
     let Some(locator) = locator else { return *point };
     let point = [point.x, point.y, point.z];
@@ -69,7 +70,7 @@ fn carried(locator: Option<&Locator<f64>>, point: &Point3<f64>, element: &mut u3
     }
 }
 
-/// The direction of the needle at its tip.
+/// Returns the direction of the needle at its tip.
 fn at_tip(snapshot: &Snapshot) -> Vector3<f64> {
     match snapshot.line.nodes() {
         [] => Vector3::z(),

@@ -1,4 +1,4 @@
-//! A model that is none, and what it is tested with.
+//! Fake model for the tests, and its inputs.
 
 mod devices;
 mod forces;
@@ -20,7 +20,7 @@ use crate::mechanics::insertion::{
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::remesh::Level;
 
-/// What was asked of a fake model.
+/// Counts of the calls to a fake model.
 #[derive(Default)]
 struct Asked {
     snapshots: AtomicUsize,
@@ -36,7 +36,7 @@ struct Fake {
     outcome: Outcome,
     slow: Duration,
     mesh: Option<Arc<TetMesh>>,
-    /// Where the needle enters.
+    /// Entry point of the needle, mm.
     entry: Vector3<f64>,
     asked: Arc<Asked>,
 }
@@ -73,7 +73,7 @@ impl Model for Fake {
             });
         }
         thread::sleep(self.slow);
-        // Bits that any difference in the inputs reaches.
+        // Bits affected by any difference in the inputs.
         let pose = instruments.base;
         let guide = instruments.guide.map_or(0.0, |guide| guide.z);
         self.state = (1.7 * self.state + pose.translation.x + pose.rotation.i * dt_s + guide).sin();

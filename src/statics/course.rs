@@ -1,4 +1,4 @@
-//! What a problem file says of models with a history: the model, how it is solved, and how loads go over time.
+//! Problem-file tables of models with a history: model, solver, and time course of loads.
 
 mod check;
 
@@ -9,31 +9,32 @@ use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{Options, Scheme, Slope};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
-/// Steps of a history at most.
+/// Maximum number of steps of a history.
 pub const MOST_STEPS: usize = 100_000;
 
-/// How tissue answers.
+/// Tissue model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Model {
     /// Linear elastic: one solution for all loads.
     #[default]
     Linear,
-    /// Stiffer above a knee of strain: `knee_strain` and `stiffening` of a material, and loads in increments.
+    /// Stiffening above a knee strain: `knee_strain` and `stiffening` of a material, with loads in increments.
     Nonlinear,
-    /// As `nonlinear`, and viscous of a fractional order.
+    /// Stiffening as in `nonlinear`, with viscosity of fractional order.
     Viscoelastic,
 }
 
-/// How a nonlinear problem is solved.
+/// Solver of a nonlinear problem.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SolverSpec {
-    /// Default `newton`.
+    /// Solution scheme. Default `newton`.
     pub scheme: SchemeName,
-    /// The largest force out of balance over the largest force, above 0 and below 1. Euler steps have none. Default 1e-9.
+    /// Convergence tolerance: largest residual force over the largest force, above 0 and below 1. Euler steps have none.
+    /// Default 1e-9.
     pub tolerance: f64,
-    /// Iterations of a step at most (1 to 1000). Default 60.
+    /// Maximum number of iterations of a step (1 to 1000). Default 60.
     pub iterations: u32,
 }
 
@@ -47,15 +48,16 @@ impl Default for SolverSpec {
     }
 }
 
-/// Schemes.
+/// Solution scheme.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SchemeName {
-    /// One solve a step with Kobayashi et al.'s scalar tangent; no iterations: the error falls with `step_s`.
+    /// One solve per step with Kobayashi et al.'s scalar tangent, without iterations: the error falls with
+    /// `step_s`.
     Euler,
-    /// Iterations with a factor that is kept as long as it serves.
+    /// Modified Newton: the factorisation is reused while it converges.
     ModifiedNewton,
-    /// Iterations with the consistent tangent, factored at each.
+    /// Newton: the consistent tangent is factorised in each iteration.
     #[default]
     Newton,
 }
@@ -64,12 +66,13 @@ pub enum SchemeName {
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ViscositySpec {
-    /// Order k of the derivative, 0 (elastic) to 1 (viscous); moduli are in kPa s^k. Default 0.1, porcine liver's.
+    /// Order k of the derivative, 0 (elastic) to 1 (viscous); moduli are in kPa s^k. Default 0.1, that of porcine
+    /// liver.
     pub order: f64,
-    /// What remembers. Default `load-integral`.
+    /// Memory variable. Default `load-integral`.
     #[serde(alias = "law")]
     pub memory: MemoryName,
-    /// How the history is summed up. Default `exponentials`.
+    /// Quadrature of the history. Default `exponentials`.
     pub rule: RuleName,
 }
 
@@ -83,45 +86,45 @@ impl Default for ViscositySpec {
     }
 }
 
-/// What viscoelastic tissue remembers; the two part above the knee.
+/// Memory variable of viscoelastic tissue; the two differ above the knee.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum MemoryName {
-    /// The loads: K(U) U is their integral of order k, that of Kobayashi et al. 2010.
+    /// Memory of the loads: K(U) U is their integral of order k, as in Kobayashi et al. 2010.
     #[default]
     LoadIntegral,
-    /// The rates: K(U) times the derivative of order k of U is the loads.
+    /// Memory of the rates: K(U) times the derivative of order k of U equals the loads.
     Rate,
 }
 
-/// Rules of histories.
+/// Quadrature of the history.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RuleName {
-    /// Product rectangle, first order, that of Kobayashi et al. 2010.
+    /// Product rectangle, first order, as in Kobayashi et al. 2010.
     Rectangle,
     /// Product trapezoid, second order.
     Trapezoid,
-    /// Gruenwald and Letnikov's, for equal steps only.
+    /// Gruenwald-Letnikov, for equal steps only.
     GruenwaldLetnikov,
-    /// The trapezoid with a sum of exponentials, within 1e-9: a step costs the same however long the history.
+    /// Product trapezoid with a sum of exponentials, within 1e-9: constant cost per step however long the history.
     #[default]
     Exponentials,
 }
 
-/// How loads and prescribed displacements go over time.
+/// Time course of loads and prescribed displacements.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HistorySpec {
     /// Times, s: the first 0, ascending.
     pub time_s: Vec<f64>,
-    /// What every load and displacement is multiplied by at these times, linear between. A `[[load]]` or `[[fix]]` may have its own.
+    /// Factors on every load and displacement at these times, linear between. A `[[load]]` or `[[fix]]` may have its own.
     pub factor: Vec<f64>,
-    /// The longest step, s (above 0).
+    /// Longest time step, s (above 0).
     pub step_s: f64,
 }
 
-/// Without a history loads grow from nothing in ten steps.
+/// Without a history, loads grow from zero in ten steps.
 impl Default for HistorySpec {
     fn default() -> Self {
         HistorySpec {
@@ -132,7 +135,7 @@ impl Default for HistorySpec {
     }
 }
 
-/// A moment of a history: its time, and where it lies between the times given.
+/// A moment of a history: its time, and its position between the given times.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Moment {
     pub time_s: f64,
@@ -141,7 +144,7 @@ pub(super) struct Moment {
 }
 
 impl Moment {
-    /// A factor now.
+    /// Factor at this moment.
     pub fn of(&self, factors: &[f64]) -> f64 {
         let (low, high) = (factors[self.after], factors[self.after + 1]);
         low + self.share * (high - low)
@@ -149,7 +152,7 @@ impl Moment {
 }
 
 impl HistorySpec {
-    /// The start, and the end of each step.
+    /// Initial moment, and the end of each step.
     pub(super) fn moments(&self) -> Vec<Moment> {
         let mut moments = vec![Moment {
             time_s: self.time_s[0],
@@ -173,7 +176,7 @@ impl HistorySpec {
     }
 
     fn steps(&self, length: f64) -> usize {
-        // A length that is a whole number of steps but for rounding takes that number.
+        // A length that is a whole number of steps up to rounding takes that number.
         ((length / self.step_s * (1.0 - 1e-12)).ceil() as usize).max(1)
     }
 }
@@ -211,7 +214,7 @@ impl From<MemoryName> for Memory {
 }
 
 impl ViscositySpec {
-    /// The rule, for steps of these moments.
+    /// Quadrature rule for steps between these moments.
     pub(super) fn rule(&self, moments: &[Moment]) -> Rule {
         match self.rule {
             RuleName::Rectangle => Rule::Rectangle,
@@ -220,7 +223,7 @@ impl ViscositySpec {
             RuleName::Exponentials => {
                 let steps = moments.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
                 Rule::Exponentials(Span {
-                    // A hair of slack, for what rounding does to times.
+                    // Slack for rounding of the times.
                     shortest_s: 0.999 * steps.fold(f64::INFINITY, f64::min),
                     longest_s: 1.001 * moments[moments.len() - 1].time_s,
                     ..Span::default()
@@ -231,7 +234,7 @@ impl ViscositySpec {
 }
 
 impl Model {
-    /// As it is written.
+    /// Name of the scheme as written in a file.
     pub const fn name(self) -> &'static str {
         match self {
             Model::Linear => "linear",

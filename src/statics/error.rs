@@ -1,4 +1,4 @@
-//! What can be wrong with a problem file.
+//! Errors of problem files.
 
 use super::file::ProblemFile;
 use super::selection::Odd;
@@ -10,72 +10,72 @@ use crate::mechanics::tissue::nonlinear::creep::CreepError;
 use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening};
 use crate::mechanics::tissue::problem::SolveError;
 
-/// Why a static problem cannot be solved: what is wrong, the key that it is about and where that stands in the file.
+/// Error of a static problem: the cause, the key concerned and its place in the file.
 pub type StaticsError = Fault<Wrong>;
 
-/// What is wrong with a static problem.
+/// Cause of a static problem's error.
 #[derive(Debug, thiserror::Error)]
 pub enum Wrong {
-    /// The file cannot be read, or says what no problem says.
+    /// The file cannot be read or parsed.
     #[error(transparent)]
     Text(#[from] Unreadable),
-    /// The mesh cannot be read.
+    /// The mesh file cannot be read.
     #[error(transparent)]
     Mesh(#[from] MeshFileError),
-    /// The mesh can be read, but not calculated on.
+    /// The mesh can be read, but is unsuitable for computation.
     #[error(transparent)]
     Unusable(#[from] UnusableMesh),
-    /// A material is none.
+    /// A material is invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// A name or number of no region.
+    /// An unknown region name or number.
     #[error(transparent)]
     Region(#[from] NoRegion),
-    /// A node that the mesh does not have.
+    /// A node number outside the mesh.
     #[error("found node {found}; the mesh has {nodes} nodes, numbered from 0")]
     Node {
-        /// The number.
+        /// The node number found.
         found: i64,
-        /// How many there are.
+        /// Number of nodes.
         nodes: usize,
     },
-    /// A number that is none.
+    /// A number that is not finite or outside its range.
     #[error("found {found}; expected {expected}")]
     Number {
-        /// The number.
+        /// The number found.
         found: f64,
-        /// What it should be.
+        /// The expected range.
         expected: &'static str,
     },
-    /// Keys that contradict each other, or do not say enough.
+    /// Keys that contradict each other, or are incomplete.
     #[error("found {found}; expected {expected}")]
     Keys {
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be.
+        /// What was expected.
         expected: String,
     },
     /// The problem has no solution.
     #[error(transparent)]
     Solve(#[from] SolveError),
-    /// A material that stiffens is none.
+    /// The parameters of a stiffening material are invalid.
     #[error(transparent)]
     Stiffening(#[from] InvalidStiffening),
-    /// The mesh makes no body.
+    /// The mesh does not form a valid body.
     #[error(transparent)]
     Body(#[from] InvalidBody),
-    /// A step of the history cannot be made.
+    /// A step of the history failed.
     #[error("at {time_s} s: {cause}")]
     Step {
         /// The end of the step, s.
         time_s: f64,
-        /// Why.
+        /// Cause of the failure.
         cause: CreepError,
     },
 }
 
 impl StaticsError {
-    /// Whether the machine failed rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         match self.problem() {
             Wrong::Text(error) => error.is_machine(),
@@ -91,12 +91,12 @@ impl StaticsError {
 }
 
 impl ProblemFile {
-    /// An error about a key of this file.
+    /// Creates an error about a key of this file.
     pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> StaticsError {
         StaticsError::new(wrong).at_key(key, self.source.as_ref())
     }
 
-    /// As [`ProblemFile::fault`], for keys that contradict each other or do not say enough.
+    /// Creates an error as [`ProblemFile::fault`] does, for keys that contradict each other or are incomplete.
     pub(super) fn wrong_keys(
         &self,
         key: impl Into<String>,
@@ -107,7 +107,7 @@ impl ProblemFile {
         self.fault(key, Wrong::Keys { found, expected })
     }
 
-    /// An error about a choice of nodes or axes.
+    /// Creates an error about a selection of nodes or axes.
     #[allow(clippy::boxed_local, reason = "the boxed error of a result")]
     pub(super) fn odd(&self, odd: Odd) -> StaticsError {
         self.fault(odd.0, odd.1)
@@ -121,7 +121,7 @@ impl ProblemFile {
         }
     }
 
-    /// The same of each component of a vector.
+    /// Checks that each component of a vector is finite and no larger than `most`.
     pub(super) fn vector(
         &self,
         key: &str,

@@ -5,7 +5,7 @@ use crate::mechanics::tissue::nonlinear::Solid;
 /// Symmetric tensors of each element: xx, yy, zz, xy, yz and xz.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fields {
-    /// Strain; shear as components of the tensor, half of the angle.
+    /// Strain; shear as tensor components, half of the engineering shear strain.
     pub strain: Vec<[f64; 6]>,
     /// Stress, kPa.
     pub stress_kpa: Vec<[f64; 6]>,
@@ -16,12 +16,12 @@ fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
 }
 
 impl Fields {
-    /// Those of a body displaced by `displacement`, whose stress is that of `strained`, mm.
+    /// Fields of a body displaced by `displacement`, with the stress due to `strained`, both in mm.
     pub(super) fn of(body: &Solid, displacement: &[f64], strained: &[f64]) -> Fields {
         Self::with(body, displacement, &body.stresses_kpa(displacement, strained))
     }
 
-    /// Those of a displaced body whose stress is known, kPa.
+    /// Fields of a displaced body with known stress, kPa.
     pub(super) fn with(body: &Solid, displacement: &[f64], stress_kpa: &[[[f64; 3]; 3]]) -> Fields {
         Fields {
             strain: body.strains(displacement).into_iter().map(six).collect(),

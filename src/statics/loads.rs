@@ -1,4 +1,4 @@
-//! Loads of a problem as forces on nodes.
+//! Assembly of loads into nodal forces.
 
 use std::collections::BTreeMap;
 
@@ -14,19 +14,19 @@ use crate::mechanics::tissue::problem::Load;
 const STRONGEST: f64 = 1e9;
 /// Largest acceleration, m/s^2.
 const FASTEST: f64 = 1e6;
-/// Newtons per square millimetre in a kilopascal.
+/// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
-/// Newtons that 1 m/s^2 pulls with on 1 mm^3 of 1 kg/m^3.
+/// Weight in newtons of 1 mm^3 of 1 kg/m^3 under 1 m/s^2.
 const NEWTON_PER_MM3: f64 = 1e-9;
 
-/// A force on a node, and the `[[load]]` that it comes from; without one it is weight.
+/// A nodal force, and the index of its `[[load]]`; weight has none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Applied {
     pub load: Load,
     pub table: Option<usize>,
 }
 
-/// All forces, and the area that each `[[load]]` acts on, mm^2 (0 of forces on nodes).
+/// All nodal forces, and the area loaded by each `[[load]]`, mm^2 (0 for nodal forces).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Loads {
     pub forces: Vec<Applied>,
@@ -34,7 +34,7 @@ pub(super) struct Loads {
 }
 
 impl Loads {
-    /// The sum of what a table gives, N; without a table the weight.
+    /// Total force of a table, N; without a table the weight.
     pub fn sum_n(&self, table: Option<usize>) -> [f64; 3] {
         let of = self.forces.iter().filter(|applied| applied.table == table);
         of.fold([0.0; 3], |sum, applied| {
@@ -44,7 +44,7 @@ impl Loads {
 
     fn spread(&mut self, table: usize, faces: &[(Face, f64)], force_n: impl Fn(&Face, f64) -> [f64; 3]) {
         for (face, area) in faces {
-            // A traction that is the same all over a triangle acts on its corners alike.
+            // A uniform traction on a triangle acts equally on its corners.
             let force_n = force_n(face, *area).map(|force| force / 3.0);
             let load = |node| Applied {
                 load: Load { node, force_n },
@@ -56,7 +56,7 @@ impl Loads {
 }
 
 impl ProblemFile {
-    /// All loads.
+    /// Assembles all loads.
     pub(super) fn loads(
         &self,
         mesh: &TetMesh,
@@ -131,7 +131,7 @@ impl ProblemFile {
         }
     }
 
-    /// Faces of the surface whose nodes are all chosen, with the area of each and of all, mm^2.
+    /// Surface faces whose nodes are all selected, with the area of each and the total area, mm^2.
     fn faces(
         &self,
         table: &str,
@@ -160,7 +160,7 @@ impl ProblemFile {
         }
     }
 
-    /// Adds the weight of all tissue, a quarter of each tetrahedron's on each of its corners.
+    /// Adds the weight of all tissue, a quarter of each tetrahedron's weight at each corner.
     fn weight(&self, mesh: &TetMesh, made: &BTreeMap<i32, Made>, loads: &mut Loads) -> Result<(), StaticsError> {
         let Some(gravity) = self.gravity_m_per_s2 else {
             return Ok(());

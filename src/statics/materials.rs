@@ -1,4 +1,4 @@
-//! What the regions of a problem are made of.
+//! Materials of the regions of a problem.
 
 use std::collections::BTreeMap;
 
@@ -13,16 +13,16 @@ use crate::mechanics::tissue::nonlinear::Stiffening;
 /// Largest density, kg/m^3.
 const DENSEST: f64 = 1e6;
 
-/// What an element is made of.
+/// Material of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Made {
     pub law: Stiffening,
-    /// The `[[material]]` that says so.
+    /// Index of its `[[material]]` table.
     pub table: usize,
 }
 
 impl ProblemFile {
-    /// What each region of the mesh is made of.
+    /// Material of each region of the mesh.
     pub(super) fn materials(&self, mesh: &TetMesh, regions: &Regions) -> Result<BTreeMap<i32, Made>, StaticsError> {
         if self.material.is_empty() {
             return Err(self.wrong_keys("material", "no `[[material]]`", "at least one"));

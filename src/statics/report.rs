@@ -1,4 +1,4 @@
-//! What is told of a solution.
+//! Report of a solution.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,50 +9,50 @@ use super::course::Model;
 use super::resolve::{Problem, Solved};
 use super::run::History;
 
-/// The figures of a solved problem, as `insonify solve --json` prints them.
+/// Summary of a solved problem, as `insonify solve --json` prints it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// How tissue answers.
+    /// Tissue model.
     pub model: Model,
     /// Number of nodes.
     pub nodes: usize,
     /// Number of tetrahedra.
     pub elements: usize,
-    /// Normwise backward error of the solution; with a history the largest force out of balance over the largest force, at the end.
+    /// Normwise backward error of the solution; with a history the largest residual force over the largest force, at the end.
     pub residual: f64,
-    /// Displacements of the nodes asked for, in that order, mm.
+    /// Displacements of the requested nodes, in that order, mm.
     pub displacement_mm: Vec<[f64; 3]>,
-    /// Length of the longest displacement of all nodes, mm.
+    /// Largest displacement magnitude of all nodes, mm.
     pub max_displacement_mm: f64,
-    /// Sum of the forces of each `[[load]]`, as it is written, N.
+    /// Total force of each `[[load]]`, as written, N.
     pub load_n: Vec<[f64; 3]>,
-    /// Area of the surface that each `[[load]]` acts on, mm^2; 0 of forces on nodes.
+    /// Surface area loaded by each `[[load]]`, mm^2; 0 for nodal forces.
     pub load_area_mm2: Vec<f64>,
-    /// Weight of all tissue, N, where gravity pulls on it.
+    /// Total weight of the tissue, N, under gravity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub weight_n: Option<[f64; 3]>,
-    /// Forces that each `[[fix]]` puts on the mesh to hold its nodes, in sum, N. What two hold counts for the first.
+    /// Total reaction force of each `[[fix]]` on the mesh, N. A degree of freedom fixed by two counts for the first.
     pub reaction_n: Vec<[f64; 3]>,
-    /// Wall-clock time by phase, and in all.
+    /// Wall-clock time by phase, and in total, s.
     pub seconds: BTreeMap<&'static str, f64>,
-    /// What happened over time, of models with a history.
+    /// Course over time, for models with a history.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub history: Option<History>,
-    /// What is odd about the problem.
+    /// Warnings about the problem.
     pub warnings: Vec<String>,
-    /// Numbers of the nodes asked for.
+    /// Numbers of the requested nodes.
     #[serde(skip)]
     report_nodes: Vec<u32>,
-    /// The node that moves farthest.
+    /// Node with the largest displacement.
     #[serde(skip)]
     farthest: usize,
 }
 
 impl Report {
-    /// The figures of a problem and its solution.
+    /// Creates the report of a problem and its solution.
     ///
     /// # Panics
-    /// If the solution is that of another mesh.
+    /// Panics if the solution belongs to another mesh.
     pub fn new(problem: &Problem, solved: &Solved) -> Report {
         let solution = &solved.solution;
         let length = |u: &[f64; 3]| u.iter().fold(0.0, |a: f64, x| a.hypot(*x));
@@ -153,7 +153,7 @@ fn row(f: &mut fmt::Formatter<'_>, name: &str, vector: &[f64; 3], more: &str) ->
     writeln!(f, "{name:>10} {x:>14.6} {y:>14.6} {z:>14.6}{more}")
 }
 
-/// Rounded to the decimals that are shown, so that nothing shows as a negative zero.
+/// Rounds to the decimals that are shown, so that no negative zero appears.
 fn rounded(x: f64) -> f64 {
     (x * 1e6).round() / 1e6 + 0.0
 }

@@ -1,4 +1,4 @@
-//! From a problem file to a problem, and to its solution.
+//! Resolution of a problem file to a static problem, and its solution.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -20,35 +20,35 @@ use crate::mechanics::tissue::material::Materials;
 use crate::mechanics::tissue::problem::{Fix, Solution, SolveError, StaticProblem};
 use crate::mechanics::tissue::rigid::RigidError;
 
-/// Farthest displacement, mm.
+/// Largest displacement, mm.
 const FARTHEST: f64 = 1e6;
 
-/// A static problem whose mesh is read and whose nodes are picked.
+/// A static problem with its mesh read and its nodes selected.
 #[derive(Clone, Debug)]
 pub struct Problem {
     pub(super) file: ProblemFile,
     mesh: TetMesh,
     regions: Regions,
-    /// What each region is made of.
+    /// Material of each region.
     pub(super) made: BTreeMap<i32, Made>,
     pub(super) fixes: Vec<Fix>,
-    /// The `[[fix]]` that each of the fixes stands in.
+    /// Index of the `[[fix]]` of each entry of `fixes`.
     pub(super) tables: Vec<usize>,
     pub(super) loads: Loads,
     report_nodes: Vec<u32>,
-    /// What is odd, though it can be solved.
+    /// Warnings about a solvable problem.
     warnings: Vec<String>,
     read_seconds: f64,
 }
 
-/// A problem's solution, and for models with a history how it came to it.
+/// Solution of a problem, with its history for models that have one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solved {
-    /// The state at the end.
+    /// Final state.
     pub solution: Solution,
-    /// Strain and stress then, where they were asked for.
+    /// Final strain and stress, if requested.
     pub fields: Option<Fields>,
-    /// What led there.
+    /// History up to the final state.
     pub history: Option<History>,
 }
 
@@ -72,7 +72,7 @@ impl Regions {
         Regions(names, known)
     }
 
-    /// A region for a message.
+    /// Describes a region in a message.
     pub fn called(&self, region: i32) -> String {
         match self.0.get(&region) {
             Some(name) => format!("region {region} \"{name}\""),
@@ -82,10 +82,11 @@ impl Regions {
 }
 
 impl ProblemFile {
-    /// Reads the mesh, picks the nodes and checks every number. Relative paths start at `base_dir`, the folder of the file.
+    /// Reads the mesh, selects the nodes and checks every number. Relative paths start at `base_dir`, the folder of the
+    /// file.
     ///
     /// # Errors
-    /// [`StaticsError`], with the key and its place in the file.
+    /// [`StaticsError`] with the key and its place in the file.
     pub fn resolve(self, base_dir: &Path) -> Result<Problem, StaticsError> {
         let started = Instant::now();
         let mut warnings = self.source.as_ref().map_or_else(Vec::new, |source| source.renamed());
@@ -124,7 +125,7 @@ impl ProblemFile {
         })
     }
 
-    /// The numbers of the regions that a name means.
+    /// Numbers of the regions that match a name.
     pub(super) fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, StaticsError> {
         regions.1.find(name).map_err(|error| {
             let help = error.help();
@@ -132,7 +133,7 @@ impl ProblemFile {
         })
     }
 
-    /// The same of the `region` of a table, if it has one.
+    /// Numbers of the regions that match the `region` key of a table, if it has one.
     pub(super) fn chosen(
         &self,
         table: &str,
@@ -143,7 +144,7 @@ impl ProblemFile {
         numbers.transpose()
     }
 
-    /// Fixes, and the table that each comes from.
+    /// Fixes, and the index of the table of each.
     fn fixes(
         &self,
         mesh: &TetMesh,
@@ -183,7 +184,7 @@ impl ProblemFile {
     }
 }
 
-/// What may surprise about a mesh file that can be read.
+/// Warnings about the contents of a mesh file.
 fn odd_in_file(name: &Path, read: &MeshFile) -> Vec<String> {
     let left_out = read.displacements.as_ref().map(|_| {
         format!(
@@ -194,7 +195,7 @@ fn odd_in_file(name: &Path, read: &MeshFile) -> Vec<String> {
     read.warnings.iter().cloned().chain(left_out).collect()
 }
 
-/// What may surprise about a mesh that can be calculated on.
+/// Warnings about the quality of a mesh.
 fn odd_in_mesh(quality: &Quality) -> Vec<String> {
     let mut odd = Vec::new();
     if let [[first, other], ..] = quality.coincident_nodes[..] {
@@ -213,31 +214,31 @@ fn odd_in_mesh(quality: &Quality) -> Vec<String> {
 }
 
 impl Problem {
-    /// The mesh.
+    /// Mesh of the problem.
     pub fn mesh(&self) -> &TetMesh {
         &self.mesh
     }
 
-    /// The nodes whose displacements are reported, in the order asked for.
+    /// Nodes whose displacements are reported, in the order requested.
     pub fn report_nodes(&self) -> &[u32] {
         &self.report_nodes
     }
 
-    /// What is odd about the problem, though it can be solved.
+    /// Warnings about a solvable problem.
     pub fn warnings(&self) -> &[String] {
         &self.warnings
     }
 
-    /// Seconds that reading took.
+    /// Duration of reading the files, s.
     pub fn read_seconds(&self) -> f64 {
         self.read_seconds
     }
 
-    /// Solves it, with strain and stress at the end where `fields` asks for them: of viscoelastic tissue whose loads are remembered
-    /// they take a history of their own.
+    /// Solves the problem, with final strain and stress if `fields` is set: for viscoelastic tissue with a memory of loads they
+    /// need a history of their own.
     ///
     /// # Errors
-    /// [`StaticsError`], with the key that is to blame.
+    /// [`StaticsError`] with the offending key.
     pub fn solve(&self, fields: bool) -> Result<Solved, StaticsError> {
         if self.file.model != Model::Linear {
             return self.run(fields);
@@ -254,12 +255,12 @@ impl Problem {
         })
     }
 
-    /// How tissue answers.
+    /// Tissue model.
     pub fn model(&self) -> Model {
         self.file.model
     }
 
-    /// The solution were tissue linear, loads and displacements as they are written.
+    /// Solution of the linear problem with loads and displacements as written.
     pub(super) fn linear(&self) -> Result<Solution, StaticsError> {
         let problem = StaticProblem {
             mesh: &self.mesh,
@@ -276,24 +277,25 @@ impl Problem {
         Materials::new(None, &materials).map_err(|error| self.blame(error.into()))
     }
 
-    /// The sum of the forces of each `[[load]]`, N.
+    /// Total force of each `[[load]]`, N.
     pub fn load_n(&self) -> Vec<[f64; 3]> {
         (0..self.file.load.len())
             .map(|table| self.loads.sum_n(Some(table)))
             .collect()
     }
 
-    /// The area of the surface that each `[[load]]` acts on, mm^2; 0 of forces on nodes.
+    /// Surface area loaded by each `[[load]]`, mm^2; 0 for nodal forces.
     pub fn load_area_mm2(&self) -> &[f64] {
         &self.loads.area_mm2
     }
 
-    /// The weight of all tissue, N, where gravity pulls on it.
+    /// Total weight of the tissue, N, under gravity.
     pub fn weight_n(&self) -> Option<[f64; 3]> {
         self.file.gravity_m_per_s2.map(|_| self.loads.sum_n(None))
     }
 
-    /// The force that each `[[fix]]` puts on the mesh, in sum, N; what two hold counts for the first.
+    /// Total reaction force of each `[[fix]]` on the mesh, N; a degree of freedom fixed by two counts for the
+    /// first.
     pub fn reactions(&self, solution: &Solution) -> Vec<[f64; 3]> {
         let forces: BTreeMap<(u32, u8), f64> = solution
             .reactions
@@ -303,7 +305,7 @@ impl Problem {
         self.held_by(|node, axis| forces.get(&(node, axis)).copied().unwrap_or(0.0))
     }
 
-    /// The same of any forces on what is held.
+    /// Sums forces on the fixed degrees of freedom for each `[[fix]]`.
     pub(super) fn held_by(&self, force_n: impl Fn(u32, u8) -> f64) -> Vec<[f64; 3]> {
         let mut holder = BTreeMap::new();
         for (fix, table) in self.fixes.iter().zip(&self.tables) {
@@ -316,7 +318,7 @@ impl Problem {
         sums
     }
 
-    /// The error with the key that it is about.
+    /// Attaches the key concerned to an error.
     fn blame(&self, error: SolveError) -> StaticsError {
         let key = match &error {
             SolveError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
@@ -324,7 +326,7 @@ impl Problem {
             SolveError::Assembly(_) | SolveError::Rigid(RigidError::LooseNodes { .. }) => "mesh".to_owned(),
             // Displacements and forces are within bounds.
             SolveError::Materials(_) | SolveError::Overflow => "material".to_owned(),
-            // Numbers of nodes and axes are right here; what is left concerns all of the problem.
+            // Node and axis numbers are valid here; the remaining errors concern the problem as a whole.
             _ => return StaticsError::new(Wrong::Solve(error)),
         };
         match error {
@@ -337,7 +339,7 @@ impl Problem {
         }
     }
 
-    /// The fix that gives a displacement another value than one before it.
+    /// Key of the fix that gives a displacement a value different from an earlier one.
     fn contradicting(&self, node: u32, axis: u8) -> String {
         let same = self.fixes.iter().zip(&self.tables);
         let mut given = same.filter(|(fix, _)| (fix.node, fix.axis) == (node, axis));

@@ -1,4 +1,4 @@
-//! Problems with a history, step by step.
+//! Time stepping of problems with a history.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -15,25 +15,26 @@ use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Structu
 use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution, SolveError};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 
-/// What happened over time: an entry a moment, the start first.
+/// Course of a solution over time: one entry per moment, starting with the initial state.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct History {
     /// Times, s.
     pub time_s: Vec<f64>,
-    /// Displacements of the nodes asked for, in that order, mm.
+    /// Displacements of the requested nodes, in that order, mm.
     pub displacement_mm: Vec<Vec<[f64; 3]>>,
-    /// Forces that each `[[fix]]` puts on the mesh, N.
+    /// Total reaction force of each `[[fix]]` on the mesh, N.
     pub reaction_n: Vec<Vec<[f64; 3]>>,
-    /// Iterations of the step that ends there.
+    /// Iterations of the step that ends at each moment.
     pub iterations: Vec<usize>,
-    /// Factorisations of that step.
+    /// Factorisations of the step that ends at each moment.
     pub factorisations: Vec<usize>,
-    /// The largest force out of balance over the largest force.
+    /// Largest residual force over the largest force.
     pub residual: Vec<f64>,
 }
 
 impl History {
-    /// A table: a row a moment, with the displacements of `report_nodes` and what the fixes hold.
+    /// CSV table: one row per moment, with the displacements of `report_nodes` and the reaction forces of the
+    /// fixes.
     pub fn csv(&self, report_nodes: &[u32]) -> String {
         let axes = |name: String, unit: &str| ["x", "y", "z"].map(|axis| format!(",{name}_{axis}_{unit}")).concat();
         let fixes = self.reaction_n.first().map_or(0, Vec::len);
@@ -55,13 +56,13 @@ impl History {
 }
 
 impl Problem {
-    /// Solves a problem with a history: its state at the end, and what led there.
+    /// Solves a problem with a history; returns the final state and the course up to it.
     ///
     /// # Errors
-    /// [`StaticsError`], with the key that is to blame and the time that was come to.
+    /// [`StaticsError`] with the offending key and the time reached.
     pub(super) fn run(&self, fields: bool) -> Result<Solved, StaticsError> {
         let started = Instant::now();
-        // The linear problem at full loads meets every fault that is not one of the history.
+        // The linear problem at full load detects every error except those of the history.
         let linear = self.linear()?;
         let course = self.file.course();
         let moments = course.moments();
@@ -142,7 +143,7 @@ impl Problem {
         })
     }
 
-    /// The body of the mesh, with what the materials say of its regions.
+    /// Body of the mesh, with the constitutive laws of its regions.
     pub(super) fn body(&self) -> Result<Solid, StaticsError> {
         // Every region has a material.
         let laws = self.mesh().regions().iter().filter_map(|region| self.made.get(region));
@@ -150,7 +151,8 @@ impl Problem {
         Body::tetrahedra(self.mesh(), &laws).map_err(|error| self.file.fault("mesh", error))
     }
 
-    /// Displacements that several tables prescribe must agree all the time, and start at 0 where tissue is viscous.
+    /// Checks that displacements prescribed by several tables agree at all times, and start at 0 for viscous
+    /// tissue.
     fn check_held(&self) -> Result<(), StaticsError> {
         let course = self.file.course();
         let mut given: BTreeMap<(u32, u8), Vec<f64>> = BTreeMap::new();

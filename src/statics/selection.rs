@@ -1,27 +1,26 @@
-//! Which nodes a fix or a load means.
+//! Selection of nodes and axes by a fix or a load.
 
 use super::error::Wrong;
 use crate::mechanics::mesh::TetMesh;
 
-/// What is wrong with a choice of nodes or axes, and the key that it is about.
+/// An invalid selection of nodes or axes, with the key concerned.
 pub(crate) type Odd = Box<(String, Wrong)>;
 
 pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 
-/// What a table says of the nodes that it means: some by number, or all within a box, of regions and on the surface, as far as it
-/// says so.
+/// Node selection of a table: by number, or as the intersection of a box, regions and the surface, where given.
 #[derive(Debug)]
 pub(crate) struct Choice<'a> {
     pub nodes: Option<&'a [i64]>,
     pub box_mm: Option<&'a [[f64; 3]; 2]>,
     /// Numbers of regions.
     pub regions: Option<&'a [i32]>,
-    /// Of the surface of the mesh, or of these regions where they lie on it.
+    /// Whether only nodes of the mesh surface are selected, or of the part of it in these regions.
     pub surface: bool,
 }
 
 impl Choice<'_> {
-    /// The nodes, ascending unless by number; `table` is the key of the table.
+    /// Selected nodes, ascending unless by number; `table` is the key of the table.
     pub fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, Odd> {
         let others = self.box_mm.is_some() || self.regions.is_some() || self.surface;
         let expected = "`nodes`, or some of `box_mm`, `region` and `surface`";
@@ -72,13 +71,13 @@ impl Choice<'_> {
     }
 }
 
-/// The axes (0 to 2) that letters name.
+/// Parses letters into axes (0 to 2).
 pub(crate) fn axes(table: &str, letters: &str) -> Result<Vec<u8>, Odd> {
     let place = |letter: char| AXES.iter().position(|axis| *axis == letter).map(|axis| axis as u8);
     let mut axes: Vec<u8> = letters.chars().filter_map(place).collect();
     axes.sort_unstable();
     axes.dedup();
-    // No letter that is none, and none twice.
+    // Unknown and repeated letters are refused.
     if axes.is_empty() || axes.len() != letters.chars().count() {
         let expected = "some of the letters x, y and z, each once, such as \"xyz\" or \"z\"";
         return Err(keys(format!("{table}.axes"), format!("\"{letters}\""), expected));
@@ -99,7 +98,7 @@ pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, 
     nodes.iter().enumerate().map(check).collect()
 }
 
-/// The corners of a box, least and greatest.
+/// Minimum and maximum corners of a box.
 pub(crate) fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], Odd> {
     if let Some((at, found)) = first(corners.as_flattened(), |x| x.is_nan()) {
         let expected = "a coordinate, mm, or `inf` for an open side";
@@ -118,7 +117,7 @@ fn first(numbers: &[f64], wrong: impl Fn(f64) -> bool) -> Option<(usize, f64)> {
     numbers.iter().copied().enumerate().find(|(_, number)| wrong(*number))
 }
 
-/// Where nodes are, in words.
+/// Describes the bounding box of nodes.
 fn extent(positions: impl Iterator<Item = [f64; 3]>) -> String {
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for position in positions {

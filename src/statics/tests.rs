@@ -1,5 +1,6 @@
 use std::path::Path;
 
+use super::file::MaterialSpec;
 use super::*;
 use crate::document::RegionName;
 use crate::mechanics::mesh::TetMesh;
@@ -19,7 +20,7 @@ nodes = [35]
 node_force_n = [0, 0, 0.001]
 "#;
 
-/// A folder with a block of 36 nodes in region 0, over 3 x 2 x 2 mm.
+/// Folder with a block of 36 nodes in region 0, over 3 x 2 x 2 mm.
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let mesh = TetMesh::over_box([0.0; 3], [3.0, 2.0, 2.0], 36).unwrap();
@@ -34,7 +35,7 @@ fn solve(text: &str) -> Result<Report, StaticsError> {
     Ok(Report::new(&problem, &solution))
 }
 
-/// Key, line and text of the error.
+/// Key, line and text of an error.
 fn failure(text: &str) -> (Option<String>, Option<usize>, String) {
     let error = solve(text).unwrap_err();
     assert!(!error.is_machine(), "{error}");
@@ -106,7 +107,7 @@ fn reactions_are_those_of_each_fix() {
     };
     assert!(tip[2] < 0.0 && (tip[0], tip[1]) == (0.0, 0.0));
     assert!((floor[2] + tip[2] + 0.001).abs() < 1e-12, "{report:?}");
-    // A second fix of the same nodes holds nothing more.
+    // A second fix of the same nodes adds nothing.
     let again = format!("{GOOD}[[fix]]\nbox_mm = [[-1, -1, 0], [9, 9, 0]]\n");
     assert_eq!(solve(&again).unwrap().reaction_n[1], [0.0; 3]);
 }

@@ -1,5 +1,5 @@
-//! Labelled volumes with closed forms, for measurements and tests. World millimetres; a probe at the identity pose looks from the origin
-//! along +y.
+//! Labelled volumes with closed-form geometry, for measurements and tests. World coordinates are in mm; a probe at the identity pose looks
+//! from the origin along +y.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -20,15 +20,15 @@ pub struct Acoustics {
     pub echo_db: f64,
     /// One-way attenuation, dB/cm/MHz.
     pub attenuation_db_cm_mhz: f64,
-    /// Occlusion per mm (0 to 1).
+    /// Occlusion per mm, 0 to 1.
     pub occlusion_per_mm: f64,
     /// Acoustic impedance, MRayl.
     pub impedance_mrayl: f64,
-    /// Name of a texture.
+    /// Name of the texture, if any.
     pub texture: Option<&'static str>,
 }
 
-/// An echo of 0 dB and nothing else.
+/// Acoustics with an echo of 0 dB and no other property.
 pub const PLAIN: Acoustics = Acoustics {
     echo_db: 0.0,
     attenuation_db_cm_mhz: 0.0,
@@ -37,7 +37,7 @@ pub const PLAIN: Acoustics = Acoustics {
     texture: None,
 };
 
-/// Nothing comes back from it.
+/// Acoustics of a label that returns no echo (-200 dB).
 pub const SILENT: Acoustics = Acoustics {
     echo_db: -200.0,
     ..PLAIN
@@ -57,17 +57,17 @@ fn tissue(index: usize, acoustics: Acoustics) -> Tissue {
     }
 }
 
-/// Where the voxels of a volume lie.
+/// Voxel grid of a volume.
 #[derive(Clone, Copy, Debug)]
 pub struct Frame {
     /// Voxels along each axis, 1 or more.
     pub size: [usize; 3],
-    /// Voxel index to world, mm.
+    /// Transform from voxel index to world, mm.
     pub index_to_world: Matrix4<f64>,
 }
 
 impl Frame {
-    /// Voxels of one side length whose box is centred at `centre`.
+    /// Creates a grid with equal spacing along all axes (mm), centred at `centre`.
     pub fn around(centre: [f64; 3], size: [usize; 3], spacing: f64) -> Self {
         let mut index_to_world = Matrix4::from_diagonal_element(spacing);
         index_to_world[(3, 3)] = 1.0;
@@ -77,7 +77,7 @@ impl Frame {
         Self { size, index_to_world }
     }
 
-    /// The same box turned about its centre, with axes of different spacing.
+    /// Returns the grid turned about its centre, with a different spacing along each axis.
     pub fn oblique(self) -> Self {
         let middle = self.size.map(|n| (n as f64 - 1.0) / 2.0);
         let centre = self.index_to_world.transform_point(&middle.into());
@@ -95,13 +95,14 @@ impl Frame {
         Self { index_to_world, ..self }
     }
 
-    /// The same voxels, stretched about the origin of the world along its axes.
+    /// Returns the grid scaled by `factors` along the world axes, about the world origin.
     pub fn stretched(self, factors: [f64; 3]) -> Self {
         let index_to_world = Matrix4::new_nonuniform_scaling(&Vector3::from(factors)) * self.index_to_world;
         Self { index_to_world, ..self }
     }
 
-    /// World box that holds every voxel, mm.
+    /// Returns the world bounding box of all voxels, mm.
+    #[cfg(feature = "internals")]
     pub fn bounds(&self) -> [[f64; 3]; 2] {
         let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
         for corner in 0..8usize {
@@ -116,7 +117,7 @@ impl Frame {
     }
 }
 
-/// An anatomy whose label at each voxel is `label(world position of its centre)`; label 0 is the background, and label `i`
+/// Creates an anatomy whose label at each voxel is `label(world position of the voxel's centre)`; label 0 is the background, and label `i`
 /// has the acoustics `tissues[i]`.
 ///
 /// # Panics
@@ -157,7 +158,7 @@ pub fn of(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]) -> u8) -
     }
 }
 
-/// One tissue all over, far beyond any beam of these tests.
+/// Creates a single tissue that extends far beyond any beam used here.
 pub fn uniform(acoustics: Acoustics) -> Anatomy {
     of(
         Frame::around([0.0, 60.0, 0.0], [4, 4, 4], 100.0),
@@ -166,14 +167,14 @@ pub fn uniform(acoustics: Acoustics) -> Anatomy {
     )
 }
 
-/// Slabs across y: label `i + 1` starts at `depths[i]`, mm; above the first is the background.
+/// Creates slabs perpendicular to y: label `i + 1` starts at `depths[i]` (mm), and label 0 lies above the first.
 pub fn layers(frame: Frame, depths: &[f64], tissues: &[Acoustics]) -> Anatomy {
     of(frame, tissues, |p| {
         depths.iter().filter(|&&depth| p[1] >= depth).count() as u8
     })
 }
 
-/// A ball of label 2 in a box of label 1.
+/// Creates a ball of label 2 in a box of label 1.
 pub fn ball(frame: Frame, centre: [f64; 3], radius: f64, tissues: &[Acoustics]) -> Anatomy {
     of(frame, tissues, |p| {
         let square: f64 = (0..3).map(|axis| (p[axis] - centre[axis]).powi(2)).sum();
@@ -181,10 +182,10 @@ pub fn ball(frame: Frame, centre: [f64; 3], radius: f64, tissues: &[Acoustics]) 
     })
 }
 
-/// Labels drawn anew at every voxel, so that every sample is near some boundary.
+/// Draws a random label for every voxel, so that every sample lies near a boundary.
 ///
 /// # Panics
-/// As [`of`].
+/// If the frame is empty or singular.
 pub fn random(frame: Frame, tissues: &[Acoustics], seed: u32) -> Anatomy {
     let to_index = frame.index_to_world.try_inverse().expect("an invertible frame");
     of(frame, tissues, |p| {
@@ -194,10 +195,10 @@ pub fn random(frame: Frame, tissues: &[Acoustics], seed: u32) -> Anatomy {
     })
 }
 
-/// A texture of hashed amplitudes with axes of different length and spacing.
+/// Creates a texture of hashed amplitudes whose axes differ in length and spacing.
 ///
 /// # Panics
-/// Never: its amplitudes are above zero.
+/// Never: all amplitudes are above zero.
 pub fn hashed_texture() -> Arc<SolidTexture> {
     let size = [9, 8, 7];
     let data = (0..size.iter().product::<usize>())
@@ -206,7 +207,7 @@ pub fn hashed_texture() -> Arc<SolidTexture> {
     Arc::new(SolidTexture::new(size, [1.1, 0.9, 1.4], data).expect("a texture"))
 }
 
-/// Gives an anatomy a mesh of about `nodes` nodes over a box, mm.
+/// Adds a mesh of about `nodes` nodes over a box (mm) to an anatomy.
 ///
 /// # Panics
 /// If the box is empty.

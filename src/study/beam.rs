@@ -1,5 +1,5 @@
-//! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a steel
-//! needle of 1 mm in a phantom and in porcine muscle, beside this program's values.
+//! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a 1 mm steel needle in a phantom and in
+//! porcine muscle, beside the values computed here.
 
 use super::machine::Machine;
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
@@ -7,29 +7,29 @@ use crate::mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
-/// Length of the tissue before compression, mm: assumed, for Wang et al. 2023 do not say its own.
+/// Length of the tissue before compression, mm. An assumption: Wang et al. 2023 do not state it.
 pub const INITIAL_LENGTH_MM: f64 = 50.0;
-/// Displacements of the base, mm: Wang et al.'s stage moves as far to either side, which gives the same centres.
+/// Displacements of the base, mm. Wang et al.'s stage also moves as far to the other side, which gives the same centres.
 pub const DISPLACEMENTS_MM: [f64; 6] = [2.5, 5.0, 7.5, 10.0, 12.5, 15.0];
 /// Inserted depths, mm.
 pub const DEPTHS_MM: [f64; 3] = [20.0, 40.0, 60.0];
 /// Distances from the base to the entry, mm.
 pub const CONTROLS_MM: [f64; 2] = [20.0, 40.0];
-/// Wang et al.'s elements, mm.
+/// Element length used by Wang et al., mm.
 pub const ELEMENT_MM: f64 = 1.0;
 
-/// A tissue of Wang et al. 2023.
+/// Tissue of Wang et al. 2023.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tissue {
-    /// Its name there.
+    /// Name used in the paper.
     pub name: &'static str,
-    /// Its material.
+    /// Hyperelastic material.
     pub material: Material,
-    /// The compression model that suits it best there.
+    /// Compression model that fits the tissue best in the paper.
     pub compression: Compression,
 }
 
-/// Phantom and porcine muscle.
+/// PVC phantom and porcine muscle.
 pub const TISSUES: [Tissue; 2] = [
     Tissue {
         name: "PVC",
@@ -49,7 +49,7 @@ pub const TISSUES: [Tissue; 2] = [
     },
 ];
 
-/// By tissue, control distance and inserted depth: RCM and COM as measured, COM as simulated; mm below the entry.
+/// Published RCM measured, COM measured and COM simulated, mm below the entry, indexed by tissue, control distance and inserted depth.
 const PUBLISHED: [[[[f64; 3]; 3]; 2]; 2] = [
     [
         [[9.7, 10.3, 11.3], [10.9, 24.3, 21.3], [9.0, 31.1, 25.9]],
@@ -61,7 +61,7 @@ const PUBLISHED: [[[[f64; 3]; 3]; 2]; 2] = [
     ],
 ];
 
-/// Wang et al.'s needle in one layer.
+/// Returns the beam problem of Wang et al.'s needle in one layer of tissue.
 pub fn problem(
     material: Material,
     compression: Compression,
@@ -93,10 +93,10 @@ const fn axis(key: &'static str, heading: &'static str, label: &'static str) -> 
     }
 }
 
-/// Regenerates the table: driven with the published mean RCM, where is the COM; and which RCM does a base take that turns freely?
+/// Reproduces the table: the COM of a base driven with the published mean RCM, and the RCM of a base that is free to rotate.
 ///
 /// # Errors
-/// [`BeamError`] of a needle without a shape.
+/// [`BeamError`] if a needle shape cannot be solved.
 pub fn table_one() -> Result<Study, BeamError> {
     let factor = |key, label| Factor { key, label };
     let factors = [
@@ -185,7 +185,7 @@ pub fn table_one() -> Result<Study, BeamError> {
     })
 }
 
-/// Mean COM with a prescribed RCM, mean RCM of a free base; mm.
+/// Returns the mean COM for a prescribed RCM and the mean RCM of a free base, mm.
 fn centres(problem: &Problem, rcm: f64) -> Result<[f64; 2], BeamError> {
     let mut beam = FoundationBeam::new(problem)?;
     let (mut com, mut natural) = (0.0, 0.0);

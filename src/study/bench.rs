@@ -1,10 +1,9 @@
-//! Benchmarks: what a frame costs on a backend, pass by pass, and how the cost falls as effects are taken away.
+//! Benchmarks: cost of a frame on a backend, pass by pass, and its fall as effects are removed.
 //!
-//! Whole frames are timed by wall clock with the measurement of passes off, as a simulator would run them; passes are
-//! timed in further frames, on the GPU by timestamps where the device offers them. Timestamps of neighbouring passes may
-//! overlap, so the passes need not add up to the frame.
+//! Frames are timed by wall clock with pass timing off, as in a simulator. Passes are timed on separate frames, on the GPU by timestamps
+//! where the device offers them. Timestamps of neighbouring passes may overlap, so pass times need not add up to the frame time.
 //!
-//! [`compare`] sets GPU against CPU over sizes, and measures what each effect costs alone and in company.
+//! [`compare`] compares GPU and CPU over image sizes, and measures the cost of each effect alone and combined with the others.
 
 pub mod compare;
 mod report;
@@ -18,18 +17,18 @@ use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 pub use super::spread::Spread;
 pub use report::{BackendReport, BenchReport, PassSpread, Rung};
 
-/// How long to measure.
+/// Duration of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BenchOptions {
-    /// Frames of each measurement (1 or more).
+    /// Frames per measurement, 1 or more.
     pub frames: usize,
-    /// Frames rendered and forgotten before each measurement: caches fill, clocks rise, drivers finish compiling.
+    /// Frames rendered and discarded before each measurement, while caches fill, clocks rise and drivers finish compiling.
     pub warm_up: usize,
-    /// A measurement ends early when it has taken this long and has [`LEAST_FRAMES`] frames.
+    /// Time after which a measurement ends early, provided that it has [`LEAST_FRAMES`] frames.
     pub patience: Duration,
 }
 
-/// Frames that a measurement has at least, unless fewer are asked for.
+/// Minimum number of frames per measurement, unless fewer are requested.
 pub const LEAST_FRAMES: usize = 5;
 
 impl Default for BenchOptions {
@@ -42,13 +41,13 @@ impl Default for BenchOptions {
     }
 }
 
-/// A backend to measure.
+/// Backend to be measured.
 pub enum Contender {
     /// The CPU in single precision.
     Cpu,
     /// The CPU in double precision.
     CpuF64,
-    /// An opened GPU.
+    /// An open GPU.
     Gpu(Box<Gpu>),
 }
 
@@ -61,7 +60,7 @@ impl Contender {
         }
     }
 
-    /// Name of the adapter; none on the CPU.
+    /// Returns the name of the adapter; `None` on the CPU.
     pub fn adapter(&self) -> Option<&str> {
         match self {
             Self::Gpu(gpu) => Some(&gpu.report().name),
@@ -70,7 +69,7 @@ impl Contender {
     }
 }
 
-/// Measures one backend on a scene; frames go through `states` again and again, and there must be at least one.
+/// Measures one backend on a scene. The frames cycle through `states`, which must not be empty.
 pub fn bench(
     anatomy: &Anatomy,
     settings: &Settings,
@@ -108,7 +107,7 @@ struct Clock<'a> {
 }
 
 impl Clock<'_> {
-    /// Calls `work` for frame after frame, some of them unmeasured, and returns what `measure` made of each.
+    /// Calls `work` for one frame after another and returns its results, those of warm-up frames excluded.
     fn repeat<T>(&self, mut work: impl FnMut(&FrameState) -> Result<T, SynthError>) -> Result<Vec<T>, SynthError> {
         let mut states = self.states.iter().cycle();
         for state in states.by_ref().take(self.options.warm_up) {
@@ -204,13 +203,13 @@ impl Clock<'_> {
     }
 }
 
-/// An effect that a frame can do without, and how to take it away.
+/// Removable effect of a frame.
 struct Removal {
     effect: &'static str,
     take: fn(&mut Settings),
 }
 
-/// What is taken away, from the last stage of a frame to the first.
+/// Effects in the order of removal, from the last stage of a frame to the first.
 const REMOVALS: &[Removal] = &[
     Removal {
         effect: "noise",

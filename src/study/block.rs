@@ -1,6 +1,6 @@
-//! What studies put needles into: a block of tissue that stands on a table, and a hand that moves the needle.
+//! Block of tissue on a table, and the needles that the studies insert into it.
 //!
-//! The block reaches from the origin to its extents (mm); the needle goes along z from the skin at z = 0; the far end is held.
+//! The block reaches from the origin to its extents (mm). The needle moves along z from the skin at z = 0; the far end is fixed.
 
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -11,7 +11,7 @@ use crate::mechanics::needle::{Bevel, Cantilever, InvalidNeedleModel, Needle, Ri
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
-/// Tissue that grips, resists cutting, and has a skin.
+/// Interaction of a tissue with friction, cutting resistance and a skin.
 pub const USUAL: Interaction = Interaction {
     friction_n_per_mm: 0.02,
     static_ratio: 1.0,
@@ -22,17 +22,17 @@ pub const USUAL: Interaction = Interaction {
     critical: false,
 };
 
-/// A bevel as of a brachytherapy needle, over 10 mm in place of the usual [`BEVEL_MM`](crate::mechanics::needle::BEVEL_MM): the block
-/// is little deeper than a needle goes, and figures of studies stay comparable.
+/// Bevel of a brachytherapy needle, 10 mm long instead of the default [`BEVEL_MM`](crate::mechanics::needle::BEVEL_MM): the block is hardly
+/// deeper than the insertions, and the figures of the studies stay comparable.
 pub const BEVEL: Bevel = Bevel {
     r_mm: 0.6,
     length_mm: 10.0,
 };
 
-/// Length of the links of a needle of springs in Goksel et al. 2011, mm.
+/// Link length of the angular-spring needle of Goksel et al. 2011, mm.
 pub const LINK_MM: f64 = 10.0;
 
-/// Cells that mirror each other over a block, one region 0: planes between them are planes of symmetry.
+/// Meshes a block with mirrored cells, all of region 0, so that planes between cells are planes of symmetry.
 ///
 /// # Errors
 /// [`InvalidMesh`].
@@ -40,7 +40,7 @@ pub fn mirrored(extent: [f64; 3], cell_mm: f64) -> Result<TetMesh, InvalidMesh> 
     TetMesh::mirrored_lattice(cells(extent, cell_mm), &scaling(extent))
 }
 
-/// Equal cells over a block.
+/// Meshes a block with identical cells.
 ///
 /// # Errors
 /// [`InvalidMesh`].
@@ -56,7 +56,7 @@ fn scaling(extent: [f64; 3]) -> Matrix4<f64> {
     Matrix4::new_nonuniform_scaling(&Vector3::from(extent))
 }
 
-/// Tissue of one material, held at its far end along z, without a probe: exact condensed level.
+/// Sets up tissue of one material, fixed at its far end along z, at the exact condensed level and without a probe.
 pub fn on_table(mesh: TetMesh, material: Material, interaction: Interaction, needle: Box<dyn Needle>) -> Setup {
     let end = mesh.bounds()[1][2];
     let held = (0..).zip(mesh.nodes()).filter(|(_, p)| p[2] == end);
@@ -74,7 +74,7 @@ pub fn on_table(mesh: TetMesh, material: Material, interaction: Interaction, nee
     }
 }
 
-/// A needle of the usual shaft that nothing bends.
+/// Creates a rigid needle with the default shaft.
 ///
 /// # Errors
 /// [`InvalidNeedleModel`].
@@ -82,7 +82,7 @@ pub fn rigid() -> Result<Box<dyn Needle>, InvalidNeedleModel> {
     Ok(Box::new(Rigid::new(Shaft::default(), None)?))
 }
 
-/// A needle of angular springs.
+/// Creates a needle of angular springs.
 ///
 /// # Errors
 /// [`InvalidNeedleModel`].
@@ -95,7 +95,7 @@ pub fn springs(stiffness: Stiffness, link_mm: f64, bevel: Bevel) -> Result<Box<d
     )?))
 }
 
-/// A needle that is a beam.
+/// Creates a beam needle.
 ///
 /// # Errors
 /// [`InvalidNeedleModel`].
@@ -108,7 +108,7 @@ pub fn beam(stiffness: Stiffness, element_mm: f64, bevel: Bevel) -> Result<Box<d
     )?))
 }
 
-/// A needle of the usual shaft along z, whose tip would be at `tip` (mm) if nothing bent it.
+/// Places a needle with the default shaft along z so that its undeformed tip is at `tip`, mm.
 pub fn tip_at(tip: [f64; 3]) -> Instruments {
     let base = Translation3::new(tip[0], tip[1], tip[2] - Shaft::default().length_mm);
     Instruments {
@@ -119,7 +119,7 @@ pub fn tip_at(tip: [f64; 3]) -> Instruments {
     }
 }
 
-/// The same through a hole of a template, 5 mm before the skin.
+/// Places a needle like [`tip_at`], guided by a template hole 5 mm above the skin.
 pub fn guided(tip: [f64; 3]) -> Instruments {
     Instruments {
         guide: Some(Point3::new(tip[0], tip[1], -5.0)),

@@ -1,25 +1,25 @@
-//! Fractional integrals in closed form, which histories are measured against.
+//! Closed-form fractional integrals, the reference for strain histories.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use libm::tgamma;
 
-/// The integral of order `k` (0 to 1) of `t^p`, `p` from 0 on.
+/// Returns the fractional integral of order `k` (0 to 1) of `t^p`, for `p` of 0 or more.
 pub(super) fn of_power(k: f64, p: f64, t: f64) -> f64 {
     tgamma(1.0 + p) / tgamma(1.0 + p + k) * t.powf(p + k)
 }
 
-/// The integral of order `k` (0 to 1) of `sin(w t)`.
+/// Returns the fractional integral of order `k` (0 to 1) of `sin(w t)`.
 pub(super) fn of_sine(k: f64, w: f64, t: f64) -> f64 {
     if w * t <= 1.0 {
         return sine_series(k, w, t);
     }
-    // The steady wave, and what is left of the start.
+    // The steady-state wave plus the starting transient.
     let steady = (w * t - k * FRAC_PI_2).sin();
     w.powf(-k) * (steady + start_of_sine(k, w * t))
 }
 
-/// By its power series, for small `w t`, where wave and start all but cancel.
+/// Sums the power series, for small `w t`, where the wave and the transient almost cancel.
 fn sine_series(k: f64, w: f64, t: f64) -> f64 {
     let term = |m: i32| {
         let n = 2.0 * f64::from(m) + 1.0;
@@ -28,8 +28,8 @@ fn sine_series(k: f64, w: f64, t: f64) -> f64 {
     t.powf(k) * (0..30).map(term).sum::<f64>()
 }
 
-/// `sin(k pi) / pi` times the integral of `e^(-r x) r^-k / (r^2 + 1)` over r from 0 on. With r = e^v the trapezoidal rule converges
-/// exponentially.
+/// Returns `sin(k pi) / pi` times the integral of `e^(-r x) r^-k / (r^2 + 1)` over r from 0 to infinity. With r = e^v the trapezoidal rule
+/// converges exponentially.
 fn start_of_sine(k: f64, x: f64) -> f64 {
     const STEP: f64 = 0.02;
     const ENDS: i32 = 2000;
@@ -37,14 +37,14 @@ fn start_of_sine(k: f64, x: f64) -> f64 {
         return 0.0;
     }
     if k == 1.0 {
-        // All of the measure has moved to r = 0.
+        // The measure is concentrated at r = 0.
         return 1.0;
     }
     let term = |at: i32| {
         let v = STEP * f64::from(at);
         ((1.0 - k) * v - x * v.exp()).exp() / ((2.0 * v).exp() + 1.0)
     };
-    // To the left of e^-40 nothing but e^((1-k) v) is left: a geometric series.
+    // To the left of e^-40 only e^((1-k) v) remains: a geometric series.
     let slow = (1.0 - k) * STEP;
     let rest = (-slow * f64::from(ENDS + 1)).exp() / -(-slow).exp_m1();
     (k * PI).sin() / PI * STEP * ((-ENDS..=ENDS).map(term).sum::<f64>() + rest)
@@ -57,7 +57,7 @@ mod tests {
     #[test]
     fn the_two_ways_to_a_sine_meet() {
         for k in [0.0, 1e-3, 0.1, 0.5, 0.9, 0.999, 1.0] {
-            // The series loses e^x to rounding.
+            // The series loses a factor e^x to rounding.
             for (w, t) in [(4.0, 0.3), (2.0, 1.0), (3.0, 2.0), (0.05, 100.0)] {
                 let (series, found) = (sine_series(k, w, t), of_sine(k, w, t));
                 assert!(

@@ -1,6 +1,6 @@
-//! What made one pixel: the way from a grey level back to tissue, for people who debug a scene.
+//! Explanation of a single pixel, traced from its grey level back to the tissue, for debugging a scene.
 //!
-//! The passes are run on the CPU in double precision, once up to each of them, and read at the sample nearest to the pixel.
+//! The passes run on the CPU in double precision, up to each pass in turn, and are read at the sample nearest to the pixel.
 
 mod report;
 
@@ -21,10 +21,10 @@ pub use report::{
     TextureReport,
 };
 
-/// Blur weights below this share are left out of reports.
+/// Blur weights below this share are omitted from reports.
 const LEAST_WEIGHT: f64 = 1e-4;
 
-/// Explains a pixel of a frame: `column` and `row` from the near unmarked corner. None beyond the image.
+/// Explains the pixel at `column` and `row`, counted from the near unmarked corner. Returns `None` outside the image.
 pub fn inspect(
     anatomy: &Anatomy,
     settings: &Settings,
@@ -93,7 +93,7 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
     })
 }
 
-/// The value at one sample through the passes of a frame.
+/// Value at one sample after each pass of a frame.
 struct Stages {
     list: Vec<Stage>,
     before_blur: Option<Vec<f64>>,
@@ -133,13 +133,13 @@ impl Stages {
         Ok(stages)
     }
 
-    /// Automatic gain at a sample depth, dB; none without.
+    /// Returns the automatic gain at a sample depth, dB; `None` without automatic gain.
     fn auto_gain_db(&self, tables: &Tables, sample: usize) -> Option<f64> {
         let gains = auto_gain::gains(&AutoGain::of(tables)?, tables.gain.of(), &self.before_tone);
         Some(Tone::DB_PER_OCTAVE * auto_gain::at(&gains, sample, tables.samples()))
     }
 
-    /// The value after an effect over that before it; none without the effect, and where nothing echoes.
+    /// Returns the ratio of the value after an effect to that before it; `None` without the effect or without an echo.
     fn factor_of(&self, effect: &str, synth: &Synthesizer) -> Option<f64> {
         let belongs = |stage: &Stage| {
             let mut passes = synth.plan().passes.iter();
@@ -174,7 +174,7 @@ fn mesh_report(tables: &Tables, state: &FrameState, beam: &Beam, index: usize, w
     })
 }
 
-/// Barycentric coordinates of a point in a tetrahedron; none in one without volume.
+/// Returns the barycentric coordinates of a point in a tetrahedron; `None` for one without volume.
 fn barycentric(corners: [[f64; 3]; 4], point: [f64; 3]) -> Option<[f64; 4]> {
     let column = |p: [f64; 3]| Vector4::new(p[0], p[1], p[2], 1.0);
     let inverse = Matrix4::from_columns(&corners.map(column)).try_inverse()?;
@@ -228,7 +228,7 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
     let shadow = tables.settings.effects.shadow.as_ref();
     let needle_db_mm = shadow.map_or(0.0, |shadow| shadow.needle_db_mm);
     for at in 0..=sample {
-        // A sample sees half of its own loss.
+        // Only half of a sample's own loss lies before its centre.
         let share = if at == sample { 0.5 } else { 1.0 };
         let mm = share * tables.sample_mm();
         let label = beam.label.get(start + at).copied().unwrap_or(0);

@@ -1,4 +1,4 @@
-//! What the CPU backend runs on.
+//! Description of the CPU in use.
 
 use std::fmt;
 use std::num::NonZero;
@@ -7,21 +7,21 @@ use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 
-/// The processor as the CPU backend uses it.
+/// Processor as used by the CPU backend.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Machine {
-    /// Operating system and architecture, such as `linux x86_64`.
+    /// Operating system and architecture, for example `linux x86_64`.
     pub platform: String,
-    /// Threads that the system lets this process run at once.
+    /// Number of threads that the system lets this process run at once.
     pub cores: usize,
-    /// Threads that the passes run on.
+    /// Number of threads that the passes use.
     pub threads: usize,
-    /// The vector registers that the passes run on.
+    /// Vector instruction set that the passes use.
     pub vector: String,
 }
 
 impl Machine {
-    /// This machine.
+    /// Describes this machine.
     pub fn here() -> Self {
         Self {
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
@@ -32,13 +32,13 @@ impl Machine {
     }
 }
 
-/// The date of the clock of this machine in UTC, as `2026-01-31`.
+/// Returns today's date in UTC, as `2026-01-31`.
 pub fn today() -> String {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     date(since.map_or(0, |since| since.as_secs() / 86_400))
 }
 
-/// The date so many days after 1970-01-01, in the Gregorian calendar.
+/// Returns the Gregorian date `days` after 1970-01-01.
 fn date(days: u64) -> String {
     const YEARS_400: u64 = 146_097;
     let leap = |year: u64| year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400));

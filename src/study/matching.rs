@@ -1,15 +1,15 @@
-//! Analysis by synthesis: probe and effects with which frames look like a real one, estimated from that frame alone.
+//! Analysis by synthesis: probe and effects estimated from a single real frame, so that rendered frames resemble it.
 //!
-//! The sector's outline gives the probe ([`outline`]). The frame is resampled to scanlines by samples, and its most uniform windows over depth are
-//! measured: standard deviation of grey levels, widths of the autocorrelation, mean. A uniform phantom is rendered under the same probe, resampled
-//! to the same windows and measured in the same way, and parameters are corrected by the ratios of the figures until these agree: dynamic range
-//! by that of standard deviations, lengths of the point spread by those of widths, the gain at each depth by the difference of means. Then
-//! dark windows are put against those of a phantom that does not echo, for noise and clutter. Whatever a window, a log scale or a blur does to a figure
-//! it does to both sides.
+//! The sector's outline gives the probe ([`outline`]). The frame is resampled to scanlines by samples, and the standard deviation of grey
+//! levels, the widths of the autocorrelation and the mean are measured in its most uniform windows over depth. A uniform phantom is
+//! rendered under the same probe, resampled to the same windows and measured in the same way. Parameters are then corrected by the ratios
+//! of these figures until they agree: dynamic range by that of the standard deviations, lengths of the point spread by that of the widths,
+//! and the gain at each depth by the difference of the means. Finally, dark windows are compared with those of a phantom without echoes,
+//! for noise and clutter. Windowing, log compression and blur affect both sides equally.
 //!
-//! Automatic gain is off and the curve straight: both depend on what is in the frame, and a straight curve is the one under which a spread of grey
-//! levels is a dynamic range. Compensation is twice 0.5 dB/cm/MHz of soft tissue plus what the frame departs from that, so that other tissue keeps
-//! its own loss.
+//! Automatic gain is off and the grey-level curve straight: both depend on the content of the frame, and only under a straight curve does a
+//! spread of grey levels give a dynamic range. Compensation is twice the 0.5 dB/cm/MHz of soft tissue plus the frame's departure from it,
+//! so that other tissue keeps its own loss.
 
 mod bench;
 mod correct;
@@ -31,114 +31,114 @@ use bench::{Bench, WINDOW};
 use model::Model;
 use outline::{Outline, Shape};
 
-/// Rounds of correction at most, before one more with noise and clutter, and the change in all figures below which they end (gain: as many
-/// tenths of a dB).
+/// Maximum number of correction rounds (one more follows with noise and clutter), and the change in all figures below which they stop
+/// (gain: in tenths of a dB).
 const ROUNDS: usize = 6;
 const SETTLED: f64 = 0.02;
 
-/// A figure of the frame.
+/// Parameter estimated from the frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
-    /// Its key in a scene.
+    /// Key in a scene file.
     pub key: &'static str,
-    /// Its unit.
+    /// Unit.
     pub unit: &'static str,
-    /// Its value.
+    /// Estimated value.
     pub value: f64,
-    /// Its standard deviation over windows; none of a figure that is not made of windows.
+    /// Standard deviation over the windows; `None` for a figure that is not measured in windows.
     pub spread: Option<f64>,
 }
 
-/// A parameter that the frame does not identify.
+/// Parameter that the frame does not identify.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Unidentified {
     /// Name of the parameter.
     pub what: &'static str,
-    /// Reason, and the value that the scene has instead.
+    /// Reason, and the value used in the scene instead.
     pub why: String,
 }
 
 /// Means over the windows at one depth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AtDepth {
-    /// Their mean depth, mm.
+    /// Mean depth of the windows, mm.
     pub depth_mm: f64,
     /// Number of windows.
     pub windows: usize,
     /// Mean grey level.
     pub grey: f64,
-    /// Standard deviation of grey levels, a trend removed.
+    /// Standard deviation of detrended grey levels.
     pub grey_std: f64,
-    /// Full width at half maximum of the autocorrelation along the beam, mm; none where it stays above one half.
+    /// Full width at half maximum of the autocorrelation along the beam, mm; `None` if it stays above one half.
     pub axial_mm: Option<f64>,
-    /// The same across.
+    /// Full width at half maximum of the autocorrelation across the beam, mm; `None` if it stays above one half.
     pub lateral_mm: Option<f64>,
 }
 
-/// Measurements on the windows of the real frame or of its phantoms.
+/// Measurements in the windows of the real frame or of a phantom.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Side {
-    /// By depth.
+    /// Means over the windows, by depth.
     pub depths: Vec<AtDepth>,
-    /// Shares of the windows at each grey level.
+    /// Share of the windows' pixels at each grey level.
     pub histogram: Vec<f64>,
-    /// The same of the sector.
+    /// Share of the sector's pixels at each grey level.
     pub sector_histogram: Vec<f64>,
-    /// Mean autocorrelation along the beam, each sample.
+    /// Mean autocorrelation along the beam, by lag in samples.
     pub autocorrelation_axial: Vec<f64>,
-    /// The same across, each scanline.
+    /// Mean autocorrelation across the beam, by lag in scanlines.
     pub autocorrelation_lateral: Vec<f64>,
-    /// Windows by depth, of all frames.
+    /// Windows of all frames, by depth.
     #[serde(skip)]
     windows: Vec<Vec<Texture>>,
-    /// The first frame.
+    /// First frame.
     #[serde(skip)]
     frame: Picture,
 }
 
-/// Distance of histograms of grey levels from those of the real frame (Wasserstein-1: mean difference of equal quantiles), grey levels.
+/// Wasserstein-1 distance of grey-level histograms from those of the real frame (mean difference of equal quantiles), grey levels.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Score {
-    /// Of the windows.
+    /// Distance over the windows.
     pub windows: f64,
-    /// Of the whole sector, whose anatomy a uniform phantom has not.
+    /// Distance over the whole sector, whose anatomy a uniform phantom lacks.
     pub sector: f64,
 }
 
-/// A real frame and what it is matched by.
+/// Real frame and the model matched to it.
 #[derive(Clone, Debug, Serialize)]
 pub struct Match {
-    /// The frame.
+    /// Name of the frame.
     pub name: String,
-    /// Side of a pixel, mm.
+    /// Pixel size, mm.
     pub mm_per_pixel: f64,
-    /// The sector in pixels.
+    /// Outline of the sector, pixels.
     pub sector: Outline,
-    /// Rounds of correction.
+    /// Number of correction rounds.
     pub rounds: usize,
-    /// The largest share by which a figure changed in the last one (gain: as many tenths of a dB).
+    /// Largest relative change of a figure in the last round (gain: in tenths of a dB).
     pub residual: f64,
-    /// Every figure.
+    /// Estimated figures.
     pub figures: Vec<Figure>,
     /// Parameters that the frame does not identify.
     pub unidentified: Vec<Unidentified>,
-    /// Doubts about this frame.
+    /// Reasons to doubt the result.
     pub notes: Vec<String>,
-    /// The real frame.
+    /// Measurements of the real frame.
     pub real: Side,
-    /// The uniform phantom with the figures found.
+    /// Measurements of the uniform phantom with the estimated figures.
     pub matched: Side,
-    /// The uniform phantom with the default effects of the kind of probe.
+    /// Measurements of the uniform phantom with the default effects of the probe type.
     pub default: Side,
-    /// How far the phantom with the figures found is from the real frame.
+    /// Distance of the phantom with the estimated figures from the real frame.
     pub score: Score,
-    /// How far that with default effects is.
+    /// Distance of the phantom with default effects from the real frame.
     pub default_score: Score,
-    /// A scene that can be rendered: the figures, under a phantom to be replaced.
+    /// Scene text with the figures found, ready to render, on a phantom that stands in for the real anatomy.
     pub scene: String,
 }
 
-/// Wasserstein-1 distance of two histograms: the area between their sums.
+/// Returns the Wasserstein-1 distance of two histograms: the area between their cumulative sums.
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     let mut ahead = 0.0;
     let steps = a.iter().zip(b).map(|(a, b)| {
@@ -152,11 +152,11 @@ fn refuse(picture: &Picture, found: &str, expected: &str) -> VolumeError {
     VolumeError::malformed(picture.name.as_ref(), At::Pixels, found, expected)
 }
 
-/// Estimates probe and effects from a frame with its array at the top. The size of a pixel is the frame's, or follows from the depth that its
-/// middle scanline shows, mm.
+/// Estimates probe and effects from a frame with the array at its top. The pixel size is taken from the frame, or from `depth_mm`, the
+/// depth shown by its middle scanline, mm.
 ///
 /// # Errors
-/// [`VolumeError`] for a frame that is too small, has no sector of lines and arcs, no speckle, or no size of its pixels.
+/// [`VolumeError`] for a frame that is too small, or lacks a sector of lines and arcs, speckle, or a known pixel size.
 pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match, Error> {
     let mask = sector_of(picture)?;
     let Some(outline) = Outline::of(&mask, picture.width) else {
@@ -207,7 +207,7 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
         rounds += 1;
     }
     let dark = bench.darkness(&mut model)?;
-    // Noise and clutter lie over the windows too.
+    // Noise and clutter add to the windows too.
     let own = phantom(&model)?;
     residual = bench.correct(&mut model, &real, &own);
     rounds += 1;

@@ -1,5 +1,5 @@
-//! Pages that show reports: one file each, whole without script and without anything from elsewhere; legible on a phone, on paper, and
-//! in light or dark as the reader has it.
+//! Self-contained HTML pages for reports: one file each, complete without scripts or external resources, legible on a phone and on paper,
+//! in the reader's light or dark theme.
 
 use std::fmt::{Display, Write};
 
@@ -8,7 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError};
 
-/// Plots are drawn in dark lines without a background; where the page is dark their lightness is turned round and their hue kept.
+/// Style sheet. Plots have dark lines without a background; on a dark page their lightness is inverted and their hue kept.
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1b1f23;--soft:#59636e;--paper:#fff;--card:#f5f7f9;--line:#d6dce2;--good:#00694a;--bad:#b3400a}\
 @media(prefers-color-scheme:dark){:root{--ink:#e6e9ec;--soft:#a0abb6;--paper:#14181c;--card:#1e2429;--line:#39424b;--good:#4fd0a5;--bad:#ff9a66}\
@@ -43,14 +43,14 @@ figure svg{filter:none}body{max-width:none;padding:0;font-size:10pt}.wide{overfl
 h2,h3,h2+p,h3+p,h3+p+p,thead,tbody tr:first-child,figcaption{break-after:avoid}tr,.advice,.warning{break-inside:avoid}\
 p{orphans:3;widows:3}.figures{display:block}.figures figure{display:inline-block;width:48%;vertical-align:top;margin:0 1% .6rem 0}.advice{break-after:avoid}table{font-size:8pt}}";
 
-/// A page that is being written.
+/// HTML page under construction.
 pub struct Page(String);
 
 impl Page {
-    /// A page with its title.
+    /// Starts a page with a title.
     pub fn new(title: &str) -> Self {
         let title = escape(title);
-        // Without an icon named, browsers would ask for one.
+        // Without a named icon, browsers would request one.
         Page(format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><link rel=\"icon\" href=\"data:,\">\
@@ -58,23 +58,23 @@ impl Page {
         ))
     }
 
-    /// Adds markup, in which all that comes from elsewhere is [`escape`]d.
+    /// Adds markup; foreign text in it must be [`escape`]d.
     pub fn put(&mut self, markup: impl Display) {
         // Writing to a string does not fail.
         let _ = writeln!(self.0, "{markup}");
     }
 
-    /// Adds a paragraph of a class.
+    /// Adds a paragraph with a CSS class.
     pub fn paragraph(&mut self, class: &str, text: &str) {
         self.put(format_args!("<p class=\"{class}\">{}</p>", escape(text)));
     }
 
-    /// Adds a table that scrolls where it is too wide.
+    /// Adds a table that scrolls sideways if it is too wide.
     pub fn table(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
         self.table_that(false, headings, rows);
     }
 
-    /// Adds a table whose rows become blocks on a narrow screen, their first cell as a heading.
+    /// Adds a table whose rows become blocks on a narrow screen, with the first cell as heading.
     pub fn stacked(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
         self.table_that(true, headings, rows);
     }
@@ -85,7 +85,7 @@ impl Page {
         let heading: String = headings.iter().map(|cell| cell.markup("th", "")).collect();
         self.put(format_args!("<thead><tr>{heading}</tr></thead><tbody>"));
         for (class, cells) in rows {
-            // Where rows are blocks, each cell says what it is.
+            // In block layout, each cell carries its column's heading.
             let labels = headings
                 .iter()
                 .map(|heading| match stacked && !heading.words().is_empty() {
@@ -99,7 +99,7 @@ impl Page {
         self.put("</tbody></table></div>");
     }
 
-    /// Adds a figure: an SVG document and what it shows.
+    /// Adds an SVG figure with a caption.
     pub fn figure(&mut self, svg: &str, caption: &str) {
         let caption = escape(caption);
         self.put(format_args!(
@@ -107,7 +107,7 @@ impl Page {
         ));
     }
 
-    /// Adds a figure that keeps its size, in a box that scrolls sideways where it is too wide: for lettering that would be too small.
+    /// Adds an SVG figure of fixed size in a box that scrolls sideways, for lettering that would become too small.
     pub fn wide_figure(&mut self, svg: &str, caption: &str) {
         let caption = escape(caption);
         self.put(format_args!(
@@ -115,7 +115,7 @@ impl Page {
         ));
     }
 
-    /// Adds a picture: an address that holds it (`data:`), and what it shows.
+    /// Adds a picture given by a `data:` address, with a caption.
     pub fn picture(&mut self, address: &str, caption: &str) {
         let caption = escape(caption);
         self.put(format_args!(
@@ -124,12 +124,12 @@ impl Page {
         ));
     }
 
-    /// Adds a slider over pictures, each an address that holds it and what it shows; nothing where scripts do not run.
+    /// Adds a slider over pictures, each a `data:` address and a caption; it stays hidden where scripts do not run.
     pub fn slider(&mut self, pictures: &[(String, String)]) {
         let Some(last) = pictures.len().checked_sub(1) else {
             return;
         };
-        // Nothing in a string may end the script.
+        // No string may close the script element.
         let pictures = serde_json::json!(pictures).to_string().replace('<', "\\u003c");
         self.put(format_args!(
             "<div class=\"slider\" hidden><figure><img alt=\"\"><figcaption></figcaption></figure>\
@@ -140,30 +140,30 @@ impl Page {
         ));
     }
 
-    /// The whole document.
+    /// Returns the complete document.
     pub fn finish(mut self) -> String {
         self.0.push_str("</body></html>\n");
         self.0
     }
 }
 
-/// A cell of a table.
+/// Table cell.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Cell {
-    /// Words.
+    /// Plain text.
     Text(String),
-    /// Words, and more of them below, softer.
+    /// Text with a softer second line.
     Pair(String, String),
-    /// A number, to the right.
+    /// Right-aligned number.
     Number(String),
-    /// Heading of a column of numbers, and what they are.
+    /// Heading of a column of numbers, with an explanation.
     Explained(String, String),
-    /// Small labels, each with its class.
+    /// Small labels, each with its CSS class.
     Tags(Vec<(&'static str, String)>),
 }
 
 impl Cell {
-    /// The words that stand first in it.
+    /// Returns the main text of the cell.
     fn words(&self) -> &str {
         match self {
             Cell::Text(text) | Cell::Pair(text, _) | Cell::Number(text) | Cell::Explained(text, _) => text,
@@ -171,7 +171,7 @@ impl Cell {
         }
     }
 
-    /// The cell as an element of a name with attributes.
+    /// Returns the cell as an HTML element with the given name and attributes.
     fn markup(&self, name: &str, attributes: &str) -> String {
         let whole = |inner: &str, own: &str| format!("<{name}{own}{attributes}>{inner}</{name}>");
         match self {
@@ -198,7 +198,7 @@ impl Cell {
     }
 }
 
-/// Text whose products of numbers, such as 256 x 512, stay on one line.
+/// Replaces spaces within products such as 256 x 512 so that they do not break across lines.
 fn unbroken(text: &str) -> String {
     let mut parts = text.split(" x ").peekable();
     let mut joined = String::new();
@@ -213,10 +213,10 @@ fn unbroken(text: &str) -> String {
     escape(&joined)
 }
 
-/// An address that holds a picture (`data:`).
+/// Encodes a picture as a `data:` address.
 ///
 /// # Errors
-/// Those of the encoder.
+/// The error of the PNG encoder.
 pub fn address(picture: &GrayImage) -> Result<String, ImageError> {
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive).write_image(
@@ -228,7 +228,7 @@ pub fn address(picture: &GrayImage) -> Result<String, ImageError> {
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }
 
-/// Text as it must stand in a document.
+/// Escapes text for use in HTML.
 pub fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")

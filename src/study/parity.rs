@@ -1,11 +1,11 @@
-//! Whether backends agree: a running error analysis, pass by pass and sample by sample.
+//! Agreement between backends: a running error analysis, pass by pass and sample by sample.
 //!
-//! The reference in double precision is the truth; its single-precision twin and every GPU must follow it to within rounding. How
-//! far rounding may carry them is not guessed: each pass has here, in the module of its effect, an analysis that takes the bound before
-//! it to the bound after it, from what one operation may lose in WGSL and in Rust (`rounding`). Nothing is excluded and no share of
-//! failures allowed. A label may differ only where the sample provably lies within rounding of a place where labels change.
+//! The double-precision reference is the truth; its single-precision twin and every GPU must follow it to within rounding. The tolerance is
+//! derived, not guessed: the module of each effect propagates the error bound through its pass, from the error of single operations in WGSL
+//! and in Rust (`rounding`). No sample is excluded and no share of failures is allowed. A label may differ only where the sample provably
+//! lies within rounding of a label boundary.
 //!
-//! Each backend runs the whole chain of passes by itself: no result is carried from one to another.
+//! Each backend runs the complete chain of passes by itself: no result is passed from one to another.
 
 mod blur;
 mod geometry;
@@ -28,6 +28,7 @@ mod tone;
 mod warp;
 
 pub use pixels::Pixels;
+#[cfg(feature = "internals")]
 pub use slice::possible_labels;
 
 use std::sync::Arc;
@@ -43,21 +44,21 @@ use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::volume::InvalidVolume;
 
-/// A scene to compare the backends on.
+/// Scene on which the backends are compared.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// What it is called where backends disagree.
+    /// Name used in reports of disagreement.
     pub name: String,
-    /// What is imaged. Its mesh, if any, must not be folded by the state.
+    /// Anatomy to image. Its mesh, if any, must not be folded by the state.
     pub anatomy: Anatomy,
-    /// How.
+    /// Rendering settings.
     pub settings: Settings,
-    /// One frame.
+    /// State of the frame.
     pub state: FrameState,
 }
 
 impl Case {
-    /// A scene.
+    /// Creates a case.
     pub fn new(name: impl Into<String>, anatomy: Anatomy, settings: Settings, state: FrameState) -> Self {
         Self {
             name: name.into(),
@@ -67,10 +68,10 @@ impl Case {
         }
     }
 
-    /// The same scene elsewhere: all of it moved by a vector in the world, mm.
+    /// Returns the case translated in the world by a vector, mm.
     ///
     /// # Errors
-    /// [`InvalidVolume`] where its place is then no finite one.
+    /// [`InvalidVolume`] if the translated position is not finite.
     pub fn moved(&self, by_mm: [f64; 3]) -> Result<Self, InvalidVolume> {
         let by = Vector3::from(by_mm);
         let mut case = self.clone();
@@ -89,26 +90,26 @@ impl Case {
         Ok(case)
     }
 
-    /// A synthesizer of the scene.
+    /// Creates a synthesizer of the scene on a backend.
     ///
     /// # Errors
-    /// [`SynthError`] where the backend cannot render the scene.
+    /// [`SynthError`] if the backend cannot render the scene.
     pub fn on(&self, backend: Backend) -> Result<Synthesizer, SynthError> {
         Synthesizer::new(self.anatomy.clone(), self.settings.clone(), backend)
     }
 
-    /// The reference.
+    /// Creates the double-precision reference synthesizer.
     ///
     /// # Errors
-    /// [`SynthError`] where the scene cannot be rendered.
+    /// [`SynthError`] if the scene cannot be rendered.
     pub fn exact(&self) -> Result<Synthesizer, SynthError> {
         self.on(Backend::CpuF64)
     }
 
-    /// The backends in single precision: the CPU, and each of the GPUs.
+    /// Creates the single-precision synthesizers: the CPU's, then each GPU's.
     ///
     /// # Errors
-    /// [`SynthError`] where one of them cannot render the scene.
+    /// [`SynthError`] if one of them cannot render the scene.
     pub fn twins(&self, gpus: &[Gpu]) -> Result<Vec<Synthesizer>, SynthError> {
         let on_gpus = gpus.iter().map(|gpu| Backend::Gpu(Box::new(gpu.clone())));
         std::iter::once(Backend::Cpu)
@@ -118,7 +119,7 @@ impl Case {
     }
 }
 
-/// What stands in beam space after each pass of the plan, in order, as passes see it: from the local origin.
+/// Beam-space state after each pass of the plan, in order, relative to the local origin as the passes use it.
 struct Trail {
     passes: Vec<&'static str>,
     beams: Vec<Beam>,
@@ -139,27 +140,27 @@ impl Trail {
     }
 }
 
-/// How a twin compares with the reference.
+/// Result of comparing a twin with the reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
-    /// `cpu` or the name of the GPU's adapter.
+    /// `cpu` or the name of the GPU adapter.
     pub backend: String,
-    /// Samples in beam space, each of them compared after every pass.
+    /// Number of samples in beam space, each compared after every pass.
     pub samples: usize,
-    /// Samples whose label the twin reads otherwise, each of them proven to lie within rounding of a place where labels change.
+    /// Number of samples whose label differs, each proven to lie within rounding of a label boundary.
     pub labels_apart: usize,
-    /// The largest departure as a share of what rounding allows (0 to 1 where nothing is wrong).
+    /// Largest deviation as a fraction of the rounding bound, 0 to 1 if the backends agree.
     pub share: f64,
-    /// What rounding cannot explain, in words; none where the backends agree.
+    /// Descriptions of deviations that rounding cannot explain; empty if the backends agree.
     pub faults: Vec<String>,
-    /// The frames.
+    /// Comparison of the pixels.
     pub pixels: Pixels,
 }
 
-/// Compares the CPU in single precision and each of the GPUs with the reference, after every pass and at the pixels.
+/// Compares the single-precision CPU and each GPU with the reference, after every pass and at the pixels.
 ///
 /// # Errors
-/// [`SynthError`] where a backend cannot render the scene.
+/// [`SynthError`] if a backend cannot render the scene.
 pub fn check(case: &Case, gpus: &[Gpu]) -> Result<Vec<Verdict>, SynthError> {
     let mut exact = case.exact()?;
     let trail = Trail::of(&mut exact, &case.state)?;

@@ -1,6 +1,6 @@
-//! Plots of a study: points and lines on linear or logarithmic axes, as SVG text and as PNG pixels.
+//! Study plots: points and lines on linear or logarithmic axes, as SVG text or PNG pixels.
 //!
-//! Drawn by `plotters` with a font of our own, so that the same data give the same bytes on every machine.
+//! Drawn by `plotters` with a bundled font, so that the same data give the same bytes on every machine.
 
 mod legend;
 
@@ -15,14 +15,14 @@ use plotters::style::FontStyle;
 
 /// Width and height of a plot, pixels.
 pub const SIZE: [u32; 2] = [1000, 600];
-/// Width of the legend beside it, pixels.
+/// Width of the legend beside a plot, pixels.
 const LEGEND: i32 = 210;
-/// Width of a plot for a page, pixels, and height of its axes: lettering stays legible where it shrinks to the width of a phone.
+/// Width of a plot for a page and height of its axes, pixels: small enough for legible lettering at the width of a phone.
 const PAGE: [u32; 2] = [460, 330];
-/// Half the width of a marker, pixels.
+/// Half-width of a marker, pixels.
 const MARK: i32 = 6;
 
-/// Colours that people with any colour vision tell apart (M. Okabe and K. Ito, "Color Universal Design", 2008).
+/// Colours that can be told apart with any colour vision (M. Okabe and K. Ito, "Color Universal Design", 2008).
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -33,23 +33,23 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(60, 60, 60),
 ];
 
-/// One axis.
+/// Plot axis.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// What it shows, with the unit.
+    /// Label, with the unit.
     pub label: String,
-    /// Whether its scale is logarithmic. Values that are not positive are then left out.
+    /// Whether the scale is logarithmic. Values that are not positive are then omitted.
     pub log: bool,
 }
 
 impl Axis {
-    /// A linear axis.
+    /// Creates a linear axis.
     pub fn linear(label: &str) -> Self {
         let label = label.to_owned();
         Self { label, log: false }
     }
 
-    /// A logarithmic axis.
+    /// Creates a logarithmic axis.
     pub fn log(label: &str) -> Self {
         let label = label.to_owned();
         Self { label, log: true }
@@ -59,7 +59,7 @@ impl Axis {
         value.is_finite() && (!self.log || value > 0.0)
     }
 
-    /// The range of some values with a margin; 1 to 10 where there are none.
+    /// Returns the range of the values with a margin; 1 to 10 if there are none.
     fn range(&self, values: impl Iterator<Item = f64>) -> std::ops::Range<f64> {
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for value in values.filter(|value| self.shows(*value)) {
@@ -71,7 +71,7 @@ impl Axis {
         if self.log {
             let margin = (high / low).powf(0.08).max(1.5);
             let (start, end) = (low / margin, high * margin);
-            // Powers of ten are what such an axis shows: without one in it, it goes to the next on either side.
+            // A logarithmic axis labels powers of ten only: a range without one is extended to the next on either side.
             let (down, up) = (start.log10().floor(), end.log10().ceil());
             return if up - down > 1.0 {
                 start..end
@@ -84,83 +84,83 @@ impl Axis {
         } else {
             0.5 * high.abs().max(1.0)
         };
-        // An axis of times or sizes starts at nothing.
+        // An axis of non-negative values starts at zero.
         let start = if low >= 0.0 { 0.0 } else { low - margin };
         start..high + margin
     }
 }
 
-/// The shape of a point.
+/// Shape of a plotted point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Marker {
-    /// A filled circle.
+    /// Filled circle.
     Disc,
-    /// A circle.
+    /// Open circle.
     Ring,
-    /// A filled square.
+    /// Filled square.
     Square,
-    /// A filled triangle.
+    /// Filled triangle.
     Triangle,
     /// Two crossed lines.
     Cross,
-    /// A square.
+    /// Open square.
     Frame,
-    /// Nothing: of a line through many points.
+    /// No marker, for a line through many points.
     None,
 }
 
 impl Marker {
-    /// The `n`th shape; there are six, then they repeat.
+    /// Returns the `n`th of six shapes, modulo six.
     pub fn nth(n: usize) -> Marker {
         use Marker::{Cross, Disc, Frame, Ring, Square, Triangle};
         [Disc, Ring, Square, Triangle, Cross, Frame][n % 6]
     }
 }
 
-/// Points of one colour and shape.
+/// Points with a common colour and marker.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Name of the colour in the legend, the same for all series of a colour.
+    /// Name of the colour in the legend, the same for all series of that colour.
     pub name: String,
-    /// Where they lie, in the units of the axes.
+    /// Points in the units of the axes.
     pub points: Vec<[f64; 2]>,
-    /// Whether a line joins them in their order.
+    /// Whether a line joins the points in order.
     pub joined: bool,
-    /// Their shape.
+    /// Marker of the points.
     pub marker: Marker,
-    /// Which colour: seven, then they repeat.
+    /// Index of the colour, modulo seven.
     pub colour: usize,
 }
 
-/// A plot.
+/// Scatter or line plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
-    /// Its title.
+    /// Title.
     pub title: String,
-    /// The horizontal axis.
+    /// Horizontal axis.
     pub x: Axis,
-    /// The vertical axis.
+    /// Vertical axis.
     pub y: Axis,
-    /// What is plotted.
+    /// Plotted series.
     pub series: Vec<Series>,
-    /// What the shapes mean, in the order of [`Marker::nth`]; nothing where they mean nothing.
+    /// Meanings of the markers, in the order of [`Marker::nth`]; empty if they have none.
     pub markers: Vec<String>,
-    /// Points to mark as the best choices (see [`pareto`]), from left to right: a front for each set of rivals. Steps join those of
-    /// a front where no lines join points.
+    /// Points to mark as the best choices (see [`pareto`]), from left to right, as one front per set of competing points. A stepped line
+    /// joins the points of a front if no lines join the series.
     pub front: Vec<Vec<[f64; 2]>>,
 }
 
-/// Why a plot cannot be drawn.
+/// Error of drawing a plot.
 #[derive(Debug, thiserror::Error)]
 #[error("the plot \"{title}\" cannot be drawn: {cause}")]
 pub struct PlotError {
     /// Title of the plot.
     pub title: String,
-    /// What the drawing library said.
+    /// Message of the drawing library.
     pub cause: String,
 }
 
-/// The points that no other beats in both coordinates, both better when smaller, from left to right.
+/// Returns the Pareto front from left to right: the points that no other beats in both coordinates, smaller being better.
 pub fn pareto(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mut sorted: Vec<[f64; 2]> = points
         .iter()
@@ -178,10 +178,10 @@ pub fn pareto(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
 }
 
 impl Plot {
-    /// The plot as an SVG document.
+    /// Draws the plot as an SVG document.
     ///
     /// # Errors
-    /// [`PlotError`].
+    /// [`PlotError`] if drawing fails.
     pub fn svg(&self) -> Result<String, PlotError> {
         let mut text = String::new();
         {
@@ -191,10 +191,10 @@ impl Plot {
         Ok(text)
     }
 
-    /// The plot as an SVG document for a page that a narrow screen may show: without title and background, the legend below.
+    /// Draws the plot as an SVG document for a page on a narrow screen: without title or background, the legend below.
     ///
     /// # Errors
-    /// [`PlotError`].
+    /// [`PlotError`] if drawing fails.
     pub fn svg_for_page(&self) -> Result<String, PlotError> {
         let mut text = String::new();
         {
@@ -205,10 +205,10 @@ impl Plot {
         Ok(text)
     }
 
-    /// The plot as pixels, three bytes each, of [`SIZE`].
+    /// Draws the plot as RGB pixels, three bytes each, of [`SIZE`].
     ///
     /// # Errors
-    /// [`PlotError`].
+    /// [`PlotError`] if drawing fails.
     pub fn rgb(&self) -> Result<Vec<u8>, PlotError> {
         let mut pixels = vec![0; (3 * SIZE[0] * SIZE[1]) as usize];
         {
@@ -226,7 +226,7 @@ impl Plot {
         static FONT: Once = Once::new();
         FONT.call_once(|| {
             let font = include_bytes!("../../assets/fonts/DejaVuSans-subset.ttf");
-            // A font that cannot be read would show as a failed text in every plot.
+            // An unreadable font would appear as failed text in every plot.
             let _ = plotters::style::register_font("sans-serif", FontStyle::Normal, font);
         });
         let all = || self.series.iter().flat_map(|series| &series.points);
@@ -322,7 +322,7 @@ impl Plot {
                 series.points.iter().filter(inside).map(|point| (point[0], point[1]))
             };
             if series.joined {
-                // Thick lines have mitred corners, which stick out where a line turns back.
+                // Thick lines have mitred corners, which protrude where a line reverses.
                 let width = if series.marker == Marker::None { 1 } else { 2 };
                 chart.draw_series(LineSeries::new(shown(), colour.stroke_width(width)))?;
             }
@@ -335,12 +335,12 @@ impl Plot {
     }
 }
 
-/// How a plot is laid out.
+/// Layout of a plot.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Layout {
-    /// With its title, the legend beside the axes.
+    /// With title, the legend beside the axes.
     Alone,
-    /// Without title and background, the legend below the axes.
+    /// Without title or background, the legend below the axes.
     Page,
 }
 
@@ -348,7 +348,7 @@ fn colour(n: usize) -> RGBAColor {
     COLOURS[n % COLOURS.len()].to_rgba()
 }
 
-/// A point of some shape.
+/// Returns a drawable point of the given shape.
 fn marker<'a, DB, C>(at: C, marker: Marker, colour: RGBAColor) -> DynElement<'a, DB, C>
 where
     DB: DrawingBackend + 'a,
@@ -367,10 +367,10 @@ where
     }
 }
 
-/// Share of a linear axis below which a tick is the rounding error of zero.
+/// Fraction of a linear axis below which a tick is the rounding error of zero.
 const ROUNDED: f64 = 1e-9;
 
-/// Label of a tick: short, in scientific notation where it would be long, and 0 up to `smallest`.
+/// Formats a tick label: in scientific notation if it would be long, and 0 up to `smallest`.
 fn number(value: f64, smallest: f64) -> String {
     if value.abs() <= smallest {
         return "0".to_owned();

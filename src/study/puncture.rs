@@ -1,9 +1,9 @@
-//! A needle goes into a slice of liver with a vein: force over its way, and how the vein flattens before it is punctured.
+//! Needle insertion into a slice of liver with a vein: force against travel, and flattening of the vein before its puncture.
 //!
 //! After figures 11 and 12 of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010. Of the tissue Kobayashi et al. 2010 give G = 400 Pa below
-//! a shear of 0.35 (in vitro), order 0.1 and 5 mm/s; it says that tissue in vivo is harder and that E0, e0 and a were fitted by hand to
-//! a measured force, without their values. The modulus, a, the thickness of the slice and the forces of membranes here are
+//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010. For the tissue, Kobayashi et al. 2010 give G = 400 Pa below
+//! a shear of 0.35 (in vitro), order 0.1 and 5 mm/s; they say that tissue in vivo is harder and that E0, e0 and a were fitted by hand to a
+//! measured force, without stating the values. The modulus, a, the thickness of the slice and the forces of the membranes used here are
 //! therefore choices, made for a curve of the shape of figure 12: none is a measurement.
 
 mod draw;
@@ -25,19 +25,19 @@ use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 use liver::Liver;
 pub use report::curves;
 
-/// The needle's way, mm.
+/// Travel of the needle, mm.
 const WAY_MM: f64 = 40.0;
 
-/// How the tissue answers, and what the needle meets.
+/// Parameters of the tissue and the needle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PunctureOptions {
     /// Young's modulus below the knee, kPa (above 0; kPa s^order where viscous). Default 2.
     pub young_kpa: f64,
     /// Poisson's ratio (above -1, below 0.5). Default 0.45.
     pub poisson: f64,
-    /// The relative strain above which tissue stiffens (0 or more). Default 0.303.
+    /// Relative strain above which the tissue stiffens (0 or more). Default 0.303.
     pub knee_strain: f64,
-    /// How fast (0 or more; 0: never). Default 60.
+    /// Rate of stiffening above the knee (0 or more; 0 disables it). Default 60.
     pub stiffening: f64,
     /// Order of the viscosity, 0 (elastic) to 1. Default 0.1.
     pub order: f64,
@@ -45,13 +45,13 @@ pub struct PunctureOptions {
     pub thickness_mm: f64,
     /// Speed of the needle, mm/s (above 0). Default 5.
     pub speed_mm_per_s: f64,
-    /// The needle's way in a step, mm (above 0). Default 0.2.
+    /// Travel per step, mm (above 0). Default 0.2.
     pub step_mm: f64,
-    /// Force that the capsule bears, N (0 or more). Default 0.6.
+    /// Puncture force of the capsule, N (0 or more). Default 0.6.
     pub capsule_n: f64,
-    /// Force that the wall of the vein bears, N (0 or more). Default 0.5.
+    /// Puncture force of the wall of the vein, N (0 or more). Default 0.5.
     pub wall_n: f64,
-    /// Force that cuts liver, N (0 or more). Default 0.15.
+    /// Cutting force in liver, N (0 or more). Default 0.15.
     pub cutting_n: f64,
     /// Friction of the shaft in liver, N/mm (0 or more). Default 0.006.
     pub friction_n_per_mm: f64,
@@ -76,92 +76,92 @@ impl Default for PunctureOptions {
     }
 }
 
-/// Why there is no curve.
+/// Error of a puncture simulation or of a measured curve.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PunctureError {
-    /// A number out of range.
+    /// A number is out of range.
     #[error("{what} is {found}; expected {expected}")]
     Number {
-        /// Which.
+        /// Name of the option.
         what: &'static str,
-        /// As given.
+        /// Value given.
         found: f64,
-        /// What it must be.
+        /// Accepted range.
         expected: &'static str,
     },
-    /// The tissue is none.
+    /// The material parameters are invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// What stiffens is none.
+    /// The stiffening parameters are invalid.
     #[error(transparent)]
     Stiffening(#[from] InvalidStiffening),
-    /// The slice is no body.
+    /// The slice is not a valid body.
     #[error(transparent)]
     Body(#[from] InvalidBody),
-    /// The needle's way is none.
+    /// The path of the needle is invalid.
     #[error(transparent)]
     Way(#[from] InvalidWay),
-    /// The slice cannot be factored.
+    /// The stiffness matrix of the slice cannot be factorised.
     #[error(transparent)]
     Nonlinear(#[from] NonlinearError),
-    /// A measured curve that is none.
+    /// A measured curve is malformed.
     #[error("{place}: found {found}; expected {expected}")]
     Curve {
-        /// The file, with the line where there is one.
+        /// File, with the line number where known.
         place: String,
-        /// What is there.
+        /// Content found.
         found: String,
-        /// What should be.
+        /// Content expected.
         expected: &'static str,
     },
     /// A step cannot be solved.
     #[error("at {travel_mm} mm: {cause}")]
     Step {
-        /// The needle's way, mm.
+        /// Travel of the needle, mm.
         travel_mm: f64,
-        /// Why.
+        /// Solver error.
         cause: CreepError,
     },
 }
 
-/// A step of the needle.
+/// State after one step of the needle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Row {
-    /// The needle's way from the capsule at rest, mm.
+    /// Travel of the needle from the undeformed capsule, mm.
     pub travel_mm: f64,
-    /// Seconds since it touched.
+    /// Time since first contact, s.
     pub time_s: f64,
     /// Force on the needle, N.
     pub force_n: f64,
-    /// What of it acts at the tip, N.
+    /// Part of the force that acts at the tip, N.
     pub tip_n: f64,
-    /// Depth of the tip in the tissue at rest, mm.
+    /// Depth of the tip in the undeformed tissue, mm.
     pub depth_mm: f64,
-    /// Height of the vein on the needle's way, mm.
+    /// Height of the vein along the needle's path, mm.
     pub vein_mm: f64,
-    /// What was punctured: 0 the capsule, 1 the near wall of the vein, 2 its far wall.
+    /// Layer punctured in this step: 0 for the capsule, 1 for the near wall of the vein, 2 for its far wall.
     pub punctured: Option<usize>,
 }
 
-/// Everything that happened.
+/// Result of a puncture simulation.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Puncture {
-    /// With what.
+    /// Options used.
     pub options: PunctureOptions,
-    /// Step by step.
+    /// State at rest and after each step.
     pub rows: Vec<Row>,
     /// Pictures of the slice as SVG documents: name and text.
     #[serde(skip)]
     pub pictures: Vec<(String, String)>,
 }
 
-/// Moments that are drawn.
+/// Names of the punctures that are drawn.
 const NAMES: [&str; 3] = ["capsule", "near-wall", "far-wall"];
 
-/// Lets the needle go in. `progress` hears the share that is done.
+/// Simulates the insertion. `progress` receives the completed fraction, 0 to 1.
 ///
 /// # Errors
-/// [`PunctureError`].
+/// [`PunctureError`] if an option is out of range or a step cannot be solved.
 pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Result<Puncture, PunctureError> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
@@ -189,7 +189,7 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
         "rest".to_owned(),
         draw::slice(&liver, needle.structure().displacement(), 0.0),
     )];
-    // The last state before a puncture, which has to be drawn once it is known to be the last.
+    // The state before each puncture is drawn when the step reports that puncture.
     for at in 1..=steps as usize {
         let travel_mm = (at as f64 * step).min(WAY_MM);
         let pushed = needle.step(travel_mm, step / speed);
@@ -226,7 +226,7 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
     })
 }
 
-/// The slice, and a needle before it that will take so many steps.
+/// Creates the slice, and a needle at its surface prepared for the given number of steps.
 fn pushing(options: &PunctureOptions, steps: f64) -> Result<(Liver, Pushing<2, 3>), PunctureError> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;

@@ -1,7 +1,7 @@
-//! Comparison with real frames: the same measures on frames and on real frames, and their differences in units of the spread among the real ones.
+//! Comparison of rendered and real frames: image statistics of both, and their differences in units of the spread among the real frames.
 //!
-//! Everything is found from the frames alone, by one algorithm for both sides: the sector ([`sector`]), its most uniform windows and its
-//! darkest ones ([`texture`]). Nothing knows of labels. [`MEASURES`] is the one table of what is measured.
+//! Everything is derived from the frames alone, by the same algorithm for both sides: the sector ([`sector`]), its most uniform windows and
+//! its darkest ones ([`texture`]). Labels are not used. [`MEASURES`] is the only list of what is measured.
 
 mod measures;
 pub mod picture;
@@ -23,38 +23,38 @@ use texture::{Patch, Texture, Window, dark_windows, uniform_windows};
 pub const WINDOW: usize = 48;
 /// Side of the dark windows, pixels.
 pub const DARK_WINDOW: usize = 32;
-/// Windows of each kind in a frame.
+/// Number of windows of each kind per frame.
 const WINDOWS: usize = 5;
-/// Mean grey levels of uniform windows: of darker ones much is black.
+/// Accepted mean grey levels of uniform windows: much of a darker one is black.
 const GREY: [f64; 2] = [45.0, 200.0];
-/// Side of the windows that are cut into blocks of 4 and 8 mm, mm.
+/// Side of the windows that are divided into blocks of 4 and 8 mm, mm.
 const BLOCKS_MM: f64 = 24.0;
 /// Depth below the array that must not be empty, mm.
 const CONTACT_MM: f64 = 5.0;
-/// Grey levels of a class of the histogram.
+/// Grey levels per bin of the histogram.
 const CLASS: usize = 4;
-/// Lags of the autocorrelations that are told, pixels.
+/// Number of lags reported for autocorrelations, pixels.
 const LAGS: usize = 16;
-/// Largest difference that counts as inside the spread of the real frames, standard deviations.
+/// Largest difference that counts as within the spread of the real frames, standard deviations.
 pub const LIMIT: f64 = 2.0;
 
-/// Measurements of one frame before [`MEASURES`] make numbers of it.
+/// Raw measurements of one frame, from which [`MEASURES`] computes its values.
 pub struct Parts {
     /// Distance between rows and between columns, mm.
     mm: Option<[f64; 2]>,
     /// Grey levels in the sector, ascending.
     sector: Vec<f64>,
-    /// Its most uniform windows.
+    /// Textures of the most uniform windows.
     uniform: Vec<Texture>,
-    /// Its darkest windows.
+    /// Textures of the darkest windows.
     dark: Vec<Texture>,
     /// Spread of the means of blocks of 4 and 8 mm in uniform windows, dB.
     blocks_db: [Option<f64>; 2],
-    /// Black share of the strip just below the array.
+    /// Share of black pixels in the strip just below the array.
     empty: Option<f64>,
     /// Boundary behind a dark region.
     edge: Option<sector::Edge>,
-    /// Correlation with a neighbouring frame, of dark and of uniform windows.
+    /// Correlation with a neighbouring frame in dark and in uniform windows.
     frame_correlation: [Option<f64>; 2],
 }
 
@@ -62,7 +62,7 @@ impl Parts {
     /// Measures a frame.
     ///
     /// # Errors
-    /// [`VolumeError`] for a frame smaller than a window, or without a sector as large as one.
+    /// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
     pub fn of(picture: &Picture) -> Result<Self, VolumeError> {
         let mask = sector_of(picture)?;
         let inside = picture.grey.iter().zip(&mask).filter(|(_, inside)| **inside);
@@ -107,16 +107,16 @@ impl Parts {
         percentile(&self.sector, share)
     }
 
-    /// Share of the sector whose grey levels are such.
+    /// Returns the share of the sector whose grey levels satisfy a predicate.
     fn share(&self, of: impl Fn(f64) -> bool) -> Option<f64> {
         Some(self.sector.iter().filter(|grey| of(**grey)).count() as f64 / self.sector.len() as f64)
     }
 }
 
-/// The sector of a frame.
+/// Finds the sector of a frame.
 ///
 /// # Errors
-/// [`VolumeError`] for a frame smaller than a window, or without a sector as large as one.
+/// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
 pub(in crate::study) fn sector_of(picture: &Picture) -> Result<Vec<bool>, VolumeError> {
     let refuse = |found, expected: String| {
         let path = picture.name.as_ref();
@@ -137,24 +137,24 @@ pub(in crate::study) fn sector_of(picture: &Picture) -> Result<Vec<bool>, Volume
     }
 }
 
-/// Mean of what is known; none where nothing is.
+/// Returns the mean of the known finite values; `None` if there are none.
 fn average(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     let known: Vec<f64> = values.flatten().filter(|value| value.is_finite()).collect();
     (!known.is_empty()).then(|| mean(&known))
 }
 
-/// A frame that was measured.
+/// Measurements of one frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct FrameReport {
-    /// The file, and of a sequence which frame.
+    /// File name, with the frame number within a sequence.
     pub name: String,
-    /// Distance between rows and between columns, mm; none where nothing states it.
+    /// Distance between rows and between columns, mm; `None` if unknown.
     pub mm_per_pixel: Option<[f64; 2]>,
-    /// Shares of the sector in classes of 4 grey levels.
+    /// Shares of the sector in bins of 4 grey levels.
     pub histogram: Vec<f64>,
-    /// Mean autocorrelation of its uniform windows along depth at 0, 1, 2, ... pixels.
+    /// Mean autocorrelation of the uniform windows along depth, at lags of 0, 1, 2, ... pixels.
     pub autocorrelation_axial: Vec<f64>,
-    /// The same across.
+    /// Mean autocorrelation of the uniform windows across depth, at lags of 0, 1, 2, ... pixels.
     pub autocorrelation_lateral: Vec<f64>,
     #[serde(skip)]
     values: Vec<Option<f64>>,
@@ -192,14 +192,14 @@ impl FrameReport {
     }
 }
 
-/// A measure over the frames of one side.
+/// Measure over the frames of one side.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
-    /// Mean over the frames in which it can be measured.
+    /// Mean over the frames in which the measure exists.
     pub mean: f64,
-    /// Standard deviation over them; none of a single one.
+    /// Standard deviation over those frames; `None` for a single one.
     pub spread: Option<f64>,
-    /// The value in each frame; none where it cannot be measured.
+    /// Value in each frame; `None` where it cannot be measured.
     pub values: Vec<Option<f64>>,
 }
 
@@ -215,50 +215,50 @@ impl Figure {
     }
 }
 
-/// Whether a measure is as in the real frames.
+/// Whether a measure agrees with the real frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// Within [`LIMIT`] spreads of their mean.
+    /// The difference is within [`LIMIT`] standard deviations of the real frames.
     Inside,
-    /// Beyond.
+    /// The difference exceeds [`LIMIT`] standard deviations of the real frames.
     Outside,
 }
 
-/// A measure on both sides.
+/// Measure on both sides.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// What is measured.
+    /// The measure.
     #[serde(flatten)]
     pub measure: &'static Measure,
-    /// In the frames; none where none shows it.
+    /// Values in the rendered frames; `None` if no frame has the measure.
     pub frames: Option<Figure>,
-    /// In the real frames.
+    /// Values in the real frames; `None` if no frame has the measure.
     pub real: Option<Figure>,
-    /// Mean of the frames less that of the real ones, in units of the spread among these, which counts as at least the measure's floor; none
-    /// where only one real frame shows it.
+    /// Mean of the rendered frames less that of the real ones, in units of the spread among the real ones (at least the measure's floor);
+    /// `None` if fewer than two real frames have the measure.
     pub difference: Option<f64>,
-    /// What follows from that.
+    /// Verdict on the difference.
     pub verdict: Option<Verdict>,
 }
 
-/// Frames against real frames.
+/// Comparison of rendered frames with real ones.
 #[derive(Clone, Debug, Serialize)]
 pub struct Report {
-    /// The frames.
+    /// Rendered frames.
     pub frames: Vec<FrameReport>,
-    /// The real frames.
+    /// Real frames.
     pub real: Vec<FrameReport>,
-    /// Every measure.
+    /// All measures, in both sets of frames.
     pub measures: Vec<Row>,
-    /// What could not be measured, and why.
+    /// Measures omitted, and why.
     pub notes: Vec<String>,
 }
 
-/// Measures frames and real frames, over all cores.
+/// Measures rendered and real frames in parallel and compares them.
 ///
 /// # Errors
-/// As [`Parts::of`].
+/// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
 pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<Report, VolumeError> {
     let measured = |pictures: &[Picture]| pictures.par_iter().map(FrameReport::of).collect::<Result<Vec<_>, _>>();
     let (frames, real) = (measured(frames)?, measured(real)?);

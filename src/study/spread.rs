@@ -2,21 +2,21 @@
 
 use serde::Serialize;
 
-/// Times of a number of frames.
+/// Statistics of frame times.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// Half of the frames took at most this, ms.
+    /// Median frame time, ms.
     pub median_ms: f64,
-    /// 95 of 100 frames took at most this, ms.
+    /// 95th percentile of the frame times, ms.
     pub p95_ms: f64,
-    /// Frames a second at the median.
+    /// Frames per second at the median.
     pub fps: f64,
-    /// Frames measured.
+    /// Number of frames measured.
     pub frames: usize,
 }
 
 impl Spread {
-    /// The spread of some times, ms; none of no times. Percentiles are nearest ranks.
+    /// Computes the spread of times in ms; `None` for an empty list. Percentiles are nearest ranks.
     pub fn of(mut ms: Vec<f64>) -> Option<Self> {
         ms.sort_by(f64::total_cmp);
         let rank = |share: f64| percentile(&ms, share);
@@ -30,8 +30,8 @@ impl Spread {
     }
 }
 
-/// Times of any number of steps in memory of a fixed size (24 KiB): counts of classes 1/64 of an octave wide, from 0.1 ns to three
-/// hours. Percentiles are within 0.6 %; the longest time is exact.
+/// Histogram of any number of step times in a fixed 24 KiB: bins 1/64 of an octave wide, from 0.1 ns to three hours. Percentiles are
+/// accurate to 0.6 %; the longest time is exact.
 #[derive(Clone, Debug)]
 pub struct Times {
     counts: Vec<u64>,
@@ -54,7 +54,7 @@ impl Times {
     const LEAST_MS: f64 = 1e-7;
     const CLASSES: usize = 47 * 64;
 
-    /// Counts a time, ms.
+    /// Adds a time, ms.
     pub fn add(&mut self, ms: f64) {
         let class = Self::AN_OCTAVE * (ms / Self::LEAST_MS).log2();
         self.counts[(class.max(0.0) as usize).min(Self::CLASSES - 1)] += 1;
@@ -62,7 +62,7 @@ impl Times {
         self.max_ms = self.max_ms.max(ms);
     }
 
-    /// The time that a share (0 to 1) of the steps stays within, ms; none of no steps.
+    /// Returns the time that the given share (0 to 1) of the steps does not exceed, ms; `None` without steps.
     pub fn percentile(&self, share: f64) -> Option<f64> {
         let rank = ((share * self.total as f64).ceil() as u64).max(1);
         if rank >= self.total {
@@ -77,7 +77,7 @@ impl Times {
     }
 }
 
-/// The nearest rank of a share (0 to 1) of ascending numbers; none of none.
+/// Returns the nearest-rank percentile of ascending numbers at a share of 0 to 1; `None` for an empty slice.
 pub fn percentile(ascending: &[f64], share: f64) -> Option<f64> {
     let place = (share * ascending.len() as f64).ceil() as usize;
     ascending.get(place.max(1) - 1).copied()
@@ -99,7 +99,7 @@ mod tests {
             assert!((counted / exact - 1.0).abs() < 0.006, "{share}: {counted} for {exact}");
         }
         assert_eq!(times.percentile(1.0), percentile(&sorted, 1.0));
-        // Neither no time nor any other falls out of the classes.
+        // Zero, tiny, huge and infinite times all fall into a bin.
         [0.0, 1e-300, 1e300, f64::INFINITY]
             .into_iter()
             .for_each(|ms| times.add(ms));

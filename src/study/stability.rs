@@ -1,20 +1,20 @@
-//! Hard cases of the numerics: what each must hold to, what was measured, and whether it does.
+//! Hard cases for the numerics: acceptance criteria, measured figures and verdicts.
 //!
-//! One table serves the `stability` command, which runs every case at its whole length, and the tests, which run them
-//! quickly. A [`Group`] of cases lives in a file of its own and is made known in [`GROUPS`], nowhere else. A case runs on a
-//! [`Record`] and puts figures into it; each figure that the criterion bounds carries its limit. NaN and infinity never hold,
-//! even where a figure is only reported, and an error that a case does not expect is a figure that does not hold.
+//! One table serves both the `stability` command, which runs every case at full length, and the tests, which run them quickly. Each
+//! [`Group`] of cases has a file of its own and is registered only in [`GROUPS`]. A case runs on a [`Record`] and adds figures to it; each
+//! figure that the criterion bounds carries its limit. NaN and infinity never pass, even in a figure that is only reported, and an error
+//! that a case does not expect is a failed figure.
 //!
-//! | file | what it holds |
+//! | module | contents |
 //! |---|---|
-//! | [`case`] | a case, a group, how long to run |
+//! | [`case`] | cases, groups, length of a run |
 //! | [`record`] | figures, limits, margins |
-//! | [`report`] | the table, as text, Markdown and JSON |
-//! | `solving` | elements, solvers, the inverse |
+//! | [`report`] | results as text, Markdown and JSON |
+//! | `solving` | elements, solvers, the dense inverse |
 //! | `remeshing` | remeshing and constraints |
 //! | `contact` | contact, needle, time |
 //! | `memory` | fading memory, stiffening at a knee |
-//! | `images` | images |
+//! | `images` | image synthesis |
 
 pub mod case;
 mod contact;
@@ -28,12 +28,14 @@ mod solving;
 use std::time::Instant;
 
 pub use case::{Case, Effort, Group};
-pub use record::{Measure, Record, Unexpected};
+pub use record::Record;
+#[cfg(feature = "internals")]
+pub use record::Unexpected;
 pub use report::{CaseReport, Report};
 
 use super::machine::Machine;
 
-/// Every group, in the order in which it is shown.
+/// All groups, in display order.
 pub const GROUPS: &[Group] = &[
     solving::GROUP,
     remeshing::GROUP,
@@ -42,7 +44,7 @@ pub const GROUPS: &[Group] = &[
     images::GROUP,
 ];
 
-/// The cases whose name, or whose group's, contains `only` (any case of letters; all without it), each with its group's name.
+/// Returns the cases whose name or group name contains `only`, ignoring case, each with its group's name; all cases if `None`.
 pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a Case)> {
     let only = only.unwrap_or("").to_lowercase();
     let pairs = groups
@@ -57,7 +59,7 @@ pub fn select<'a>(groups: &'a [Group], only: Option<&str>) -> Vec<(&'a str, &'a 
         .collect()
 }
 
-/// Runs cases one after another. `progress` is told the name of the case at hand and the share of all that is done, 0 to 1.
+/// Runs cases one after another. `progress` receives the name of the current case and the completed fraction of the run, 0 to 1.
 pub fn run(cases: &[(&str, &Case)], effort: Effort, mut progress: impl FnMut(&str, f64)) -> Report {
     let mut reports = Vec::with_capacity(cases.len());
     for (at, (group, case)) in cases.iter().enumerate() {

@@ -1,9 +1,9 @@
-//! Levels, nodes, pieces of the needle and candidates: what a step of an insertion costs with each.
+//! Cost of an insertion step by level, number of nodes, needle discretisation and probe candidates.
 //!
-//! They come from the study of insertions: the time of its steps that remesh (median, the faster of two passes), as those are what a
-//! haptic loop waits for, and how far the tip is from where the finest choice has it. Levels, needles and candidates are measured on a
-//! small block, since a dense inverse of a large one takes minutes; what more nodes cost is measured at the exact level on blocks up
-//! to the size that is usual. What one choice adds is taken to be the same beside every other.
+//! The costs come from the insertion study: the time of steps that remesh (median, the faster of two passes), as those are what a haptic
+//! loop waits for, and the distance of the tip from its position under the finest choice. Levels, needles and candidates are measured on a
+//! small block, since a dense inverse of a large one takes minutes; the cost of more nodes is measured at the exact level on blocks up to
+//! the usual size. The cost of one choice is assumed independent of all others.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,80 +12,80 @@ use crate::scenario::DEFAULT_NODES;
 use crate::study::tradeoff::insertion::{InsertionOptions, InsertionStudyError, Part, study};
 use crate::study::tradeoff::{Row, SHIFT_MM, Study, Table};
 
-/// The keys of what is picked.
+/// Key of the condensation level in a scenario.
 pub const LEVEL: &str = "tissue.level";
-/// As `LEVEL`.
+/// Key of the number of tissue nodes in a scenario.
 pub const NODES: &str = "tissue.nodes";
-/// As `LEVEL`.
+/// Key of the needle's link length in a scenario.
 pub const LINK: &str = "needle.link_mm";
-/// As `LEVEL`.
+/// Key of the needle's element length in a scenario.
 pub const ELEMENT: &str = "needle.element_mm";
-/// As `LEVEL`.
+/// Key of the thinning of probe candidates in a scenario.
 pub const THINNING: &str = "contact_probe.thinning";
 
-/// Nodes of the small block, and how deep the needle goes, mm.
+/// Number of nodes of the small block, and insertion depth, mm.
 const FEW: usize = 500;
 const DEPTH_MM: f64 = 20.0;
-/// Nodes of the block whose eighth, quarter, half and whole are compared: those of a scenario that states none. More are not offered,
-/// as a needle that goes deeper than here touches more of them.
+/// Nodes of the largest block, the default of a scenario; an eighth, a quarter and a half of it are compared too. More are not offered, as
+/// a needle that goes deeper than here touches more of them.
 const USUAL: usize = DEFAULT_NODES as usize;
-/// Length of pieces of the needle where the other choices are measured, mm: that of a scenario that states none.
+/// Length of the needle's pieces while other choices are measured, mm: the default of a scenario.
 const USUAL_MM: &str = "10";
 
-/// The tip may be off by so much without any more time being paid for it, mm: a tenth of what is of no matter.
+/// Tip error treated as zero, mm: a tenth of the smallest that a user would notice.
 const SLIGHT_MM: f64 = 0.1 * SHIFT_MM.0;
 
-/// The time that counts: other steps take less.
+/// Axis used as the cost: steps that do not remesh take less time.
 const TIME: &str = "remesh_median_ms";
 
-/// What steps cost, whatever the scenario.
+/// Costs of insertion steps, independent of the scenario.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StepCosts {
-    /// Nodes of the small block.
+    /// Number of nodes of the small block.
     pub few: u32,
-    /// Time of a step there, without and with a probe in contact, ms.
+    /// Time of a step on the small block, without and with a probe in contact, ms.
     pub base_ms: [f64; 2],
-    /// Levels, without and with a probe.
+    /// Costs of the levels, without and with a probe.
     pub levels: [Dial; 2],
-    /// Nodes: beyond the small block.
+    /// Costs of more nodes, relative to the small block.
     pub nodes: Dial,
-    /// Links of a needle.
+    /// Costs of needle links.
     pub links: Dial,
-    /// Elements of a needle that is a beam: beyond the usual links.
+    /// Costs of beam-needle elements, relative to the default links.
     pub elements: Dial,
-    /// Candidates of the probe.
+    /// Costs of thinned probe candidates.
     pub thinning: Dial,
 }
 
-/// What a scenario is like.
+/// Properties of a scenario that determine its costs.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Situation {
     /// Whether a probe is in contact.
     pub probe: bool,
     /// Whether the needle is a beam.
     pub beam: bool,
-    /// Length of the needle, mm: no piece is longer.
+    /// Length of the needle, mm, which bounds the length of a piece.
     pub needle_mm: Option<f64>,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub nodes: Nodes,
 }
 
-/// What is known of the nodes of a mesh before it is there.
+/// Number of mesh nodes, as far as it is known before meshing.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Nodes {
-    /// They may be picked.
+    /// The number of nodes is free to choose.
     #[default]
     Open,
-    /// How many.
+    /// The scenario states the number of nodes.
     Stated(u32),
-    /// Nothing, as of a file.
+    /// The number of nodes is unknown, as for a mesh from a file.
     Unknown,
 }
 
-/// Measures them. `progress` hears what is being done, and the share done.
+/// Measures the costs. `progress` receives the current task and the completed fraction.
 ///
 /// # Errors
-/// [`InsertionStudyError`].
+/// [`InsertionStudyError`] if an insertion cannot be simulated.
 pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts, InsertionStudyError> {
     let options = |nodes, parts| InsertionOptions {
         nodes,
@@ -96,14 +96,14 @@ pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts
     };
     let small = vec![Part::Levels, Part::Thinning, Part::Links, Part::Elements];
     let small = study(&options(FEW, small), &mut |what, share| progress(what, 0.6 * share))?;
-    // The study goes up to twice what it is asked for.
+    // The study refines to twice the requested number of nodes.
     let meshes = options(USUAL / 2, vec![Part::Mesh]);
     let meshes = study(&meshes, &mut |what, share| progress(what, 0.6 + 0.4 * share))?;
     Ok(StepCosts::of(&small, &meshes))
 }
 
 impl StepCosts {
-    /// The costs that studies of insertions have found: one on a small block, and one of nodes.
+    /// Extracts the costs from two insertion studies: one on a small block, and one of the number of nodes.
     fn of(small: &Study, meshes: &Study) -> Self {
         let first = |row: &Row| Some(row.choices[0].clone());
         let (links, free_ms) = dial(small, ["links", LINK, "tip_mm"], first, Base::Rung(USUAL_MM));
@@ -112,7 +112,7 @@ impl StepCosts {
             let name = move |row: &Row| {
                 let name = match row.choices[0].as_str() {
                     "exact condensed" => "exact",
-                    // It shows what remeshing is worth, and errs the more the farther a needle goes.
+                    // Level IV serves only to show the value of remeshing; its error grows with the depth of the needle.
                     "IV" => return None,
                     other => other,
                 };
@@ -133,13 +133,13 @@ impl StepCosts {
         }
     }
 
-    /// All dials.
+    /// Returns all dials.
     pub fn dials(&self) -> impl Iterator<Item = &Dial> {
         let others = [&self.nodes, &self.links, &self.elements, &self.thinning];
         self.levels.iter().chain(others)
     }
 
-    /// What a scenario can choose, and what it costs there.
+    /// Returns the choices open to a scenario, and their costs.
     pub fn in_situation(&self, situation: &Situation) -> Costs {
         let at = usize::from(situation.probe);
         let needle = match situation.beam {
@@ -172,7 +172,7 @@ impl StepCosts {
         }
     }
 
-    /// Numbers of nodes and what they add, ascending, the small block first.
+    /// Returns numbers of nodes and the time that each adds (ms), ascending, with the small block first.
     fn sizes(&self) -> Vec<(f64, f64)> {
         let rungs = self.nodes.rungs.iter();
         let measured = rungs.filter_map(|rung| Some((rung.values.first()?.parse().ok()?, rung.extra_ms)));
@@ -182,8 +182,8 @@ impl StepCosts {
     }
 }
 
-/// What a number of nodes adds, ms: along straight lines between those that were measured (ascending), and along the last beyond
-/// them; nothing below the first.
+/// Returns the time that a number of nodes adds, ms: linear between the measured numbers (ascending), extrapolated above the last, and zero
+/// below the first.
 fn extra_of(sizes: &[(f64, f64)], nodes: u32) -> f64 {
     let nodes = f64::from(nodes);
     let last = sizes.len().saturating_sub(1);
@@ -194,7 +194,7 @@ fn extra_of(sizes: &[(f64, f64)], nodes: u32) -> f64 {
     before + (after - before) * (nodes - low) / (high - low)
 }
 
-/// The rungs of a needle whose pieces are no longer than it.
+/// Keeps the rungs whose needle pieces are no longer than the needle.
 fn fitting(dial: &Dial, needle_mm: Option<f64>) -> Dial {
     let fits = |rung: &&Rung| {
         let length: Option<f64> = rung.values.first().and_then(|value| value.parse().ok());
@@ -206,16 +206,16 @@ fn fitting(dial: &Dial, needle_mm: Option<f64>) -> Dial {
     }
 }
 
-/// What a dial adds to.
+/// Reference time of a dial.
 #[derive(Clone, Copy)]
 enum Base {
-    /// The time of the rung with this value.
+    /// Time of the rung with this value.
     Rung(&'static str),
-    /// This time, ms.
+    /// Given time, ms.
     Ms(f64),
 }
 
-/// A dial from the rows of a table, and the time that it adds to, ms.
+/// Builds a dial from the rows of a table; returns it with its reference time, ms.
 fn dial(
     study: &Study,
     [table, key, error]: [&str; 3],

@@ -1,4 +1,4 @@
-//! A small scene for tests.
+//! Small scene for tests.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,7 +10,7 @@ use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::tissue::{Preset, TissueTable};
 use crate::tracking::probe::{Probe, ProbeShape};
 
-/// The two-layer phantom at 3 mm under a linear probe, with every usual effect and noise.
+/// Returns the two-layer phantom at 3 mm resolution under a linear probe, with all default effects and noise.
 pub fn scene() -> (Anatomy, Settings, FrameState) {
     let coarse = PhantomOptions {
         resolution_mm: Some(3.0),

@@ -1,28 +1,28 @@
-//! What accuracy costs in time: the one shape of all studies of that kind.
+//! Studies of accuracy against computing time: their common data model.
 //!
-//! A [`Study`] holds [`Table`]s. A row of a table is one way of doing a thing: [`Factor`]s say which (level, backend, precision,
-//! size), [`Axis`] by axis it has a figure (time, error, bytes). [`Figure`]s name the axes to plot against each other. A study
-//! only measures and fills in, names the gold standard of each table and what a user wants of it ([`Goal`]); advice follows from
-//! the rows ([`Table::advice`]), and so does which of them are the best ([`Table::best`]); text, JSON, CSV and plots are made from the tables in one place, [`Study::text`] and its neighbours.
+//! A [`Study`] holds [`Table`]s. A row of a table is one variant: its [`Factor`]s identify it (level, backend, precision, size), and for
+//! each [`Axis`] it has a value (time, error, bytes). [`Figure`]s name the axes to plot against each other. A study only measures, and
+//! names the gold standard of each table and the user's [`Goal`]. Advice ([`Table::advice`]) and the best rows ([`Table::best`]) are
+//! derived from the rows; text, JSON, CSV and plots are all made in one place ([`Study::text`] and related methods).
 //!
-//! | module | what it studies |
+//! | module | subject |
 //! |---|---|
-//! | [`gather`] | all of them, one after the other, into one [`report`] |
-//! | [`insertion`] | needle insertions: levels, bevels, models, candidates of the probe, links |
+//! | [`gather`] | all studies, run in sequence into one [`report`] |
+//! | [`insertion`] | needle insertions: levels, bevels, models, probe candidates, links |
 //! | [`beam`] | the needle as a beam in tissue |
-//! | [`remesh`] | levels of remeshing |
-//! | [`history`] | rules of fading memory |
+//! | [`remesh`] | remeshing levels |
+//! | [`history`] | quadrature rules of fading memory |
 //! | [`tissue`] | schemes and models of tissue that stiffens and creeps |
 //! | [`image`] | grids, labels, sampling, grain and backends of images |
 
 mod advice;
 pub mod beam;
-mod best;
 pub mod gather;
 pub mod history;
 pub mod image;
 pub mod insertion;
-mod pace;
+mod pareto;
+mod real_time;
 pub mod remesh;
 mod render;
 pub mod report;
@@ -32,23 +32,23 @@ pub mod tissue;
 
 use serde::{Deserialize, Serialize};
 
-pub use advice::{Advice, FORCE_N, GREY_LEVELS, Goal, SHIFT_MM, Way};
-pub use pace::{Beat, InTime, Pace};
+pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
+pub use real_time::{Beat, InTime, Pace};
 pub use render::RenderError;
 
 use super::machine::Machine;
 
-/// What tells rows apart.
+/// Parameter that distinguishes the rows of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Factor {
     /// Key in JSON and CSV.
     pub key: &'static str,
-    /// Heading.
+    /// Column heading.
     pub label: &'static str,
 }
 
 impl Factor {
-    /// A choice in words: a bare number has the label around it, as in "spacing 5 mm" of a label "spacing, mm".
+    /// Describes a choice in words: a bare number is put into the label, as in "spacing 5 mm" for the label "spacing, mm".
     pub fn name(&self, choice: &str) -> String {
         match (choice.parse::<f64>(), self.label.rsplit_once(", ")) {
             (Ok(_), Some((what, unit))) => format!("{what} {choice} {unit}"),
@@ -58,21 +58,21 @@ impl Factor {
     }
 }
 
-/// What is measured.
+/// Measured quantity.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Axis {
-    /// Key in JSON and CSV; ends with the unit where there is one.
+    /// Key in JSON and CSV, ending with the unit if there is one.
     pub key: &'static str,
-    /// Heading of a column, short.
+    /// Short column heading.
     pub heading: &'static str,
-    /// Label of a plot's axis; where it has a unit, that stands behind the last comma.
+    /// Label of the plot axis, with the unit after the last comma if there is one.
     pub label: &'static str,
-    /// Whether plots show it on a logarithmic scale.
+    /// Whether plots use a logarithmic scale.
     pub log: bool,
 }
 
 impl Axis {
-    /// An axis whose plots are logarithmic.
+    /// Creates an axis that plots on a logarithmic scale.
     pub const fn log(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
         Axis {
             key,
@@ -82,7 +82,7 @@ impl Axis {
         }
     }
 
-    /// An axis whose plots are linear.
+    /// Creates an axis that plots on a linear scale.
     pub const fn linear(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
         Axis {
             key,
@@ -92,50 +92,50 @@ impl Axis {
         }
     }
 
-    /// The unit; empty where there is none.
+    /// Returns the unit; empty if there is none.
     pub fn unit(&self) -> &'static str {
         self.label.rsplit_once(", ").map_or("", |(_, unit)| unit)
     }
 }
 
-/// One way of doing a thing, and how it did.
+/// One variant and its results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Row {
-    /// One for each factor.
+    /// Choice for each factor.
     pub choices: Vec<String>,
-    /// One for each axis; none where it was not or cannot be measured.
+    /// Value on each axis; `None` if it was not or cannot be measured.
     pub values: Vec<Option<f64>>,
-    /// Whether the others are compared with it (see [`Table::mark_gold`]).
+    /// Whether this row is the gold standard of the others (see [`Table::mark_gold`]).
     pub gold: bool,
-    /// What is wrong with it: a promise broken.
+    /// Failure to report, such as a violated guarantee.
     pub flag: Option<String>,
 }
 
-/// Rows with the same factors and axes.
+/// Rows with common factors and axes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// Key in JSON, stem of the CSV file.
+    /// Key in JSON and stem of the CSV file.
     pub key: &'static str,
-    /// Heading.
+    /// Title.
     pub title: String,
-    /// What errors are measured against; empty where there are none.
+    /// Gold standard that errors refer to; empty if the table has no errors.
     pub gold: String,
-    /// What a user wants of it; none where it shows how things are and there is nothing to choose.
+    /// Goal of a user who chooses from the table; `None` if the table offers no choice.
     pub goal: Option<Goal>,
-    /// What tells rows apart.
+    /// Factors that distinguish the rows.
     pub factors: Vec<Factor>,
-    /// What is measured.
+    /// Measured quantities.
     pub axes: Vec<Axis>,
     /// The rows.
     pub rows: Vec<Row>,
-    /// Whether the text for people lists it: long traces are for plots and programs.
+    /// Whether the text report lists the table; long traces are left to plots and programs.
     pub listed: bool,
 }
 
-/// A plot of a table.
+/// Plot of a table.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Figure {
-    /// Stem of its files.
+    /// Stem of the file names.
     pub file: String,
     /// Title.
     pub title: String,
@@ -145,20 +145,20 @@ pub struct Figure {
     pub x: &'static str,
     /// Key of the vertical axis.
     pub y: &'static str,
-    /// Key of the factor that has a colour for each of its choices.
+    /// Key of the factor shown by colour.
     pub colour: &'static str,
-    /// Keys of the factors that have a marker for each combination.
+    /// Keys of the factors shown by marker, one for each combination of choices.
     pub marker: Vec<&'static str>,
-    /// Only rows with these choices, by key of the factor.
+    /// Filter: only rows with these choices, by key of the factor.
     pub only: Vec<(&'static str, String)>,
-    /// Whether lines join points of one colour and marker.
+    /// Whether lines join the points of one colour and marker.
     pub joined: bool,
-    /// Whether points are marked: of a long trace a line is enough.
+    /// Whether points are marked; a line is enough for a long trace.
     pub marked: bool,
 }
 
 impl Figure {
-    /// Marked points of a table, those of a colour joined: no shapes, every row.
+    /// Creates a plot of all rows with marked points, joined within a colour, and no factor shown by marker.
     pub fn new(
         file: impl Into<String>,
         title: impl Into<String>,
@@ -181,27 +181,27 @@ impl Figure {
     }
 }
 
-/// Everything that one run has found out.
+/// Results of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
-    /// Its name.
+    /// Name.
     pub name: &'static str,
-    /// Heading of its page.
+    /// Title of the page.
     pub title: &'static str,
-    /// What was studied: settings, sizes.
+    /// Settings and sizes studied.
     pub about: Vec<(&'static str, String)>,
-    /// What the CPU part ran on.
+    /// Machine that the CPU part ran on.
     pub machine: Machine,
-    /// The tables.
+    /// Result tables.
     pub tables: Vec<Table>,
-    /// The plots to make of them.
+    /// Plots of the tables.
     pub figures: Vec<Figure>,
     /// What was left out, and why.
     pub notes: Vec<String>,
 }
 
 impl Table {
-    /// A table without rows.
+    /// Creates a table without rows.
     pub fn new(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
         Table {
             key,
@@ -215,7 +215,7 @@ impl Table {
         }
     }
 
-    /// A long trace, which the text for people leaves out.
+    /// Creates a table of a long trace, which the text report omits.
     pub fn trace(key: &'static str, title: impl Into<String>, factors: &[Factor], axes: &[Axis]) -> Self {
         Table {
             listed: false,
@@ -223,16 +223,16 @@ impl Table {
         }
     }
 
-    /// Names what errors are measured against.
+    /// Sets the gold standard that errors refer to.
     pub fn against(mut self, gold: impl Into<String>) -> Self {
         self.gold = gold.into();
         self
     }
 
-    /// Says what a user wants of it.
+    /// Sets the goal of a user.
     ///
     /// # Panics
-    /// If a key is none of the table's: that is the program's own fault.
+    /// If a key does not exist in the table: a programming error.
     pub fn seeking(mut self, goal: Goal) -> Self {
         let timed = goal.every.map(|(_, key)| key);
         let axes = [goal.cost, goal.error].into_iter().chain(goal.beside.iter().copied());
@@ -244,7 +244,7 @@ impl Table {
         self
     }
 
-    /// Marks the rows with this choice of a factor as what the others are compared with.
+    /// Marks the rows with this choice of a factor as the gold standard.
     pub fn mark_gold(&mut self, factor: &str, choice: &str) {
         let Some(at) = self.factor(factor) else { return };
         let own = self.rows.iter_mut().filter(|row| row.choices[at] == choice);
@@ -254,7 +254,7 @@ impl Table {
     /// Adds a row. Values that are not finite count as not measured, and flag the row.
     ///
     /// # Panics
-    /// If there is not one choice a factor and one value an axis: that is the program's own fault.
+    /// If the numbers of choices and factors, or of values and axes, differ: a programming error.
     pub fn push(&mut self, choices: Vec<String>, values: Vec<Option<f64>>, flag: Option<String>) {
         assert_eq!(
             (choices.len(), values.len()),
@@ -277,17 +277,17 @@ impl Table {
         });
     }
 
-    /// Where an axis is among the values of a row.
+    /// Returns the index of an axis among the values of a row.
     fn axis(&self, key: &str) -> Option<usize> {
         self.axes.iter().position(|axis| axis.key == key)
     }
 
-    /// Where a factor is among the choices of a row.
+    /// Returns the index of a factor among the choices of a row.
     fn factor(&self, key: &str) -> Option<usize> {
         self.factors.iter().position(|factor| factor.key == key)
     }
 
-    /// Value of a row on an axis; none where there is no such axis or nothing was measured.
+    /// Returns the value of a row on an axis; `None` if the axis does not exist or was not measured.
     pub fn value(&self, row: &Row, key: &str) -> Option<f64> {
         row.values[self.axis(key)?]
     }

@@ -1,4 +1,4 @@
-//! Runs a plan on the CPU: each pass in turn, each over all cores.
+//! CPU execution of a plan: passes in sequence, each parallel over all cores.
 
 use std::time::Instant;
 
@@ -10,9 +10,9 @@ use crate::memory;
 use crate::plan::{Plan, PlannedPass};
 use crate::real::Real;
 
-/// A scalar that passes are declared for.
+/// Scalar type of a CPU reference.
 pub trait PassScalar: Real {
-    /// The reference of a pass in this scalar.
+    /// Returns the reference of a pass in this scalar.
     fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>);
 }
 
@@ -30,16 +30,16 @@ impl PassScalar for f64 {
 
 /// The CPU backend.
 pub struct CpuExecutor<T: PassScalar> {
-    /// Its working memory.
+    /// Working memory of the backend.
     pub store: Store<T>,
-    /// Whether passes are measured.
+    /// Whether passes are timed.
     pub timed: bool,
-    /// What they took.
+    /// Durations of the passes.
     pub times: Vec<PassTime>,
 }
 
 impl<T: PassScalar> CpuExecutor<T> {
-    /// Memory for a plan; an error if the machine has too little to spare.
+    /// Allocates memory for a plan; an error if too little is available.
     pub fn new(plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
         let mut executor = Self {
             store: Store::default(),
@@ -50,7 +50,7 @@ impl<T: PassScalar> CpuExecutor<T> {
         Ok(executor)
     }
 
-    /// Adapts the memory to a changed plan; an error if the machine has too little to spare.
+    /// Adapts the memory to a changed plan; an error if too little is available.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
         let written = |resource| {
             let mut bindings = plan.passes.iter().flat_map(|planned| planned.pass.bindings);
@@ -78,7 +78,7 @@ impl<T: PassScalar> CpuExecutor<T> {
         Ok(())
     }
 
-    /// Runs some passes of a plan.
+    /// Runs a sequence of passes of a plan.
     pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         if let Some(states) = &mut self.store.states {
             states.update(state.nodes.as_deref(), state.reference.as_deref())?;

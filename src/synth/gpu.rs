@@ -1,4 +1,5 @@
-//! Runs a plan on a GPU: buffers by resource, pipelines by pass, bind groups made once, one submission a frame.
+//! GPU execution of a plan: buffers by resource, pipelines by pass, persistent bind groups, one submission per
+//! frame.
 
 mod contents;
 mod warp;
@@ -22,7 +23,7 @@ use crate::plan::Plan;
 use contents::contents;
 use warp::Warp;
 
-/// What a plan asks of a device beyond the default limits.
+/// Device requirements of a plan beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {
     let largest = plan
         .resources
@@ -39,7 +40,7 @@ pub fn needs(plan: &Plan) -> Needs {
     }
 }
 
-/// One dispatch of a frame.
+/// A dispatch of a frame.
 struct Step {
     pass: &'static Pass,
     pipeline: Pipeline,
@@ -68,7 +69,7 @@ pub struct GpuExecutor {
 }
 
 impl GpuExecutor {
-    /// Compiles the passes of a plan and gives its resources their buffers.
+    /// Compiles the passes of a plan and allocates the buffers of its resources.
     pub fn new(gpu: Gpu, plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
         let parameters = Parameters::new(&gpu, "parameters", 1)?;
         let mut executor = Self {
@@ -92,7 +93,7 @@ impl GpuExecutor {
         Ok(executor)
     }
 
-    /// Adapts to a changed plan: makes what is new, drops what is not called for, uploads what changed.
+    /// Adapts to a changed plan: creates new objects, drops unused ones, and uploads changed data.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[Resource]) -> Result<(), SynthError> {
         if self.gpu.report().software {
             memory::check(plan.bytes().saturating_sub(self.bytes()), "a frame on software Vulkan")?;
@@ -126,7 +127,7 @@ impl GpuExecutor {
         Ok(())
     }
 
-    /// Keeps read-backs and the host's texture while the size of the image stays.
+    /// Keeps read-backs and the host's texture as long as the image size does not change.
     fn fit_outputs(&mut self, tables: &Tables) -> Result<(), GpuError> {
         let row_bytes = tables.words_per_row() as u64 * 4;
         let sizes = self.bands.iter().map(|band| u64::from(band.rows) * row_bytes);
@@ -251,7 +252,7 @@ impl GpuExecutor {
         Ok(pipeline)
     }
 
-    /// Renders a frame into `pixels`, or, without them, into the texture.
+    /// Renders a frame into `pixels`, or, if `None`, into the texture.
     pub fn render(
         &mut self,
         plan: &Plan,
@@ -291,7 +292,7 @@ impl GpuExecutor {
         self.read_times(plan)
     }
 
-    /// Runs the steps up to and including a pass, and nothing after it; all of them if there is none of that name.
+    /// Runs the steps up to and including a pass; all of them if there is none of that name.
     pub fn run_until(&mut self, pass: &str, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         self.upload(tables, state)?;
         let end = self
@@ -348,7 +349,7 @@ impl GpuExecutor {
         TextureOut::new(&self.gpu, tables.width() as u32, tables.height() as u32)
     }
 
-    /// Starts or stops measuring passes.
+    /// Enables or disables timing of passes.
     pub fn time_passes(&mut self, on: bool, plan: &Plan) -> Result<(), SynthError> {
         let names: Vec<&str> = self.steps.iter().map(|step| step.pass.name).collect();
         self.timer = if on { Timer::new(&self.gpu, &names)? } else { None };
@@ -377,7 +378,7 @@ impl GpuExecutor {
         Ok(())
     }
 
-    /// Reads the beam-space results of the last frame, places seen from the local origin, as they stood after the pass that ran last.
+    /// Reads the beam-space results of the last frame, relative to the local origin, as they were after the last executed pass.
     pub fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
         let count = tables.lines() * tables.samples();
         let words = |resource: Resource, per_sample: usize| -> Result<Vec<u32>, GpuError> {
@@ -410,17 +411,17 @@ impl GpuExecutor {
         })
     }
 
-    /// The device.
+    /// GPU device of this executor.
     pub fn gpu(&self) -> &Gpu {
         &self.gpu
     }
 
-    /// The texture of the last frame rendered into it.
+    /// Texture of the last frame rendered into it.
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         self.texture.as_ref().map(TextureOut::texture)
     }
 
-    /// What the passes of the last frame took.
+    /// Durations of the passes of the last frame.
     pub fn times(&self) -> &[PassTime] {
         &self.times
     }
@@ -435,7 +436,7 @@ impl GpuExecutor {
         self.pipelines.keys().map(|(name, _)| *name)
     }
 
-    /// Bytes of all buffers.
+    /// Size of all buffers, bytes.
     pub fn bytes(&self) -> u64 {
         self.buffers.values().map(StorageBuffer::bytes).sum()
     }
@@ -454,7 +455,7 @@ fn is_per_pixel(pass: &Pass) -> bool {
     pass.bindings.iter().any(|(resource, _)| resource.is_per_pixel())
 }
 
-/// The buffer that a pass sees as a resource, after an odd number of flips or not.
+/// Buffer bound as a resource, given whether the number of flips is odd.
 fn actual(resource: Resource, flipped: bool) -> Resource {
     match (resource, flipped) {
         (Resource::Amplitude, true) => Resource::AmplitudeNext,

@@ -1,4 +1,4 @@
-//! Beam-space results of a frame, and the ground-truth layers made of them.
+//! Beam-space results of a frame, and the ground-truth layers derived from them.
 
 use nalgebra::{Matrix4, Point3};
 use schemars::JsonSchema;
@@ -9,33 +9,34 @@ use super::tables::Tables;
 use crate::real::Real;
 use crate::volume::Label;
 
-/// Beam-space results: scanline by scanline of the central plane, widened to double precision. What the plan does without
-/// is empty.
+/// Beam-space results: scanline by scanline of the central plane, widened to double precision. Results of omitted passes
+/// are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Beam {
-    /// Scanlines.
+    /// Number of scanlines.
     pub lines: usize,
-    /// Samples along a scanline.
+    /// Number of samples along a scanline.
     pub samples: usize,
-    /// Reference position in the world, mm, and the warp's flag. Passes find it in single precision, but from the local origin
-    /// ([`super::local_origin`]), and it gets to the world in double: 1e5 mm away it is as good as near it.
+    /// Reference position in the world, mm, and the warp's flag. Passes compute it in single precision relative to the local
+    /// origin ([`super::local_origin`]), and it is converted to the world in double precision: at 1e5 mm it is as accurate as
+    /// near the origin.
     pub position: Vec<[f64; 4]>,
-    /// Element of the mesh that holds the sample; `u32::MAX` for none.
+    /// Mesh element that contains the sample; `u32::MAX` for none.
     pub element: Vec<u32>,
     /// Label index.
     pub label: Vec<u8>,
     /// Echo amplitude; after `tone`, grey level.
     pub amplitude: Vec<f64>,
-    /// Share of the scan plane's thickness that needle and seeds fill.
+    /// Fraction of the scan plane's thickness filled by needle and seeds.
     pub needle: Vec<f64>,
-    /// Share of the beam that needle and seeds are in the way of.
+    /// Fraction of the beam blocked by needle and seeds.
     pub shade: Vec<f64>,
     /// Two-way loss, in units of [`crate::effects::shadow::UNITS_PER_DB`].
     pub loss: Vec<u32>,
 }
 
 impl Beam {
-    /// Copies the central plane out of a CPU store, places as passes left them: seen from the local origin.
+    /// Copies the central plane out of a CPU store, with positions as in the passes: relative to the local origin.
     pub fn of_store<T: Real>(store: &Store<T>, tables: &Tables) -> Self {
         let count = tables.lines() * tables.samples();
         let wide = |values: &[T]| values.iter().take(count).map(|x| x.wide()).collect();
@@ -53,31 +54,31 @@ impl Beam {
     }
 }
 
-/// A ground-truth layer at the pixels of a frame, for people who train models.
+/// Ground-truth layer at the pixels of a frame, for training models.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layer {
-    /// Label value of the volume: 0 outside the sector and where nothing is labelled; of a completed body 201 fat, 202 soft tissue, 204 skin
+    /// Label value of the volume: 0 outside the sector and where nothing is labelled; in a completed body 201 fat, 202 soft tissue, 204 skin
     /// and 205 muscle, or other free values
     LabelValue,
-    /// Place of the label in the table of labels, from 0: the same where values do not fit 16 bits
+    /// Index of the label in the table of labels, from 0: also valid if values do not fit 16 bits
     LabelIndex,
     /// 1 inside the image sector, 0 outside
     Sector,
-    /// 1 where the body is continued beyond the volume, whose labels are made up there
+    /// 1 where the body is continued beyond the volume, whose labels are invented there
     Beyond,
     /// Length of the tissue's displacement, hundredths of a millimetre
     Displacement,
     /// Tissue passed along the beam down to the pixel (samples that are not background), tenths of a millimetre
     Depth,
-    /// Share of the scan plane's thickness that the needle fills, 0 to 255
+    /// Fraction of the scan plane's thickness filled by the needle, 0 to 255
     Needle,
     /// Two-way loss down to the pixel, hundredths of a decibel
     Loss,
 }
 
 impl Layer {
-    /// Its name in file names.
+    /// Name used in file names.
     pub fn name(self) -> &'static str {
         match self {
             Self::LabelValue => "label-value",
@@ -91,12 +92,12 @@ impl Layer {
         }
     }
 
-    /// The first label whose value does not fit the 16 bits of [`Layer::LabelValue`].
+    /// First label whose value does not fit the 16 bits of [`Layer::LabelValue`].
     pub fn unfit(labels: &[Label]) -> Option<&Label> {
         labels.iter().find(|label| u16::try_from(label.value).is_err())
     }
 
-    /// The layer at each pixel, nearest sample; 0 outside the sector. Label values that do not fit 16 bits are 65,535.
+    /// Layer at each pixel, nearest sample; 0 outside the sector. Label values that do not fit 16 bits are 65,535.
     pub fn image(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
         let values = self.beam_values(beam, tables, probe_to_world);
         let pixel = |at: &[f32; 2]| match (at[0] < 0.0, self) {

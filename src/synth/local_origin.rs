@@ -1,8 +1,8 @@
-//! The local origin: what passes count places from where the scene lies far from the origin of the world.
+//! Local origin of the passes for scenes far from the origin of the world.
 //!
-//! Passes run in single precision, in which numbers lie the further apart the larger they are: 0.008 mm at 1e5 mm, half a fine
-//! sample. So what lies far away is moved as a whole before anything is rounded: volume, mesh, pose, needle, seeds and nodes, in
-//! double precision, by one vector of whole metres. Passes see nothing of the world; whatever leaves the synthesizer is in the world.
+//! Passes run in single precision, whose absolute resolution decreases with magnitude: 0.008 mm at 1e5 mm, half a fine sample.
+//! Therefore a distant scene is translated before anything is rounded: volume, mesh, pose, needle, seeds and nodes, in double
+//! precision, by one vector of whole metres. Passes use local coordinates only; all output of the synthesizer is in the world.
 //!
 //! ```text
 //!   world, f64:  Anatomy, FrameState ──┐                                      ┌──► Beam, Frame::image_to_world
@@ -10,14 +10,14 @@
 //!   local, f64 and f32:                └──► Tables, plan, passes ─────────────┘
 //! ```
 //!
-//! **Which one.** Where no coordinate of the volume's centre exceeds [`FAR_MM`], the world's own: nothing is moved, and nothing
-//! changes by a bit. Else the whole number of metres ([`STEP_MM`]) nearest to the centre along each axis. It follows from the volume
-//! alone, so it is the same in all frames, on all backends, and whatever the settings.
+//! **Choice.** If no coordinate of the volume's centre exceeds [`FAR_MM`], it is the world's origin: nothing is translated, and
+//! results are bit-identical. Otherwise it is the whole number of metres ([`STEP_MM`]) nearest to the centre along each axis. It
+//! depends on the volume alone, so it is the same in all frames, on all backends, and for all settings.
 //!
-//! **What the grain is anchored to.** The lattice of scatterers and the solid textures are those at the local origin, so that they
-//! belong to the tissue: a scene moved as a whole by whole metres, near or far, is the same scene to the passes, and its frames are
-//! the same, as exactly as its coordinates in the world are (a double at 1e5 mm resolves 1.5e-11 mm). Moved by anything else
-//! it has the same anatomy with another grain of the same statistics, as it has near the world's origin.
+//! **Anchoring of the grain.** The lattice of scatterers and the solid textures start at the local origin, so that they belong to
+//! the tissue: a scene translated by whole metres, near or far, is the same scene to the passes, and its frames are the same, as
+//! exactly as its coordinates in the world are (a double at 1e5 mm resolves 1.5e-11 mm). Translated by any other vector it has the
+//! same anatomy with another grain of the same statistics, as it has near the world's origin.
 
 use std::mem;
 use std::sync::Arc;
@@ -29,23 +29,23 @@ use super::{FrameState, NeedleShaft};
 use crate::mechanics::mesh::TetMesh;
 use crate::volume::{InvalidVolume, LabelVolume};
 
-/// Largest coordinate of a volume's centre that is left as it is, mm. Below it, single precision resolves 2^-12 mm: stored and summed
-/// up, a coordinate is off by that at most, which is a tenth of a sample of 0.0024 mm, finer than 8,192 samples over 20 mm.
-/// Patients and phantoms in the frame of a scanner or tracker lie well within it.
+/// Largest coordinate of a volume's centre without translation, mm. Below it, single precision resolves 2^-12 mm: stored and summed,
+/// a coordinate has at most this error, which is a tenth of a sample of 0.0024 mm, finer than 8,192 samples over 20 mm. Patients and
+/// phantoms in the frame of a scanner or tracker lie well within it.
 pub const FAR_MM: f64 = 4096.0;
 
-/// What a local origin is a multiple of along each axis, mm: a metre. Differences of coordinates and such a number are exact in double
-/// precision, and what lies within a volume's reach of its centre keeps at most 500 mm more, resolved to 2^-14 mm or less.
+/// A local origin is a multiple of this along each axis, mm: a metre. Differences of coordinates and such a number are exact in double
+/// precision, and coordinates within a volume's extent from its centre are at most 500 mm larger, resolved to 2^-14 mm or less.
 pub const STEP_MM: f64 = 1000.0;
 
-/// The place in the world that passes count from.
+/// Origin of local coordinates in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LocalOrigin {
     world_mm: Vector3<f64>,
 }
 
 impl LocalOrigin {
-    /// The one for what a volume holds.
+    /// Returns the local origin for a volume.
     pub fn of(volume: &LabelVolume) -> Self {
         let centre = volume.centre_mm().coords;
         let far = centre.iter().all(|x| x.is_finite()) && centre.amax() > FAR_MM;
@@ -57,7 +57,7 @@ impl LocalOrigin {
         Self { world_mm }
     }
 
-    /// Where it is in the world, mm.
+    /// Position in the world, mm.
     pub fn world_mm(&self) -> [f64; 3] {
         self.world_mm.into()
     }
@@ -67,7 +67,7 @@ impl LocalOrigin {
         self.world_mm == Vector3::zeros()
     }
 
-    /// A point of the world, mm, seen from here.
+    /// Converts a point of the world to local coordinates, mm.
     pub fn into_local(&self, world_mm: [f64; 3]) -> [f64; 3] {
         if self.is_world() {
             return world_mm;
@@ -75,7 +75,7 @@ impl LocalOrigin {
         (Vector3::from(world_mm) - self.world_mm).into()
     }
 
-    /// A point seen from here, mm, in the world.
+    /// Converts a point in local coordinates to the world, mm.
     pub fn into_world(&self, local_mm: [f64; 3]) -> [f64; 3] {
         if self.is_world() {
             return local_mm;
@@ -83,7 +83,7 @@ impl LocalOrigin {
         (Vector3::from(local_mm) + self.world_mm).into()
     }
 
-    /// The volume seen from here; it shares the voxels.
+    /// Volume in local coordinates; it shares the voxels.
     pub(super) fn volume(&self, world: &Arc<LabelVolume>) -> Result<Arc<LabelVolume>, InvalidVolume> {
         if self.is_world() {
             return Ok(Arc::clone(world));
@@ -91,7 +91,7 @@ impl LocalOrigin {
         world.moved(-self.world_mm).map(Arc::new)
     }
 
-    /// The mesh seen from here.
+    /// Mesh in local coordinates.
     pub(super) fn mesh(&self, world: &Arc<TetMesh>) -> Arc<TetMesh> {
         if self.is_world() {
             return Arc::clone(world);
@@ -99,7 +99,7 @@ impl LocalOrigin {
         Arc::new(world.moved((-self.world_mm).into()))
     }
 
-    /// The transform from a frame to the world, to here instead.
+    /// Converts a transform to the world into one to local coordinates.
     fn pose(&self, to_world: &Matrix4<f64>) -> Matrix4<f64> {
         let mut to_local = *to_world;
         let place = to_world.fixed_view::<3, 1>(0, 3) - self.world_mm;
@@ -107,7 +107,7 @@ impl LocalOrigin {
         to_local
     }
 
-    /// Places that passes left, in the world.
+    /// Converts the positions of a beam to the world.
     pub(super) fn beam_into_world(&self, mut local: Beam) -> Beam {
         if !self.is_world() {
             place(&mut local, |point| self.into_world(point));
@@ -115,7 +115,7 @@ impl LocalOrigin {
         local
     }
 
-    /// The beam as passes left it.
+    /// Converts the positions of a beam to local coordinates, as in the passes.
     pub(crate) fn beam_into_local(&self, mut world: Beam) -> Beam {
         if !self.is_world() {
             place(&mut world, |point| self.into_local(point));
@@ -131,7 +131,7 @@ fn place(beam: &mut Beam, at: impl Fn([f64; 3]) -> [f64; 3]) {
     }
 }
 
-/// The state of a frame seen from a local origin, in memory that is kept from frame to frame.
+/// State of a frame in local coordinates, in memory reused from frame to frame.
 #[derive(Debug)]
 pub(crate) struct LocalFrame {
     origin: LocalOrigin,
@@ -150,7 +150,7 @@ impl LocalFrame {
         }
     }
 
-    /// Takes over the state of the next frame. At the world's origin there is nothing to do.
+    /// Converts the state of the next frame. At the world's origin there is nothing to do.
     pub fn take(&mut self, world: &FrameState) {
         let origin = self.origin;
         if origin.is_world() {
@@ -172,7 +172,7 @@ impl LocalFrame {
         origin.nodes(world.reference.as_deref(), &mut local.reference, &mut self.reference);
     }
 
-    /// What passes are to see of the state that was taken over last.
+    /// Returns the state for the passes: the last one converted.
     pub fn of<'a>(&'a self, world: &'a FrameState) -> &'a FrameState {
         if self.origin.is_world() { world } else { &self.state }
     }
@@ -186,7 +186,7 @@ impl LocalOrigin {
         local.nodes.extend(nodes.map(Point3::from));
     }
 
-    /// Nodes of a mesh; `spare` is memory for them while a frame has none.
+    /// Converts the nodes of a mesh; `spare` is memory for them while a frame has none.
     fn nodes(&self, world: Option<&[[f64; 3]]>, local: &mut Option<Vec<[f64; 3]>>, spare: &mut Vec<[f64; 3]>) {
         if let Some(last) = local.take() {
             *spare = last;

@@ -1,4 +1,4 @@
-//! The working memory of the CPU backend: one vector a resource of the plan, none for what the plan does without.
+//! Working memory of the CPU backend: one vector per resource of the plan, empty for unused resources.
 
 use super::tables::Tables;
 use crate::effects::needle::{MAX_SEGMENTS, Segment};
@@ -8,49 +8,50 @@ use crate::mechanics::mesh::map::States;
 use crate::plan::Plan;
 use crate::real::Real;
 
-/// Vectors that passes read and write, scanline by scanline. See [`Resource`] for what each holds.
+/// Vectors that passes read and write, scanline by scanline. See [`Resource`] for the contents of each.
 #[derive(Debug, Default)]
 pub struct Store<T> {
-    /// [`Resource::Position`].
+    /// Data of [`Resource::Position`].
     pub position: Vec<[T; 4]>,
-    /// [`Resource::Gaps`].
+    /// Data of [`Resource::Gaps`].
     pub gaps: Vec<f64>,
-    /// [`Resource::Element`].
+    /// Data of [`Resource::Element`].
     pub element: Vec<u32>,
-    /// The mesh, deformed and in its reference state.
+    /// Deformed and reference state of the mesh.
     pub states: Option<States<T>>,
-    /// [`Resource::Label`], a byte each.
+    /// Data of [`Resource::Label`], one byte each.
     pub label: Vec<u8>,
-    /// [`Resource::Amplitude`].
+    /// Data of [`Resource::Amplitude`].
     pub amplitude: Vec<T>,
-    /// [`Resource::AmplitudeNext`].
+    /// Data of [`Resource::AmplitudeNext`].
     pub amplitude_next: Vec<T>,
-    /// [`Resource::Specular`].
+    /// Data of [`Resource::Specular`].
     pub specular: Vec<[T; 2]>,
-    /// [`Resource::Scatter`]: for each fine scanline its real parts, then its imaginary parts.
+    /// Data of [`Resource::Scatter`]: for each fine scanline its real parts, then its imaginary parts.
     pub scatter: Vec<T>,
-    /// [`Resource::ScatterAxial`], likewise.
+    /// Data of [`Resource::ScatterAxial`]: for each fine scanline its real parts, then its imaginary parts.
     pub scatter_axial: Vec<T>,
-    /// [`Resource::Needle`].
+    /// Data of [`Resource::Needle`].
     pub segments: Vec<Segment<f64>>,
-    /// [`Resource::NeedleMask`].
+    /// Data of [`Resource::NeedleMask`].
     pub needle_mask: Vec<[T; 2]>,
-    /// [`Resource::Loss`].
+    /// Data of [`Resource::Loss`].
     pub loss: Vec<u32>,
-    /// [`Resource::Through`].
+    /// Data of [`Resource::Through`].
     pub through: Vec<T>,
-    /// [`Resource::Reflectors`].
+    /// Data of [`Resource::Reflectors`].
     pub reflectors: Vec<u32>,
-    /// [`Resource::AutoGain`], from the bands to each sample depth.
+    /// Data of [`Resource::AutoGain`], interpolated from the bands to each sample depth.
     pub auto_gain: Vec<T>,
-    /// [`Resource::Image`].
+    /// Data of [`Resource::Image`].
     pub image: Vec<T>,
-    /// [`Resource::Pixels`], a byte each.
+    /// Data of [`Resource::Pixels`], one byte each.
     pub pixels: Vec<u8>,
 }
 
 impl<T: Real> Store<T> {
-    /// Gives every resource of the plan its memory and takes it from the others. Keeps what has the right size.
+    /// Allocates memory for every resource of the plan and frees that of the others. Vectors of the right size are
+    /// kept.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
         let beam = tables.lines() * tables.samples();
         let pixels = tables.width() * tables.height();
@@ -89,7 +90,7 @@ impl<T: Real> Store<T> {
         }
     }
 
-    /// Bytes held.
+    /// Memory in use, bytes.
     pub fn bytes(&self) -> usize {
         let scalars = self.amplitude.capacity()
             + self.amplitude_next.capacity()

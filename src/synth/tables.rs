@@ -1,5 +1,5 @@
-//! What a scene fixes until it is edited: geometry, kernels, tissue rows. Computed once in double precision, read by both
-//! backends, and recomputed part by part when a setting changes.
+//! Data that are constant until a scene is edited: geometry, kernels, tissue rows. Computed once in double precision,
+//! read by both backends, and recomputed part by part when a setting changes.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -29,51 +29,52 @@ use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 use crate::volume::LabelVolume;
 use crate::volume::texture::{Atlas, SolidTexture};
 
-/// What is imaged, in the world: fixed for the life of a synthesizer.
+/// Imaged anatomy in the world: fixed for the life of a synthesizer.
 #[derive(Clone, Debug)]
 pub struct Anatomy {
-    /// The labelled volume, unlabelled tissue completed.
+    /// Labelled volume, with unlabelled tissue completed.
     pub volume: Arc<LabelVolume>,
-    /// What its labels are made of.
+    /// Tissues of its labels.
     pub tissues: Arc<TissueTable>,
     /// Solid textures by name, besides those of the built-in bank, which they override.
     pub textures: BTreeMap<String, Arc<SolidTexture>>,
-    /// The mesh whose deformation moves the tissue, if any does.
+    /// Mesh whose deformation moves the tissue, if any.
     pub mesh: Option<Arc<TetMesh>>,
 }
 
-/// The pixels of a frame.
+/// Pixels of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageSize {
     /// Columns (1 to 16384).
     pub width: usize,
     /// Rows (1 to 16384).
     pub height: usize,
-    /// Share of the image that stays free around the sector (0 to 0.45).
+    /// Fraction of the image left free around the sector (0 to 0.45).
     pub margin: f64,
     /// Grey level outside the sector.
     pub fill: u8,
-    /// Where the pixels of an image of this width and height lie; none, or another size, fits the sector into it.
+    /// Placement of the pixels of an image of this width and height; if `None` or of another size, the sector is
+    /// fitted to the image.
     pub placed: Option<ImageGrid>,
 }
 
-/// What can be changed between frames without making a synthesizer anew.
+/// Settings that can be changed between frames without recreating the synthesizer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
-    /// Seed of everything random.
+    /// Seed of all random numbers.
     pub seed: u64,
-    /// The transducer.
+    /// Transducer.
     pub probe: Probe,
-    /// The frame.
+    /// Pixels of the frame.
     pub image: ImageSize,
-    /// The effects and their parameters.
+    /// Effects and their parameters.
     pub effects: Effects,
-    /// Whether frames may hold a needle or seeds; without it they show neither.
+    /// Whether frames may contain a needle or seeds; without it neither is shown.
     pub has_needle: bool,
 }
 
 impl Settings {
-    /// Two-way attenuation of average soft tissue, dB/cm; none where no attenuation is simulated.
+    /// Two-way attenuation of average soft tissue, dB/cm; 0 if no attenuation is simulated.
     fn average_attenuation_db_cm(&self) -> f64 {
         let shadow = &self.effects.shadow;
         if shadow.as_ref().is_some_and(|shadow| shadow.attenuation) {
@@ -84,7 +85,7 @@ impl Settings {
     }
 }
 
-/// What imaging needs to know of one label.
+/// Imaging properties of one label.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct LabelRow {
@@ -94,7 +95,7 @@ pub struct LabelRow {
     pub impedance: f32,
     /// Two-way loss over one sample, in units of [`crate::effects::shadow::UNITS_PER_DB`].
     pub loss: u32,
-    /// One more than the index of its texture in the atlas; 0 for none.
+    /// Index of its texture in the atlas plus one; 0 for none.
     pub texture: u32,
     /// Reflection coefficient of its capsule.
     pub capsule: f32,
@@ -103,8 +104,8 @@ pub struct LabelRow {
 }
 
 impl LabelRow {
-    /// Amplitude reflection coefficient of the surface between two labels at a right angle: that of their impedances, or of a capsule if
-    /// it is larger.
+    /// Amplitude reflection coefficient of the surface between two labels at perpendicular incidence: that of their impedances, or of a
+    /// capsule if it is larger.
     pub fn reflection(&self, other: &Self) -> f64 {
         let [a, b] = [self, other].map(|row| f64::from(row.impedance));
         let step = if a + b > 0.0 { (a - b).abs() / (a + b) } else { 0.0 };
@@ -112,39 +113,40 @@ impl LabelRow {
     }
 }
 
-/// Everything derived from an [`Anatomy`] and [`Settings`]. Passes read places here, counted from the local origin, and none of the
-/// anatomy, which is in the world.
+/// All data derived from an [`Anatomy`] and [`Settings`]. Passes use positions relative to the local origin, and never the anatomy
+/// itself, which is in the world.
 #[derive(Clone, Debug)]
 pub struct Tables {
-    /// What is imaged, in the world.
+    /// Imaged anatomy in the world.
     pub anatomy: Anatomy,
-    /// Where the passes count places from.
+    /// Local origin of the passes.
     pub origin: LocalOrigin,
-    /// The settings that the tables were derived from.
+    /// Settings from which the tables were derived.
     pub settings: Settings,
-    /// The volume of the anatomy, seen from the local origin.
+    /// Volume of the anatomy, relative to the local origin.
     pub volume: Arc<LabelVolume>,
-    /// Its mesh, likewise.
+    /// Mesh of the anatomy, relative to the local origin.
     pub mesh: Option<Arc<TetMesh>>,
-    /// Scanlines and samples.
+    /// Grid of scanlines and samples.
     pub grid: BeamGrid,
-    /// Pixels in the probe's plane.
+    /// Grid of pixels in the probe's plane.
     pub image_grid: ImageGrid,
     /// Origin and direction of each scanline in the probe's plane, mm.
     pub rays: Vec<[f64; 4]>,
     /// Scanline and sample coordinates of each pixel; negative outside the sector.
     pub scan_map: Vec<[f32; 2]>,
-    /// One row a label index.
+    /// One row per label index.
     pub label_rows: Vec<LabelRow>,
-    /// Solid textures that the tissues name.
+    /// Solid textures of the tissues.
     pub atlas: Option<Atlas>,
     /// Lattice and kernels of the speckle.
     pub speckle: Option<SpeckleTables>,
-    /// Kernel of the beam that shadows are seen through.
+    /// Kernel of the beam used for shadows.
     pub penumbra: Option<LateralKernel>,
-    /// Scanlines between a place and the elements of the aperture that see it; empty where shadows do not open.
+    /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not
+    /// widen.
     pub aperture: Vec<u32>,
-    /// Ranges of samples on which that does not change.
+    /// Ranges of samples on which the aperture shifts are constant.
     pub aperture_runs: Vec<Range<usize>>,
     /// Kernel of the radial blur.
     pub blur: Option<LateralKernel>,
@@ -157,7 +159,7 @@ pub struct Tables {
 }
 
 impl Tables {
-    /// Derives everything.
+    /// Derives all tables.
     pub fn new(anatomy: Anatomy, settings: Settings) -> Result<Self, SynthError> {
         settings.effects.validate()?;
         let grid = BeamGrid::new(&settings.probe)?;
@@ -206,7 +208,7 @@ impl Tables {
     }
 
     /// Changes the settings and returns the resources whose contents changed. Nothing else is recomputed; on an error the
-    /// tables stay as they were.
+    /// tables are unchanged.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
         settings.effects.validate()?;
         let (old, new) = (&self.settings, &settings);
@@ -286,12 +288,12 @@ impl Tables {
         Ok(changed)
     }
 
-    /// Scanlines.
+    /// Number of scanlines.
     pub fn lines(&self) -> usize {
         self.grid.lines()
     }
 
-    /// Samples along a scanline.
+    /// Number of samples along a scanline.
     pub fn samples(&self) -> usize {
         self.grid.samples()
     }
@@ -301,7 +303,7 @@ impl Tables {
         self.grid.sample_spacing_mm()
     }
 
-    /// Elevational sub-planes.
+    /// Number of elevational sub-planes.
     pub fn planes(&self) -> usize {
         self.settings
             .effects
@@ -319,22 +321,23 @@ impl Tables {
             .map_or(0.0, |thickness| thickness.plane_mm())
     }
 
-    /// Pixels in a row.
+    /// Number of pixels in a row.
     pub fn width(&self) -> usize {
         self.image_grid.width()
     }
 
-    /// Rows of pixels.
+    /// Number of rows of pixels.
     pub fn height(&self) -> usize {
         self.image_grid.height()
     }
 
-    /// Words of four pixels in a row on the GPU: rows are padded to 256 bytes, as copies to textures need.
+    /// Number of words of four pixels in a row on the GPU: rows are padded to 256 bytes, as required by copies to
+    /// textures.
     pub fn words_per_row(&self) -> usize {
         self.width().div_ceil(256) * 64
     }
 
-    /// Bytes that a resource takes on the GPU.
+    /// Size of a resource on the GPU, bytes.
     pub fn bytes(&self, resource: Resource) -> u64 {
         let beam = (self.lines() * self.samples()) as u64;
         let pixels = (self.width() * self.height()) as u64;
@@ -388,7 +391,7 @@ impl Tables {
         }
     }
 
-    /// What comes out otherwise than the settings ask, for people to read.
+    /// Deviations of the output from the settings, for the user.
     pub fn warnings(&self) -> Vec<String> {
         let narrowed = |key: &str, share: f64, finer: &str| {
             (share < 0.99).then(|| {
@@ -466,8 +469,9 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
     }
 }
 
-/// Refuses a frame that the memory does not hold before any of it is taken: map, grey levels and bytes of its pixels, the copy
-/// that is handed out, a position, an amplitude and a label a sample, the clutter as it is made, and the rays of the aperture.
+/// Refuses a frame that does not fit into memory, before any allocation: map, grey levels and bytes of its pixels, the copy
+/// that is returned, a position, an amplitude and a label per sample, the clutter during its computation, and the rays of the
+/// aperture.
 fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
     let (ImageSize { width, height, .. }, effects) = (settings.image, &settings.effects);
     let planes = effects
@@ -496,7 +500,7 @@ fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {
         .collect()
 }
 
-/// The scan map with coordinates inside the sector moved onto the grid, so that the first and last half sample repeat.
+/// Scan map with coordinates inside the sector clamped to the grid, so that the first and last half sample repeat.
 fn clamped_scan_map(grid: &BeamGrid, image: &ImageGrid) -> Vec<[f32; 2]> {
     let mut map = scan_map(grid, image, 0..image.height());
     let last = [grid.lines() as f32 - 1.0, grid.samples() as f32 - 1.0];

@@ -1,10 +1,10 @@
-//! The bank of solid textures: structure larger than speckle, made from a name and a seed.
+//! Bank of solid textures: structure larger than speckle, generated from a name and a seed.
 //!
 //! Each texture is a field of decibels on a periodic grid, built from smoothed hashed noise (`field`), cells (`cells`)
 //! and strands (`strands`). Lattice coordinates wrap before they are hashed, so the period is exact. Speckle is not part
-//! of a texture: correlation lengths lie at about a millimetre and above, strands and septa aside.
+//! of a texture: correlation lengths are about a millimetre and above, except for strands and septa.
 //!
-//! A further kind of texture joins by a row in `RECIPES`.
+//! A new texture requires a row in `RECIPES`.
 
 mod adipose;
 mod cells;
@@ -17,7 +17,7 @@ mod strands;
 use crate::volume::texture::SolidTexture;
 use field::{Grid, Seed};
 
-/// How a texture is made: its grid and the function that fills it with decibels.
+/// Recipe of a texture: its grid and the function that fills it with decibels.
 struct Recipe {
     name: &'static str,
     size: [usize; 3],
@@ -61,13 +61,13 @@ const RECIPES: &[Recipe] = &[
     recipe("gel", [48; 3], [0.6; 3], contents::gel),
 ];
 
-/// Names of the textures that [`make`] knows.
+/// Names of the textures of [`make`].
 pub fn names() -> impl Iterator<Item = &'static str> {
     RECIPES.iter().map(|recipe| recipe.name)
 }
 
-/// Makes the texture of that name; `None` if the bank has none. The same seed gives the same bytes at any thread count,
-/// and different textures are independent under one seed.
+/// Generates the texture of that name; `None` if the bank has none. The same seed gives the same bytes at any thread
+/// count, and different textures are independent under one seed.
 pub fn make(name: &str, seed: u64) -> Option<SolidTexture> {
     let (position, recipe) = RECIPES.iter().enumerate().find(|(_, recipe)| recipe.name == name)?;
     let grid = Grid::new(recipe.size, recipe.spacing_mm);

@@ -1,8 +1,8 @@
-//! Label values that data sets give to organs.
+//! Organ numberings of public data sets.
 
 use super::{Preset, totalsegmentator};
 
-/// The labels of BTCV, 1 to 13, by the names of TotalSegmentator's classes (B. Landman et al., MICCAI Multi-Atlas Labeling
+/// Labels of BTCV, 1 to 13, by the names of TotalSegmentator's classes (B. Landman et al., MICCAI Multi-Atlas Labeling
 /// Beyond the Cranial Vault, 2015, Synapse syn3193805).
 const BTCV: &[&str] = &[
     "spleen",
@@ -20,7 +20,7 @@ const BTCV: &[&str] = &[
     "adrenal_gland_left",
 ];
 
-/// The labels of AMOS, 1 to 15, by the names of TotalSegmentator's classes (Y. Ji et al., AMOS: A Large-Scale Abdominal
+/// Labels of AMOS, 1 to 15, by the names of TotalSegmentator's classes (Y. Ji et al., AMOS: A Large-Scale Abdominal
 /// Multi-Organ Benchmark, NeurIPS 2022, `dataset.json`).
 const AMOS: &[&str] = &[
     "spleen",
@@ -41,10 +41,10 @@ const AMOS: &[&str] = &[
 ];
 
 impl Preset {
-    /// The presets that name labels by their values, the most common first.
+    /// Presets that name labels by their values, the most common first.
     pub const NUMBERINGS: [Self; 3] = [Self::TotalSegmentator, Self::Btcv, Self::Amos];
 
-    /// The organ of a label value; none for a value that the preset does not know.
+    /// Organ of a label value; `None` for a value that the preset does not know.
     pub fn organ(self, value: i64) -> Option<&'static str> {
         let listed = |list: &[&'static str]| list.get(usize::try_from(value).ok()?.checked_sub(1)?).copied();
         match self {
@@ -55,7 +55,7 @@ impl Preset {
         }
     }
 
-    /// The name of the data set whose values it knows, or of the preset.
+    /// Name of the data set of the numbering, or of the preset.
     pub fn title(self) -> &'static str {
         match self {
             Self::TotalSegmentator => "TotalSegmentator",

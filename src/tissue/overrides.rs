@@ -1,4 +1,4 @@
-//! Tissues as a scene file writes them: a preset, changed key by key, and the labels it applies to.
+//! `[[tissue]]` tables of a scene file: a preset, changed key by key, and the labels it applies to.
 
 use std::borrow::Cow;
 
@@ -7,8 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use super::{Tissue, presets};
 
-/// One `[[tissue]]` of a scene. Keys that are not written keep the value of the base preset: `like`, else the preset of
-/// the same name, else `soft_tissue`.
+/// A `[[tissue]]` of a scene. Keys left open keep the value of the base preset: `like`, else the preset of the same
+/// name, else `soft_tissue`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TissueOverride {
@@ -17,10 +17,10 @@ pub struct TissueOverride {
     /// The preset to start from.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub like: Option<String>,
-    /// Label values in the volume's file that are made of it.
+    /// Label values in the volume's file that have this tissue.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub labels: Vec<i64>,
-    /// Label names in the volume's file that are made of it; case, spaces and punctuation do not matter.
+    /// Label names in the volume's file that have this tissue; case, spaces and punctuation are ignored.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub label_names: Vec<String>,
     /// Colour in label maps, sRGB, 0 to 255 each.
@@ -41,7 +41,7 @@ pub struct TissueOverride {
     /// One-way attenuation, dB/cm/MHz, 0 to 50.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attenuation_db_cm_mhz: Option<f64>,
-    /// Share of the amplitude lost in one millimetre beyond attenuation, 0 to 1.
+    /// Fraction of the amplitude lost per millimetre in addition to attenuation, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub occlusion_per_mm: Option<f64>,
     /// Characteristic acoustic impedance, MRayl, 0.0001 to 10.
@@ -59,15 +59,15 @@ pub struct TissueOverride {
     /// Friction of a needle shaft, N/mm, 0 to 10.
     #[serde(default, alias = "needle_friction_n_mm", skip_serializing_if = "Option::is_none")]
     pub friction_n_per_mm: Option<f64>,
-    /// Force to cut it with a needle tip, N, 0 to 1000.
+    /// Force to cut the tissue with a needle tip, N, 0 to 1000.
     #[serde(default, alias = "cutting_force_n", skip_serializing_if = "Option::is_none")]
     pub cutting_n: Option<f64>,
-    /// Whether a probe placed without instructions may be aimed at it.
+    /// Whether a probe without a stated pose may be aimed at it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub soft_organ: Option<bool>,
 }
 
-/// Why the tissues of a scene cannot be used. All of it is the user's to mend.
+/// Why the tissues of a scene are invalid. All causes are user errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TissueError {
     /// A number is outside its range or not finite.
@@ -77,18 +77,18 @@ pub enum TissueError {
         tissue: String,
         /// The key in the scene file.
         key: &'static str,
-        /// The value found.
+        /// Value found.
         found: String,
-        /// The range it must lie in.
+        /// Expected range.
         expected: &'static str,
     },
     /// A tissue has no name.
     #[error("tissue {position} (counted from 1): name is empty, expected a name such as \"liver\"")]
     Unnamed {
-        /// Place in the list, from 1.
+        /// Position in the list, from 1.
         position: usize,
     },
-    /// `like` names no preset.
+    /// `like` does not name a preset.
     #[error(
         "tissue \"{tissue}\": like = \"{found}\" is no built-in tissue; expected one of {}",
         preset_names()
@@ -96,7 +96,7 @@ pub enum TissueError {
     UnknownBase {
         /// Name of the tissue.
         tissue: String,
-        /// The name found.
+        /// Name found.
         found: String,
     },
     /// Two tissues share a name.
@@ -107,15 +107,15 @@ pub enum TissueError {
     ClaimedTwice {
         /// The label, by value or name.
         label: String,
-        /// The tissue that came first.
+        /// Name of the first tissue.
         first: String,
-        /// The tissue that came second.
+        /// Name of the second tissue.
         second: String,
     },
 }
 
 impl TissueError {
-    /// The tissue that the error is about, where it has a name.
+    /// Name of the tissue concerned, if it has one.
     pub fn tissue(&self) -> Option<&str> {
         match self {
             Self::Range { tissue, .. } | Self::UnknownBase { tissue, .. } => Some(tissue),
@@ -124,7 +124,7 @@ impl TissueError {
         }
     }
 
-    /// The key in the scene file that the error is about.
+    /// Key of the scene file concerned.
     pub fn key(&self) -> &'static str {
         match self {
             Self::Range { key, .. } => key,
@@ -141,7 +141,7 @@ fn preset_names() -> String {
 }
 
 impl TissueOverride {
-    /// The tissue that it describes.
+    /// Returns the resulting tissue.
     pub fn apply(&self) -> Result<Tissue, TissueError> {
         let base = match &self.like {
             Some(like) => presets::get(like).ok_or_else(|| TissueError::UnknownBase {
@@ -177,7 +177,7 @@ impl TissueOverride {
     }
 }
 
-/// Checks that every number of `tissue` lies in its range; errors name it `name`.
+/// Checks that every number of `tissue` is within its range; `name` is used in errors.
 pub(super) fn check(tissue: &Tissue, name: &str) -> Result<(), TissueError> {
     let error = |key, found: String, expected| TissueError::Range {
         tissue: name.to_owned(),

@@ -1,6 +1,6 @@
 //! Built-in tissues.
 //!
-//! Where the numbers come from:
+//! Sources of the numbers:
 //!
 //! - Attenuation at 1 MHz with a linear law, and impedance: T. L. Szabo, *Diagnostic Ultrasound Imaging: Inside Out*
 //!   (2nd ed., 2014), appendix B; F. A. Duck, *Physical Properties of Tissues* (1990), chapter 4; S. A. Goss,
@@ -8,47 +8,48 @@
 //!   the IT'IS Foundation's tissue database, acoustic properties.
 //! - Echogenicity: order and spacing after the backscatter coefficients in Szabo, appendix B, and Duck, section 4.4
 //!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres), rounded to
-//!   what B-mode frames show. Fluids sit near the floor of a 60 dB display: what is seen in them is clutter.
-//! - Capsules and walls: no measurement at hand; 0.06 shows as some 10 dB above liver where the beam is square to it, as the capsules of
-//!   liver and kidney do in clinical frames. A vessel in an organ has half of that, between the walls of portal
-//!   branches, which have twice as much, and of hepatic veins, which have none. The middle one of the flat muscles carries the fasciae between them.
-//! - Stiffness: T. A. Krouskop et al., Ultrasonic Imaging 20 (1998) 260 (prostate); P. N. T. Wells and H.-D. Liang,
-//!   J. R. Soc. Interface 8 (2011) 1521 (soft organs, fat, muscle); Duck, chapter 5 (bone, cartilage, ligament, skin).
-//!   Poisson's ratio stands for near incompressibility: 0.49 for solid tissue, 0.495 for fluids, 0.3 for bone.
+//!   the appearance of B-mode frames. Fluids are near the floor of a 60 dB display: what is visible in them is clutter.
+//! - Capsules and walls: no measurement available; 0.06 gives some 10 dB above liver at perpendicular incidence, as the capsules of liver and kidney
+//!   show in clinical frames. A vessel in an organ has half of that, between the walls of portal branches, which have twice as much, and of hepatic
+//!   veins, which have none. The middle one of the flat muscles carries the fasciae between them.
+//! - Stiffness: T. A. Krouskop et al., Ultrasonic Imaging 20 (1998) 260 (prostate); P. N. T. Wells and H.-D. Liang, J.
+//!   R. Soc. Interface 8 (2011) 1521 (soft organs, fat, muscle); Duck, chapter 5 (bone, cartilage, ligament, skin).
+//!   Poisson's ratio represents near incompressibility: 0.49 for solid tissue, 0.495 for fluids, 0.3 for bone.
 //! - Needle forces: A. M. Okamura, C. Simone and M. D. O'Leary, IEEE Trans. Biomed. Eng. 51 (2004) 1707, measured
 //!   0.94 N of cutting force and some 0.02 N/mm of friction in bovine liver; the other tissues are scaled from it by
-//!   stiffness and by how tough they feel to puncture, and are meant to be replaced by a user's own measurements.
-//! - Occlusion is no material constant: it stands for reflection at the surface and loss within. Bone takes nine tenths
-//!   in a millimetre; gas and lung nearly as much, the rest being their dirty shadow.
+//!   stiffness and by perceived puncture resistance, and are meant to be replaced by a user's own measurements.
+//! - Occlusion is not a material constant: it represents reflection at the surface and loss within. Bone removes nine
+//!   tenths in a millimetre; gas and lung nearly as much, the rest being their dirty shadow.
 
 use std::borrow::Cow;
 
 use super::Tissue;
 
-/// The built-in tissue of that name.
+/// Returns the built-in tissue of that name.
 pub fn get(name: &str) -> Option<&'static Tissue> {
     PRESETS.iter().find(|tissue| tissue.name == name)
 }
 
-/// The built-in tissues; the first is the background, which echoes, attenuates and resists nothing.
+/// Returns the built-in tissues; the first is the background, without echo, attenuation or resistance.
 pub fn all() -> &'static [Tissue] {
     PRESETS
 }
 
-/// Across the layers of the front and back of the trunk: antero-posterior.
+/// Direction across the layers of the front and back of the trunk: antero-posterior.
 const ACROSS_LAYERS: [f64; 3] = [0.06, 1.0, 0.08];
-/// Fibres of the muscles of the abdominal wall, between the transverse and the oblique course.
+/// Fibre direction of the muscles of the abdominal wall, between the transverse and the oblique course.
 const ABDOMINAL_FIBRES: [f64; 3] = [0.92, 0.08, 0.38];
-/// Fibres of the internal oblique muscle, which cross those.
+/// Fibre direction of the internal oblique muscle, which crosses [`ABDOMINAL_FIBRES`].
 const INTERNAL_FIBRES: [f64; 3] = [0.5, 0.06, -0.86];
-/// Fibres of the muscles along the spine.
+/// Fibre direction of the muscles along the spine.
 const PARASPINAL_FIBRES: [f64; 3] = [0.12, 0.1, 0.99];
 
 /// Reflection coefficient of a capsule or a vessel's wall.
 const CAPSULE: f64 = 0.06;
 
-/// One row: colour `0xRRGGBB`, texture ("" for none), acoustics (echo in dB, attenuation in dB/cm/MHz, occlusion per mm,
-/// impedance in MRayl), mechanics (Young's modulus in kPa, Poisson's ratio, needle friction in N/mm, cutting force in N).
+/// Creates a tissue: colour `0xRRGGBB`, texture ("" for none), acoustics (echo in dB, attenuation in dB/cm/MHz, occlusion
+/// per mm, impedance in MRayl), mechanics (Young's modulus in kPa, Poisson's ratio, needle friction in N/mm, cutting
+/// force in N).
 const fn row(
     name: &'static str,
     colour: u32,

@@ -1,4 +1,4 @@
-//! Which tissue each label of a volume is made of.
+//! Assignment of tissues to the labels of a volume.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -8,43 +8,43 @@ use crate::document::plain;
 use crate::text;
 use crate::volume::Label;
 
-/// How labels without an explicit tissue find theirs.
+/// Assignment of tissues to labels without an explicit one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Preset {
-    /// By name, as a tissue, a TotalSegmentator class or a word such as "rib"; without names by value, as TotalSegmentator,
-    /// BTCV or AMOS number organs, whichever fits the volumes of the labels.
+    /// By name, as a tissue, a TotalSegmentator class or a word such as "rib"; for unnamed labels by value, as
+    /// TotalSegmentator, BTCV or AMOS number organs, whichever fits the volumes of the labels.
     #[default]
     Auto,
-    /// As `auto`, and labels without names by TotalSegmentator's values.
+    /// Like `auto`, with unnamed labels by TotalSegmentator's values.
     TotalSegmentator,
-    /// As `auto`, and labels without names by the values of BTCV, 1 to 13.
+    /// Like `auto`, with unnamed labels by the values of BTCV, 1 to 13.
     Btcv,
-    /// As `auto`, and labels without names by the values of AMOS, 1 to 15.
+    /// Like `auto`, with unnamed labels by the values of AMOS, 1 to 15.
     Amos,
-    /// By names that are exactly those of built-in tissues, as phantoms carry them.
+    /// By exact names of built-in tissues, as phantoms have them.
     Phantom,
-    /// Not at all: only explicit tissues count, but for the labels of a body that completion adds.
+    /// None: only explicit tissues count, except for the labels of a body added by completion.
     None,
 }
 
-/// The evidence for the tissue of a label.
+/// Evidence for the tissue of a label.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Origin {
-    /// Its name is that of a tissue.
+    /// The label name is that of a tissue.
     Name,
-    /// Its name is that of a TotalSegmentator class.
+    /// The label name is that of a TotalSegmentator class.
     ClassName,
-    /// A word in its name.
+    /// A word in the label name.
     Word,
-    /// Its value, in the numbering of this preset.
+    /// The label value, in the numbering of this preset.
     Value(Preset),
-    /// None: nothing is known of it.
+    /// No evidence: the fallback tissue.
     Fallback,
 }
 
 impl Origin {
-    /// True where the tissue follows from a whole name.
+    /// Whether the tissue follows from a complete name.
     pub fn is_sure(self) -> bool {
         matches!(self, Self::Name | Self::ClassName)
     }
@@ -62,8 +62,8 @@ impl std::fmt::Display for Origin {
     }
 }
 
-/// Words that decide where no exact name does, and their tissues. The first row that has a word of the label wins; a
-/// trailing `*` matches any ending, otherwise only a plural `s` is allowed.
+/// Words that determine the tissue without an exact name. The first row with a word of the label wins; a trailing
+/// `*` matches any ending, otherwise only a plural `s` is allowed.
 const KEYWORDS: &[(&str, &str)] = &[
     ("background", "background"),
     ("cyst*", "cyst"),
@@ -137,7 +137,7 @@ const KEYWORDS: &[(&str, &str)] = &[
     ("body", "soft_tissue"),
 ];
 
-/// The tissue of labels about which nothing is known.
+/// Tissue of labels without evidence.
 pub(crate) fn fallback() -> &'static Tissue {
     presets::get("soft_tissue").unwrap_or(&presets::all()[0])
 }
@@ -175,7 +175,7 @@ fn by_keyword(normalised: &str) -> Option<&'static Tissue> {
     presets::get(tissue)
 }
 
-/// The tissue that a name alone stands for, and by what.
+/// Tissue identified by a name alone, and the evidence.
 pub(crate) fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
     let name = plain(name);
     let tissue = |name: &str| presets::get(name).map(|tissue| (tissue, Origin::Name));
@@ -187,7 +187,7 @@ pub(crate) fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
 
 fn by_name(name: &str, hint: Preset, of_file: bool) -> Option<&'static Tissue> {
     match hint {
-        // Labels without voxels in the file are those of completion, named as their tissues.
+        // Labels without voxels in the file are those of completion, named after their tissues.
         Preset::None if !of_file => presets::get(name),
         Preset::None => None,
         Preset::Phantom => presets::get(&plain(name)),
@@ -202,7 +202,7 @@ fn shown(label: &Label) -> String {
     }
 }
 
-/// The override, by position, that claims each label.
+/// Index of the override that claims each label.
 fn claims(labels: &[Label], overrides: &[TissueOverride]) -> Result<Vec<Option<usize>>, TissueError> {
     labels
         .iter()
@@ -226,14 +226,14 @@ fn claims(labels: &[Label], overrides: &[TissueOverride]) -> Result<Vec<Option<u
 }
 
 impl TissueTable {
-    /// Finds the tissue of each of `labels` (label index by label index; the first is the background).
+    /// Assigns a tissue to each of `labels` (by label index; the first is the background).
     ///
-    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a
-    /// TotalSegmentator class of that name (case, spaces and side do not matter); a word such as "rib"; else soft tissue,
-    /// with a warning. `hint` narrows this down, but for the labels that completion appends. An override named as a preset changes that preset wherever it is used.
-    /// Labels without names get them before, from [`segmentation::open`](crate::segmentation::open).
+    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a TotalSegmentator class of that
+    /// name (case, spaces and side are ignored); a word such as "rib"; else soft tissue, with a warning. `hint` restricts this, except for the labels
+    /// appended by completion. An override named as a preset changes that preset wherever it is used. Unnamed labels have been named before by
+    /// [`segmentation::open`](crate::segmentation::open).
     ///
-    /// Returns the table and the warnings: what was assumed, and which key of the scene settles it.
+    /// Returns the table and the warnings: the assumptions, and which key of the scene overrides them.
     ///
     /// ```
     /// use insonify::{tissue::{Preset, TissueTable}, volume::Label};
@@ -315,7 +315,7 @@ impl TissueTable {
     }
 }
 
-/// A warning for each claim that no label of the volume answers.
+/// Warnings about claims that match no label of the volume.
 fn unmatched_claims(labels: &[Label], overrides: &[TissueOverride]) -> Vec<String> {
     let mut warnings = Vec::new();
     let names: Vec<String> = labels

@@ -1,9 +1,9 @@
-//! The classes of TotalSegmentator's `total` task (J. Wasserthal et al., Radiology: AI 5 (2023) e230024; class list of
-//! version 2) and the tissue each is imaged as, with values beyond them for the rest of the body.
+//! Classes of TotalSegmentator's `total` task (J. Wasserthal et al., Radiology: AI 5 (2023) e230024; class list of
+//! version 2) and the tissue of each, with further values for the rest of the body.
 
 use super::{Tissue, presets};
 
-/// A class: its value in a label map, its name, and the preset that it is made of.
+/// A class: its value in a label map, its name, and its tissue preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Class {
     /// Value in a combined label map, 1 to 117, or 200 to 213 for body labels, which TotalSegmentator itself does not have.
@@ -15,23 +15,24 @@ pub struct Class {
 }
 
 impl Class {
-    /// The preset, from [`presets::all`].
+    /// Preset of the class, from [`presets::all`].
     pub fn preset(&self) -> Option<&'static Tissue> {
         presets::get(self.tissue)
     }
 
     /// Whether it is a solid organ that a probe may be aimed at.
+    #[cfg(test)]
     pub fn is_soft_organ(&self) -> bool {
         self.preset().is_some_and(|tissue| tissue.soft_organ)
     }
 }
 
-/// The class of that value in a combined label map.
+/// Class of a value in a combined label map.
 pub fn by_value(value: i64) -> Option<&'static Class> {
     CLASSES.iter().chain(BODY).find(|class| class.value == value)
 }
 
-/// The class of that name, exactly as TotalSegmentator writes it.
+/// Class of a name, exactly as TotalSegmentator writes it.
 pub fn by_name(name: &str) -> Option<&'static Class> {
     CLASSES.iter().find(|class| class.name == name)
 }
@@ -42,8 +43,8 @@ pub fn classes() -> &'static [Class] {
 }
 
 /// Labels that fill the rest of a segmented body, from the grey values of the CT: gas below -300 HU, fat to -30 HU, soft
-/// tissue to 150 HU, anything denser (unsegmented bone, calcification), and the outermost shell; the muscle that completion
-/// adds, and the structures that are drawn into organs.
+/// tissue to 150 HU, anything denser (unsegmented bone, calcification), and the outermost shell; the muscle added by
+/// completion, and the structures drawn into organs.
 pub fn body() -> &'static [Class] {
     BODY
 }

@@ -1,10 +1,10 @@
-//! From the image that was calibrated to the transducer that is simulated.
+//! Spatial calibration: from calibrated images to the simulated transducer.
 //!
 //! Trackers report the pose of a marker fixed to the probe, which PLUS calls `Probe`. A spatial calibration gives the `Image`
-//! frame (pixels) in that frame, as `ImageToProbe`. The frame that this crate calls the probe frame is PLUS's `Transducer`: the
-//! origin at the centre of the array, x towards the marked side, y into the body, mm. In an image of orientation MF its axes run
-//! along the columns and the rows, so a calibration and the pixel at which the array's centre lies give the transducer in the
-//! marker's frame ([`Calibration`]).
+//! frame (pixels) in that frame, as `ImageToProbe`. The probe frame of this crate is PLUS's `Transducer`: the origin at the
+//! centre of the array, x towards the marked side, y into the body, mm. In an image of orientation MF its axes run along the
+//! columns and the rows, so a calibration and the pixel of the array's centre give the transducer in the marker's frame
+//! ([`Calibration`]).
 
 use std::io;
 use std::path::PathBuf;
@@ -15,77 +15,77 @@ use super::matrix::{self, NotRigid};
 use super::probe::{ImageGrid, InvalidGrid};
 use crate::{read, text};
 
-/// Largest angle that image axes may be off square by, rad: the worst calibration among the configurations of PlusLibData
+/// Largest deviation of image axes from perpendicular, rad: the worst calibration among the configurations of PlusLibData
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
 const SKEW: f64 = 0.1;
 
-/// Difference of pixel sizes that is worth a word, as a share.
+/// Relative difference of pixel sizes above which a warning is given.
 const PIXEL_SHARE: f64 = 0.05;
 
 /// Range of pixel sizes in a calibration, mm.
 const PIXEL_MM: [f64; 2] = [1e-4, 100.0];
 
-/// Why a calibration cannot be used.
+/// Why a calibration is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum CalibrationError {
     /// The file cannot be read as text.
     #[error("cannot read `{}`: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: io::Error,
     },
-    /// The file is no XML at all.
+    /// The file is not XML.
     #[error("`{}`: found {found}; expected a PLUS configuration (XML)", path.display())]
     NoXml {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Its first characters.
+        /// First characters of the file.
         found: String,
     },
-    /// The file is not well-formed XML, or holds what no configuration does.
+    /// The XML is not well-formed, or has contents that no configuration has.
     #[error("`{}`, line {line}, column {column}: {}", path.display(), text::clipped(found, text::MESSAGE))]
     Xml {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Line, from 1.
+        /// Line number, from 1.
         line: u32,
-        /// Column, from 1.
+        /// Column number, from 1.
         column: u32,
-        /// What was found, and what was expected.
+        /// Description of what was found and expected.
         found: String,
     },
     /// A transform that the file does not define.
     #[error("`{}` defines no transform from `{from}` to `{to}`; it has {}", path.display(), text::clipped(has, text::MESSAGE))]
     NoTransform {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Name of the frame to come from.
+        /// Name of the source frame.
         from: String,
-        /// Name of the frame to go to.
+        /// Name of the target frame.
         to: String,
-        /// The transforms that are there.
+        /// Available transforms.
         has: String,
     },
-    /// An image-to-probe matrix whose pixels make no sense.
+    /// An image-to-probe matrix with an implausible pixel size.
     #[error("image-to-probe calibration: image axis {axis} is {found} mm a pixel; expected {:e} to {}", PIXEL_MM[0], PIXEL_MM[1])]
     PixelSize {
-        /// 0 for columns, 1 for rows.
+        /// Axis: 0 for columns, 1 for rows.
         axis: usize,
         /// Length of the column of the matrix.
         found: f64,
     },
-    /// Image axes that are not square to each other.
+    /// Image axes that are not perpendicular.
     #[error("image-to-probe calibration: the image axes are {:.2} degrees off square; expected at most {:.2}", found.to_degrees(), SKEW.to_degrees())]
     Skewed {
-        /// How far, rad.
+        /// Deviation from perpendicular, rad.
         found: f64,
     },
     /// The pixel at the centre of the array is not finite.
     #[error("transducer centre pixel {found:?}; expected finite numbers")]
     Centre {
-        /// Column and row.
+        /// Column and row of the pixel.
         found: [f64; 2],
     },
     /// The resulting transform is not rigid.
@@ -94,13 +94,13 @@ pub enum CalibrationError {
 }
 
 impl CalibrationError {
-    /// Whether the machine failed rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Read { source, .. } if read::is_machine(source))
     }
 }
 
-/// A calibrated image: where the transducer is, and where the pixels lie in its plane.
+/// A calibrated image: the transform of the transducer, and the pixels in its plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration {
     transducer_to_probe: Matrix4<f64>,
@@ -108,15 +108,15 @@ pub struct Calibration {
     steps_mm: [[f64; 2]; 2],
     /// Lengths of the three axes, mm.
     lengths_mm: [f64; 3],
-    /// Departure of the image axes from a right angle, rad.
+    /// Deviation of the image axes from perpendicular, rad.
     skew: f64,
     array_centre_px: [f64; 2],
 }
 
 impl Calibration {
-    /// A calibration from an image-to-probe matrix (MF orientation, pixels to mm) and the pixel (column, row) at which the
-    /// centre of the array lies. The transducer's axes are the image's, squared symmetrically: neither is preferred. The third
-    /// column of the matrix is not used, since a planar calibration does not measure it.
+    /// Creates a calibration from an image-to-probe matrix (MF orientation, pixels to mm) and the pixel (column, row) of the
+    /// centre of the array. The transducer's axes are the image's, orthogonalised symmetrically. The third column of the
+    /// matrix is not used, since a planar calibration does not measure it.
     pub fn new(image_to_probe: &Matrix4<f64>, array_centre_px: [f64; 2]) -> Result<Self, CalibrationError> {
         if !array_centre_px.iter().all(|x| x.is_finite()) {
             return Err(CalibrationError::Centre { found: array_centre_px });
@@ -152,7 +152,7 @@ impl Calibration {
         })
     }
 
-    /// The calibration of images that `crop` makes of these by a shift and a positive scale along columns and rows.
+    /// Calibration of the images that `crop` makes of these by a shift and a positive scale along columns and rows.
     pub fn cropped(&self, crop: &Matrix4<f64>) -> Self {
         let scale = [crop[(0, 0)], crop[(1, 1)]];
         let [columns, rows, planes] = self.lengths_mm;
@@ -164,12 +164,12 @@ impl Calibration {
         }
     }
 
-    /// The transducer in the frame of the marker on the probe, mm; rigid.
+    /// Rigid transform from the transducer to the frame of the marker on the probe, mm.
     pub fn transducer_to_probe(&self) -> &Matrix4<f64> {
         &self.transducer_to_probe
     }
 
-    /// The pixels of the calibrated image in the transducer's plane, each where the calibration puts it.
+    /// Pixel grid of the calibrated image in the transducer's plane.
     pub fn grid(&self, [width, height]: [usize; 2]) -> Result<ImageGrid, InvalidGrid> {
         let origin = self.beyond_centre_mm([0.0, 0.0]);
         ImageGrid::skewed(width, height, self.steps_mm, origin)
@@ -180,7 +180,7 @@ impl Calibration {
         [0, 1].map(|axis| column * self.steps_mm[0][axis] + row * self.steps_mm[1][axis])
     }
 
-    /// A warning where the centre of the array lies farther outside images of this size than half of it.
+    /// Warning if the centre of the array lies outside images of this size by more than half of it.
     pub fn far_centre(&self, size: [usize; 2]) -> Option<String> {
         let [column, row] = self.array_centre_px;
         let is_far = |(at, side): (f64, usize)| !(-0.5..=1.5).contains(&(at / side as f64));
@@ -200,7 +200,7 @@ impl Calibration {
         90.0 + self.skew.to_degrees()
     }
 
-    /// A warning where a pixel size stated elsewhere (width, height, mm) differs by more than a twentieth.
+    /// Warning if a pixel size stated elsewhere (width, height, mm) differs by more than a twentieth.
     pub fn other_pixels(&self, stated_mm: [f64; 2]) -> Option<String> {
         let [columns, rows, _] = self.lengths_mm;
         let off = |own: f64, stated: f64| (own / stated - 1.0).abs() > PIXEL_SHARE;
@@ -210,7 +210,7 @@ impl Calibration {
         })
     }
 
-    /// A warning where the image axes are so far off a right angle that squaring them up moves a pixel of an image of this
+    /// Warning if the image axes are so far from perpendicular that orthogonalising them moves a pixel of an image of this
     /// size by half a pixel or more.
     pub fn skew_warning(&self, size: [usize; 2]) -> Option<String> {
         let (farthest, pixels) = self.moved(size)?;
@@ -224,7 +224,7 @@ impl Calibration {
         ))
     }
 
-    /// As [`Calibration::skew_warning`], of frames on the recorded grid, in which nothing moves.
+    /// Note as [`Calibration::skew_warning`], for frames on the recorded grid, in which no pixel moves.
     pub fn skew_note(&self, size: [usize; 2]) -> Option<String> {
         let [apart, tilt] = self.apart_deg();
         self.moved(size).map(|_| {
@@ -235,12 +235,13 @@ impl Calibration {
         })
     }
 
-    /// Degrees between the image axes, and between each of them and the transducer's.
+    /// Angles in degrees between the image axes, and between each of them and the transducer's.
     fn apart_deg(&self) -> [f64; 2] {
         [self.axes_apart_deg(), self.skew.abs().to_degrees() / 2.0]
     }
 
-    /// Farthest that squaring up the axes moves a pixel of an image of this size, mm and pixels, from half a pixel on.
+    /// Largest pixel displacement due to orthogonalisation in an image of this size, mm and pixels, if at least half a
+    /// pixel.
     fn moved(&self, [width, height]: [usize; 2]) -> Option<(f64, f64)> {
         let corners = [[0, 0], [width, 0], [0, height], [width, height]];
         let moved_mm = corners.map(|corner| {
@@ -259,7 +260,7 @@ impl Calibration {
 mod tests {
     use super::*;
 
-    /// The calibration of `BoneUltrasound_L14` of PlusLibData.
+    /// Calibration of `BoneUltrasound_L14` of PlusLibData.
     fn tilted() -> Matrix4<f64> {
         Matrix4::from_row_slice(&[
             0.000_796_231,
@@ -308,7 +309,7 @@ mod tests {
     #[test]
     fn pixels_of_a_grid_lie_where_the_calibration_puts_them() {
         let mut image = tilted();
-        // Three degrees off square, and pixels that are not.
+        // Three degrees off perpendicular, with pixels that are not square.
         for row in 0..3 {
             image[(row, 1)] = 0.9 * image[(row, 1)] + 0.05 * image[(row, 0)];
         }

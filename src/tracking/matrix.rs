@@ -1,4 +1,4 @@
-//! Transforms as people write them in files, and what makes one rigid.
+//! Matrix notation in files, and rigid transforms.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -9,15 +9,15 @@ use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize, Serializer};
 
 /// A 4 x 4 transform on column vectors as written in a file: four rows of four numbers, sixteen numbers row by row, or a
-/// string of sixteen numbers as PLUS writes them. Says nothing about the numbers: see [`rigid`].
+/// string of sixteen numbers as PLUS writes them. The numbers are not validated: see [`rigid`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rows(pub Matrix4<f64>);
 
-/// Largest deviation of a rotation's entries from a proper one that is still put right: tracked rotations are orthonormal to
-/// a few 1e-4 (`Prostate10_tracker` of PlusLibData: 3e-4), rounded ones to a few 1e-3.
+/// Largest error of a rotation's entries that is corrected: tracked rotations are orthonormal to a few 1e-4
+/// (`Prostate10_tracker` of PlusLibData: 3e-4), rounded ones to a few 1e-3.
 pub const RIGID_TOLERANCE: f64 = 5e-3;
 
-/// Farthest that a rigid transform may move the origin along an axis, mm: a kilometre, so that later products cannot overflow.
+/// Largest translation of a rigid transform along an axis, mm: a kilometre, so that later products cannot overflow.
 pub(crate) const FARTHEST_MM: f64 = 1e6;
 
 /// Why a matrix is not a rigid transform.
@@ -30,7 +30,7 @@ pub enum NotRigid {
         row: usize,
         /// Column, from 0.
         column: usize,
-        /// The entry.
+        /// Value of the entry.
         found: f64,
     },
     /// The last row is not 0 0 0 1.
@@ -39,7 +39,7 @@ pub enum NotRigid {
         /// The last row.
         found: [f64; 4],
     },
-    /// The axes mirror space.
+    /// The determinant is negative: the transform contains a reflection.
     #[error("the axes are left-handed (determinant {determinant}); expected a rotation, so flip one axis")]
     Mirrored {
         /// Determinant of the upper left 3 x 3 part.
@@ -53,7 +53,7 @@ pub enum NotRigid {
         /// Largest entry of the difference to the nearest rotation.
         deviation: f64,
     },
-    /// The translation is absurd.
+    /// The translation is too large.
     #[error("the position {found:?} mm is farther than 1e6 mm from the origin")]
     TooFar {
         /// The translation, mm.
@@ -61,8 +61,8 @@ pub enum NotRigid {
     },
 }
 
-/// The rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar decomposition. Refused
-/// when that moves an entry by more than [`RIGID_TOLERANCE`].
+/// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar decomposition.
+/// An error if that changes an entry by more than [`RIGID_TOLERANCE`].
 pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, NotRigid> {
     for row in 0..4 {
         for column in 0..4 {
@@ -125,14 +125,14 @@ pub(crate) fn inverse_rigid(matrix: &Matrix4<f64>) -> Matrix4<f64> {
 }
 
 impl Rows {
-    /// A transform from sixteen numbers, row by row; `None` for any other count.
+    /// Creates a transform from sixteen numbers, row by row; `None` for any other count.
     pub fn from_numbers(numbers: &[f64]) -> Option<Self> {
         <&[f64; 16]>::try_from(numbers)
             .ok()
             .map(|numbers| Self(Matrix4::from_row_slice(numbers)))
     }
 
-    /// A transform from sixteen numbers separated by white space, row by row. Says what was found instead.
+    /// Parses sixteen numbers separated by white space, row by row. The error describes what was found instead.
     pub fn parse(text: &str) -> Result<Self, String> {
         let numbers = text
             .split_whitespace()
@@ -141,7 +141,7 @@ impl Rows {
         Self::from_numbers(&numbers).ok_or_else(|| format!("{} numbers in place of 16", numbers.len()))
     }
 
-    /// The four rows.
+    /// Returns the four rows.
     pub fn rows(&self) -> [[f64; 4]; 4] {
         [0, 1, 2, 3].map(|row| [0, 1, 2, 3].map(|column| self.0[(row, column)]))
     }
@@ -157,7 +157,7 @@ const WANTED: &str = "a 4 x 4 transform: 4 rows of 4 numbers, or 16 numbers row 
 
 struct RowsVisitor;
 
-/// One entry of a list: a number, or a row.
+/// An entry of a list: a number, or a row.
 #[derive(Deserialize)]
 #[serde(untagged, expecting = "expected a number or a row of 4 numbers")]
 enum Entry {

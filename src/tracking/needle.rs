@@ -1,4 +1,4 @@
-//! Where the needle is: tip, shaft and how it bends, and its path over time.
+//! Needle geometry: tip, shaft, bending, and the path over time.
 
 mod bending;
 mod path;
@@ -10,19 +10,19 @@ use nalgebra::{Matrix4, Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Diameter of a needle, mm: finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula.
+/// Range of needle diameters, mm: finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula.
 pub const DIAMETER_MM: [f64; 2] = [0.05, 10.0];
-/// Length of a needle's shaft, mm.
+/// Range of shaft lengths, mm.
 pub const LENGTH_MM: [f64; 2] = [0.1, 1000.0];
-/// Diameter where a file names none, mm: 18 gauge, a usual core biopsy needle.
+/// Default diameter, mm: 18 gauge, a usual core biopsy needle.
 pub const DEFAULT_DIAMETER_MM: f64 = 1.27;
-/// Length where a file names none, mm: a usual biopsy needle.
+/// Default length, mm: a usual biopsy needle.
 pub const DEFAULT_LENGTH_MM: f64 = 150.0;
 
-/// Most nodes of a shaft: one every 5 mm of a needle of 300 mm, and a few more.
+/// Maximum number of nodes of a shaft: one every 5 mm of a needle of 300 mm, and a few more.
 pub const MAX_NODES: usize = 65;
 
-/// Farthest that a needle may be from the world's origin along an axis, mm.
+/// Largest coordinate of a needle, mm.
 const FARTHEST_MM: f64 = super::matrix::FARTHEST_MM;
 
 /// A needle in the world (LPS, mm): a shaft as a polyline from hub to tip, and a diameter. Always finite, of positive length.
@@ -32,41 +32,41 @@ pub struct NeedlePose {
     diameter_mm: f64,
 }
 
-/// Why a needle cannot be used.
+/// Why a needle is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidNeedle {
     /// A number outside its range, or not a number.
     #[error("needle key `{key}` is {found}; expected {low} to {high}")]
     OutOfRange {
-        /// The key in a needle table.
+        /// Key in a needle table.
         key: &'static str,
-        /// The value given.
+        /// Value given.
         found: f64,
         /// Smallest value allowed.
         low: f64,
         /// Largest value allowed.
         high: f64,
     },
-    /// A point with a NaN, an infinity or an absurd coordinate.
+    /// A point with a coordinate that is not finite or too large.
     #[error("needle key `{key}` is {found:?}; expected finite numbers of at most 1e6")]
     Point {
-        /// The key in a needle table.
+        /// Key in a needle table.
         key: &'static str,
-        /// The point given, mm.
+        /// Point given, mm.
         found: [f64; 3],
     },
     /// A direction that is zero or not finite.
     #[error("needle key `{key}` is {found:?}; expected finite numbers that are not all zero")]
     Direction {
-        /// The key in a needle table.
+        /// Key in a needle table.
         key: &'static str,
-        /// The vector given.
+        /// Vector given.
         found: [f64; 3],
     },
     /// Two neighbouring nodes of the shaft, or the tip and the entry point, coincide.
     #[error("needle: nodes {first} and {} of the shaft coincide; expected distinct points", first + 1)]
     Coincident {
-        /// The first of the two, from 0 at the hub.
+        /// Index of the first of the two, from 0 at the hub.
         first: usize,
     },
     /// A shaft of fewer than two nodes.
@@ -81,16 +81,16 @@ pub enum InvalidNeedle {
         /// Number of nodes given.
         found: usize,
     },
-    /// Keys that do not say where the needle is, or say it twice.
+    /// Missing or redundant keys for the pose of the needle.
     #[error("a needle needs either `nodes_mm`, or `tip_mm` with one of `entry_mm` and `direction`; found {found}")]
     Incomplete {
-        /// The keys that are there.
+        /// Keys found.
         found: String,
     },
 }
 
 impl InvalidNeedle {
-    /// The key of a needle table at fault, if it is one key's.
+    /// Key of the needle table at fault, if there is a single one.
     pub fn key(&self) -> Option<&'static str> {
         match self {
             Self::OutOfRange { key, .. } | Self::Point { key, .. } | Self::Direction { key, .. } => Some(key),
@@ -101,7 +101,7 @@ impl InvalidNeedle {
 }
 
 impl NeedlePose {
-    /// A straight needle: its tip, the direction that it points in (any length), the length of its shaft and its diameter, mm.
+    /// A straight needle from its tip, its direction (any length), the length of its shaft and its diameter, mm.
     pub fn straight(
         tip_mm: Point3<f64>,
         direction: Vector3<f64>,
@@ -114,7 +114,7 @@ impl NeedlePose {
         Self::shaft("tip_mm", vec![tip - direction.scale(length_mm), tip], diameter_mm)
     }
 
-    /// A needle whose shaft runs straight from node to node, hub first and tip last, mm.
+    /// A needle with a straight shaft from node to node, hub first and tip last, mm.
     pub fn bent(nodes_mm: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
         Self::shaft("nodes_mm", nodes_mm, diameter_mm)
     }
@@ -137,27 +137,27 @@ impl NeedlePose {
         }
     }
 
-    /// The tip, mm.
+    /// Position of the tip, mm.
     pub fn tip_mm(&self) -> Point3<f64> {
         self.nodes[self.nodes.len() - 1]
     }
 
-    /// The hub's end of the shaft, mm.
+    /// Hub end of the shaft, mm.
     pub fn hub_mm(&self) -> Point3<f64> {
         self.nodes[0]
     }
 
-    /// Where the tip points.
+    /// Direction of the tip.
     pub fn direction(&self) -> Unit<Vector3<f64>> {
         Unit::new_normalize(self.tip_mm() - self.nodes[self.nodes.len() - 2])
     }
 
-    /// The shaft, hub first.
+    /// Nodes of the shaft, hub first, mm.
     pub fn nodes_mm(&self) -> &[Point3<f64>] {
         &self.nodes
     }
 
-    /// The straight pieces of the shaft, hub first.
+    /// Straight segments of the shaft, hub first, mm.
     pub fn segments_mm(&self) -> impl ExactSizeIterator<Item = [Point3<f64>; 2]> + '_ {
         self.nodes.windows(2).map(|pair| [pair[0], pair[1]])
     }
@@ -172,7 +172,7 @@ impl NeedlePose {
         self.diameter_mm
     }
 
-    /// The needle seen from another frame; `transform` is rigid.
+    /// Returns the needle transformed to another frame; `transform` is rigid.
     pub fn transformed(&self, transform: &Matrix4<f64>) -> Self {
         Self {
             nodes: self.nodes.iter().map(|node| transform.transform_point(node)).collect(),
@@ -213,13 +213,13 @@ fn unit(key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, I
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeedleSpec {
-    /// The tip in the world (LPS), mm.
+    /// Tip in the world (LPS), mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tip_mm: Option<[f64; 3]>,
-    /// A point that the shaft passes through on its way to the tip, such as where it enters the skin, mm.
+    /// Point that the shaft passes through on its way to the tip, such as its entry into the skin, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub entry_mm: Option<[f64; 3]>,
-    /// Where the needle points; any length.
+    /// Direction of the needle; any length.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub direction: Option<[f64; 3]>,
     /// A bent shaft: at least two points, hub first, tip last, mm.
@@ -234,7 +234,7 @@ pub struct NeedleSpec {
 }
 
 impl NeedleSpec {
-    /// The needle.
+    /// Returns the pose of the needle.
     pub fn pose(&self) -> Result<NeedlePose, InvalidNeedle> {
         let diameter = self.diameter_mm.unwrap_or(DEFAULT_DIAMETER_MM);
         let length = self.length_mm.unwrap_or(DEFAULT_LENGTH_MM);

@@ -1,8 +1,9 @@
 //! Automatic placement of a probe on the skin over a target.
 //!
 //! Rays are cast outwards from points inside the target; where one leaves the body for air, not through a face of the
-//! volume that cuts the body, the probe could stand. Each such place is scored by a fan of rays: how many reach the target
-//! before bone or gas, how much of the target they see, how far away it is and how square the probe stands on the skin.
+//! volume that cuts the body, the probe could stand. Each such position is scored by a fan of rays: how many reach the
+//! target before bone or gas, how much of the target they see, how far away it is and how perpendicular the probe is to
+//! the skin.
 
 use nalgebra::{Matrix4, Point3, Vector3};
 use rayon::prelude::*;
@@ -10,17 +11,17 @@ use rayon::prelude::*;
 use super::probe::ProbeShape;
 use crate::volume::LabelVolume;
 
-/// Rays of the fan that scores a place.
+/// Number of rays of the fan that scores a position.
 pub const RAYS: usize = 15;
 /// Step along rays, mm.
 const STEP_MM: f64 = 1.5;
-/// Depth to which the array's centre is pressed in, mm.
+/// Indentation of the skin at the array's centre, mm.
 pub const PRESS_MM: f64 = 0.5;
-/// Air that must lie outside the skin before the edge of the volume, mm.
+/// Thickness of air required outside the skin before the edge of the volume, mm.
 const AIR_MM: f64 = 3.0;
-/// Points of the target that the probe is aimed at: the innermost one and some around it.
+/// Number of target points that the probe is aimed at: the innermost one and some around it.
 const AIMS: usize = 7;
-/// Radius in which the skin's normal is found, mm.
+/// Radius of the neighbourhood for estimating the skin's normal, mm.
 const NORMAL_MM: f64 = 10.0;
 
 /// Orientation of the scan plane.
@@ -46,12 +47,13 @@ pub enum ScanPlane {
     Sagittal,
 }
 
-/// How a probe is placed.
+/// Options of a placement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlacementOptions {
-    /// Orientation of the scan plane; none tries both.
+    /// Orientation of the scan plane; `None` tries both.
     pub plane: Option<ScanPlane>,
-    /// The probe's field of view. Its array's centre, the point of a convex array that touches first, lies on the skin.
+    /// Field of view of the probe. Its array's centre, the point of a convex array that touches first, lies on the
+    /// skin.
     pub shape: ProbeShape,
     /// Imaging depth, mm.
     pub depth_mm: f64,
@@ -70,32 +72,32 @@ impl Default for PlacementOptions {
     }
 }
 
-/// What the labels mean to a placement, by label index.
+/// Classification of labels for a placement, by label index.
 pub struct Meaning<'a> {
-    /// Part of the body, skin included (air around it is not; gas inside it is).
+    /// Whether a label is part of the body, skin included (air around it is not; gas inside it is).
     pub is_body: &'a (dyn Fn(u8) -> bool + Sync),
-    /// Bone or gas: nothing is seen behind it.
+    /// Whether a label is bone or gas: nothing is visible behind it.
     pub is_bone_or_gas: &'a (dyn Fn(u8) -> bool + Sync),
 }
 
-/// A place for a probe.
+/// A position for a probe.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placement {
-    /// Probe to world, LPS mm.
+    /// Probe-to-world transform, LPS mm.
     pub probe_to_world: Matrix4<f64>,
-    /// Share of the fan's rays that reach the target before bone or gas (0 to 1).
+    /// Fraction of the fan's rays that reach the target before bone or gas (0 to 1).
     pub rays_on_target: f64,
-    /// Share of the target within the fan that is not hidden behind bone or gas (0 to 1).
+    /// Fraction of the target within the fan that is not hidden behind bone or gas (0 to 1).
     pub visible: f64,
     /// Depth at which the middle ray or its nearest neighbour enters the target, mm.
     pub target_depth_mm: f64,
-    /// The score by which this place was chosen; larger is better, comparable within one target only.
+    /// Score of this position; larger is better, comparable within one target only.
     pub score: f64,
-    /// What was chosen, for people to read.
+    /// Description of the choice, for the user.
     pub note: String,
 }
 
-/// Why no place was found.
+/// Why no position was found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PlacementError {
     /// The target has no voxels.
@@ -122,15 +124,15 @@ pub enum PlacementError {
     /// The depth is not a positive number.
     #[error("imaging depth {found} mm; expected a positive number")]
     Depth {
-        /// What was given, mm.
+        /// Depth given, mm.
         found: f64,
     },
 }
 
-/// Places a probe on the skin over the labels `target` (indices), from in front or the side where possible.
+/// Places a probe on the skin over the labels `target` (indices), from the front or the side where possible.
 ///
 /// # Errors
-/// [`PlacementError`]: no such voxels, no skin in reach, or a depth that is no positive number.
+/// [`PlacementError`]: no such voxels, no skin in reach, or a depth that is not positive.
 pub fn place(
     volume: &LabelVolume,
     target: &[u8],
@@ -155,7 +157,7 @@ pub fn place(
         meaning,
         options,
     };
-    // From in front and the sides, up to ten degrees behind them; all round only if that finds nothing.
+    // From the front and the sides, up to ten degrees behind them; all round only if that finds nothing.
     [100, 180]
         .into_iter()
         .find_map(|widest| search.best(&aims, widest))
@@ -175,7 +177,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The best place over all aims and directions up to `widest` degrees from straight in front.
+    /// Best position over all aims and directions up to `widest` degrees from the front.
     fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Placement> {
         outwards(aims, widest)
             .par_iter()
@@ -258,7 +260,8 @@ impl Search<'_> {
         self.volume.label_index_at(p).map(|label| (self.meaning.is_body)(label))
     }
 
-    /// Where a ray from inside leaves the body for the last time; `None` where it leaves through a face of the volume.
+    /// Point where a ray from inside leaves the body for the last time; `None` if it leaves through a face of the
+    /// volume.
     fn skin(&self, from: &Point3<f64>, outward: &Vector3<f64>) -> Option<Point3<f64>> {
         let mut last_inside = None;
         let mut travelled = 0.0;
@@ -281,7 +284,7 @@ impl Search<'_> {
         Some(from + outward * low)
     }
 
-    /// Direction from a point of the skin towards the middle of the body around it.
+    /// Direction from a point of the skin towards the centre of the body around it.
     fn inward_normal(&self, skin: &Point3<f64>) -> Option<Vector3<f64>> {
         let mut sum = Vector3::zeros();
         for a in -4..=4 {
@@ -297,7 +300,7 @@ impl Search<'_> {
         sum.try_normalize(1e-9)
     }
 
-    /// Casts the fan of a pose.
+    /// Evaluates the fan of rays of a pose.
     fn look(&self, pose: &Matrix4<f64>) -> Fan {
         let mut fan = Fan::default();
         let middle = (RAYS - 1) as f64 / 2.0;
@@ -360,29 +363,29 @@ fn outwards(aims: &[Point3<f64>], widest: i32) -> Vec<(Point3<f64>, Vector3<f64>
         .collect()
 }
 
-/// What a millimetre of air between array and skin takes from the score: a convex array on flat skin has about 4 mm, and one
-/// with an end in the air twice that and more.
+/// Score penalty per millimetre of air between array and skin: a convex array on flat skin has about 4 mm, and one with an
+/// end in the air twice that and more.
 const GAP_PER_MM: f64 = 0.06;
 
-/// What a fan of rays meets.
+/// Result of casting a fan of rays.
 #[derive(Default)]
 struct Fan {
-    /// Share of the rays that reach the target.
+    /// Fraction of the rays that reach the target.
     share: f64,
-    /// Area of the target in the scan plane before and behind bone or gas, mm^2.
+    /// Area of the target in the scan plane in front of and behind bone or gas, mm^2.
     seen: f64,
     hidden: f64,
-    /// Share of the fan outside the volume, and behind bone or gas.
+    /// Fractions of the fan outside the volume, and behind bone or gas.
     outside: f64,
     blocked: f64,
-    /// Air between array and skin, mm, averaged over the rays.
+    /// Gap of air between array and skin, mm, averaged over the rays.
     gap_mm: f64,
     /// Depth of the target near the middle ray, mm.
     depth_mm: f64,
 }
 
-/// Start and direction in the probe frame of the ray at `across` (-1 to 1 over the array), and the distance from the
-/// point where rays meet to the start.
+/// Start and direction in the probe frame of the ray at `across` (-1 to 1 over the array), and the distance of the
+/// start from the point where rays meet.
 fn ray_of(shape: ProbeShape, across: f64) -> (Point3<f64>, Vector3<f64>, f64) {
     let fan = |radius: f64, angle_deg: f64| {
         let (sin, cos) = (across * angle_deg.to_radians() / 2.0).sin_cos();
@@ -414,10 +417,10 @@ fn spacing_of(shape: ProbeShape, from_apex_mm: f64) -> f64 {
     }
 }
 
-/// Probe to world for an array centre and a direction into the body.
+/// Probe-to-world transform for an array centre and a direction into the body.
 fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f64> {
     let lateral = match plane {
-        // Continuous round the body, so that the same side of the probe stays marked; not upside down from behind.
+        // Continuous around the body, so that the same side of the probe stays marked; not upside down from behind.
         ScanPlane::Transverse => {
             let x = axial.cross(&Vector3::z());
             if x.x < -0.2 { -x } else { x }
@@ -434,7 +437,7 @@ fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f
     )
 }
 
-/// Points of the target to aim at: the voxel nearest to its middle, then voxels spread through it. `None` without voxels.
+/// Points of the target to aim at: the voxel nearest to its centre, then voxels spread through it. `None` without voxels.
 pub(crate) fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64>>> {
     let [nx, ny, _] = volume.size();
     let voxels: Vec<usize> = volume
@@ -453,7 +456,7 @@ pub(crate) fn aims(volume: &LabelVolume, target: &[u8]) -> Option<Vec<Point3<f64
         .iter()
         .map(|&at| world(at))
         .min_by(|a, b| (a - middle).norm_squared().total_cmp(&(b - middle).norm_squared()))?;
-    // The others lie half way from the middle to evenly spaced voxels of the list, moved onto the target.
+    // The others lie halfway from the centre to evenly spaced voxels of the list, moved onto the target.
     let mut aims = vec![nearest];
     for part in 1..AIMS {
         let far = world(voxels[voxels.len() * part / AIMS]);

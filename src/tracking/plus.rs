@@ -1,4 +1,4 @@
-//! Device-set configurations of PLUS (XML): calibrations, and what images were made with.
+//! Device-set configurations of PLUS (XML): calibrations and imaging parameters.
 
 mod info;
 
@@ -15,9 +15,9 @@ use super::sequence::{TrackedTransform, ends};
 use crate::read;
 use crate::text;
 
-pub use info::{CalibrationInfo, DefinedTransform, PlusInfo};
+pub use info::PlusInfo;
 
-/// Largest departure of a curved array's sector from symmetry, degrees; beyond it the field of view is not taken over.
+/// Largest asymmetry of a curved array's sector, degrees; beyond it the field of view is ignored.
 const LOPSIDED_DEG: f64 = 1.0;
 
 /// A transform between two named frames.
@@ -25,7 +25,7 @@ const LOPSIDED_DEG: f64 = 1.0;
 struct NamedTransform {
     from: String,
     to: String,
-    /// On column vectors.
+    /// Transform on column vectors.
     matrix: Matrix4<f64>,
 }
 
@@ -44,7 +44,7 @@ pub struct PlusConfig {
 
 impl PlusConfig {
     /// Reads a configuration: the `Transform` elements under `CoordinateDefinitions`, the first `ScanConversion`, and the first
-    /// `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` wherever they stand.
+    /// `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` anywhere in the file.
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
         let path_of = || path.to_owned();
         let bytes = read::whole(path, read::XML).map_err(|source| CalibrationError::Read {
@@ -67,7 +67,7 @@ impl PlusConfig {
         Self::parse(&text, path)
     }
 
-    /// As [`PlusConfig::read`], from text; `path` names it in errors.
+    /// Parses a configuration as [`PlusConfig::read`] does, from text; `path` is the file name shown in errors.
     pub fn parse(text: &str, path: &Path) -> Result<Self, CalibrationError> {
         let document = Document::parse(text).map_err(|error| CalibrationError::Xml {
             path: path.to_owned(),
@@ -117,7 +117,7 @@ impl PlusConfig {
         })
     }
 
-    /// The transform from one named frame to another, as the file defines it or as the inverse of what it defines.
+    /// Transform from one named frame to another, as defined in the file or as the inverse of a definition.
     pub fn transform(&self, from: &str, to: &str) -> Result<Matrix4<f64>, CalibrationError> {
         let defined = |from: &str, to: &str| self.transforms.iter().find(|t| t.from == from && t.to == to);
         defined(from, to)
@@ -140,8 +140,7 @@ impl PlusConfig {
             })
     }
 
-    /// The transforms that the file defines, by names such as `PhantomToReference`; those whose names would be read otherwise are
-    /// left out.
+    /// Transforms defined in the file, by names such as `PhantomToReference`; ambiguous names are left out.
     pub fn definitions(&self) -> BTreeMap<String, TrackedTransform> {
         let named = self.transforms.iter().filter_map(|defined| {
             let name = format!("{}To{}", defined.from, defined.to);
@@ -153,7 +152,7 @@ impl PlusConfig {
         named.collect()
     }
 
-    /// The pixel at the centre of the array: from an `Image` to `TransducerOriginPixel` transform, or else from
+    /// Pixel at the centre of the array: from an `Image` to `TransducerOriginPixel` transform, or else from
     /// `TransducerCenterPixel`.
     pub fn array_centre_px(&self) -> Option<[f64; 2]> {
         match self.transform("TransducerOriginPixel", "Image") {
@@ -162,7 +161,7 @@ impl PlusConfig {
         }
     }
 
-    /// A warning where the file has two centres of the array more than a pixel apart.
+    /// Warning if the file has two centres of the array more than a pixel apart.
     pub fn two_centres(&self) -> Option<String> {
         let ([a, b], [c, d]) = (self.array_centre_px()?, self.centre_px?);
         let apart = (a - c).hypot(b - d) > 1.0;
@@ -174,7 +173,7 @@ impl PlusConfig {
         })
     }
 
-    /// A guess at the pixel at the centre of a straight array, and its grounds: the middle of the upper edge of the clip
+    /// Guess of the pixel at the centre of a straight array, and its basis: the middle of the upper edge of the clip
     /// rectangle, or else of the images, whose size may be known from elsewhere.
     pub fn guessed_centre_px(&self, images: Option<[usize; 2]>) -> Option<([f64; 2], &'static str)> {
         let clip = self.clip_px.map(|clip| (clip, "clip rectangle"));
@@ -185,12 +184,12 @@ impl PlusConfig {
         Some(([corner[0] + size[0] / 2.0, corner[1]], grounds))
     }
 
-    /// The transducer as keys of a probe table, as far as the file describes it.
+    /// Transducer as keys of a probe table, as far as the file describes it.
     pub fn probe(&self) -> &ProbeSpec {
         &self.probe
     }
 
-    /// The name of the transducer.
+    /// Name of the transducer.
     pub fn transducer(&self) -> Option<&str> {
         self.transducer.as_deref()
     }
@@ -206,7 +205,7 @@ impl PlusConfig {
     }
 }
 
-/// An element, with what its errors need.
+/// An XML element with the context for its errors.
 #[derive(Clone, Copy)]
 struct Element<'a> {
     document: &'a Document<'a>,
@@ -220,7 +219,7 @@ impl<'a> Element<'a> {
         nodes.map(move |node| Self { node, ..self })
     }
 
-    /// The first element that has an attribute.
+    /// First element that has an attribute.
     fn with(self, key: &str) -> Option<Self> {
         let node = self.node.descendants().find(|node| node.has_attribute(key))?;
         Some(Self { node, ..self })
@@ -274,7 +273,7 @@ impl<'a> Element<'a> {
         })
     }
 
-    /// The keys of a probe table that a `ScanConversion` states, and the number of scanlines.
+    /// Keys of a probe table stated by a `ScanConversion`, and the number of scanlines.
     fn probe(self, scan: Option<Self>) -> Result<ProbeSpec, CalibrationError> {
         let mut spec = ProbeSpec::default();
         for key in ["NumberOfScanLines", "NumberOfScanlines"] {

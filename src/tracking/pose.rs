@@ -1,4 +1,4 @@
-//! Where the probe is: a rigid transform from the probe frame to the world (LPS, mm).
+//! Probe pose: a rigid transform from the probe frame to the world (LPS, mm).
 
 use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
 use schemars::JsonSchema;
@@ -8,14 +8,14 @@ use super::matrix::{self, NotRigid, Rows};
 use super::world::World;
 
 /// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the hint
-/// says nothing.
+/// is ambiguous.
 const PARALLEL_SINE: f64 = 1e-3;
 
-/// Place and orientation of a probe: its frame (x lateral towards the marked side, y axial into the body, z = x cross y) in
-/// the world. Always finite and a proper rotation.
+/// Position and orientation of a probe: its frame (x lateral towards the marked side, y axial into the body, z = x cross y)
+/// in the world. Always finite and a proper rotation.
 ///
 /// ```
-/// use insonify::tracking::pose::Pose;
+/// use insonify::Pose;
 /// use nalgebra::{Point3, Vector3};
 ///
 /// let pose = Pose::from_direction(Point3::new(0.0, -120.0, 40.0), Vector3::y(), Some(Vector3::x()))?;
@@ -28,7 +28,7 @@ pub struct Pose {
     probe_to_world: Matrix4<f64>,
 }
 
-/// Why a pose cannot be made.
+/// Why a pose is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidPose {
     /// The matrix is not a rigid transform.
@@ -37,45 +37,45 @@ pub enum InvalidPose {
     /// A vector is zero, or holds a NaN or an infinity.
     #[error("pose key `{key}` is {found:?}; expected finite numbers that are not all zero")]
     Vector {
-        /// The key in a pose table.
+        /// Key in a pose table.
         key: &'static str,
-        /// The vector given.
+        /// Vector given.
         found: [f64; 3],
     },
     /// A position or an angle is NaN or infinite, or a position is too far away.
     #[error("pose key `{key}` is {found:?}; expected finite numbers of at most 1e6")]
     Number {
-        /// The key in a pose table.
+        /// Key in a pose table.
         key: &'static str,
-        /// The numbers given.
+        /// Numbers given.
         found: Vec<f64>,
     },
-    /// The lateral hint runs along the axial direction.
+    /// The lateral hint is parallel to the axial direction.
     #[error("pose key `lateral` is {lateral:?}, parallel to `direction` {direction:?}; expected a vector across it")]
     ParallelLateral {
-        /// The lateral hint.
+        /// Lateral hint.
         lateral: [f64; 3],
-        /// The axial direction.
+        /// Axial direction.
         direction: [f64; 3],
     },
-    /// A rotation's quaternion is not of unit length.
+    /// The quaternion is not of unit length.
     #[error("quaternion {found:?} (w, x, y, z) has length {length}; expected 1")]
     Quaternion {
-        /// w, x, y, z.
+        /// Quaternion w, x, y, z.
         found: [f64; 4],
-        /// Its length.
+        /// Norm of the quaternion.
         length: f64,
     },
-    /// Neither or both ways to give a pose.
+    /// Neither or both ways of stating a pose.
     #[error("{found}; expected either `matrix` alone, or `position_mm` with `direction`")]
     Incomplete {
-        /// What the table holds.
+        /// Contents of the table.
         found: &'static str,
     },
 }
 
 impl InvalidPose {
-    /// The key of a pose table at fault, if it is one key's.
+    /// Key of the pose table at fault, if there is a single one.
     pub fn key(&self) -> Option<&'static str> {
         match self {
             Self::Matrix(_) => Some("matrix"),
@@ -87,24 +87,24 @@ impl InvalidPose {
 }
 
 impl Pose {
-    /// The probe frame as the world frame.
+    /// The identity pose: the probe frame is the world frame.
     pub fn identity() -> Self {
         Self {
             probe_to_world: Matrix4::identity(),
         }
     }
 
-    /// A pose from a probe-to-world matrix on column vectors, mm. Rotations off by up to 5e-3 an entry, as trackers send
-    /// them, are put right.
+    /// Creates a pose from a probe-to-world matrix on column vectors, mm. Rotations with errors of up to 5e-3 per entry,
+    /// as trackers send them, are orthonormalised.
     pub fn from_matrix(probe_to_world: &Matrix4<f64>) -> Result<Self, InvalidPose> {
         Ok(Self {
             probe_to_world: matrix::rigid(probe_to_world)?,
         })
     }
 
-    /// A pose from the centre of the array (mm), the axial direction and a hint for the lateral one, which is made square to
-    /// the axial direction. The lengths of the vectors do not matter. Without a hint the marked side points to the patient's
-    /// left (+x), or to the feet (-z) where the probe looks along x within 45 degrees.
+    /// Creates a pose from the centre of the array (mm), the axial direction and a lateral hint, which is orthogonalised to
+    /// the axial direction. The lengths of the vectors are arbitrary. Without a hint the marked side points to the patient's
+    /// left (+x), or to the feet (-z) if the axial direction is within 45 degrees of x.
     pub fn from_direction(
         position_mm: Point3<f64>,
         direction: Vector3<f64>,
@@ -128,12 +128,12 @@ impl Pose {
         Self::from_axes(position_mm, &axes)
     }
 
-    /// A pose from the centre of the array (mm) and a rotation from the probe frame to the world.
+    /// Creates a pose from the centre of the array (mm) and a rotation from the probe frame to the world.
     pub fn from_rotation(position_mm: Point3<f64>, rotation: &UnitQuaternion<f64>) -> Result<Self, InvalidPose> {
         Self::from_axes(position_mm, rotation.to_rotation_matrix().matrix())
     }
 
-    /// A pose from the centre of the array (mm) and a quaternion w, x, y, z of length 1 within a hundredth.
+    /// Creates a pose from the centre of the array (mm) and a quaternion w, x, y, z of norm 1 within a hundredth.
     pub fn from_quaternion(position_mm: Point3<f64>, wxyz: [f64; 4]) -> Result<Self, InvalidPose> {
         let quaternion = nalgebra::Quaternion::new(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
         let length = quaternion.norm();
@@ -157,8 +157,8 @@ impl Pose {
         Ok(Self { probe_to_world })
     }
 
-    /// The pose moved to `position_mm` and turned the shortest way until it looks along `direction`: what keeps the marked
-    /// side steady along a path that states directions alone.
+    /// Returns the pose moved to `position_mm` and rotated by the smallest angle to the axial direction `direction`: this
+    /// keeps the marked side steady along a path that states only directions.
     pub fn turned_to(&self, position_mm: Point3<f64>, direction: Vector3<f64>) -> Result<Self, InvalidPose> {
         let axial = unit("direction", direction)?;
         let turn = Rotation3::rotation_between(&self.axial(), &axial)
@@ -166,8 +166,8 @@ impl Pose {
         Self::from_axes(position_mm, &(turn.matrix() * self.axes()))
     }
 
-    /// The pose turned about its own axes, in this order: `rotate` about the axial one, `rock` in its plane (about z), `tilt`
-    /// out of its plane (about x). Radians.
+    /// Returns the pose rotated about its own axes, in this order: `rotate` about the axial one, `rock` in its plane (about
+    /// z), `tilt` out of its plane (about x). Radians.
     pub fn turned(&self, rotate: f64, rock: f64, tilt: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::y_axis(), rotate)
             * Rotation3::from_axis_angle(&Vector3::z_axis(), rock)
@@ -177,19 +177,19 @@ impl Pose {
         }
     }
 
-    /// This pose, stated in the axes of `world`, in LPS.
+    /// Converts this pose from the axes of `world` to LPS.
     pub fn in_lps(&self, world: World) -> Self {
         Self {
             probe_to_world: world.transform(self.probe_to_world),
         }
     }
 
-    /// Probe frame to world, mm.
+    /// Transform from the probe frame to the world, mm.
     pub fn probe_to_world(&self) -> &Matrix4<f64> {
         &self.probe_to_world
     }
 
-    /// World to probe frame, mm.
+    /// Transform from the world to the probe frame, mm.
     pub fn world_to_probe(&self) -> Matrix4<f64> {
         matrix::inverse_rigid(&self.probe_to_world)
     }
@@ -241,27 +241,27 @@ fn unit(key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, I
     }
 }
 
-/// A pose as written in a file: either `matrix`, or `position_mm` and `direction` with what refines them.
+/// A pose as written in a file: either `matrix`, or `position_mm` and `direction` with optional keys.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PoseSpec {
     /// Centre of the array in the world (LPS), mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
-    /// Where the probe looks (axial direction) in the world; any length.
+    /// Axial direction of the probe in the world; any length.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub direction: Option<[f64; 3]>,
-    /// Hint for the side of the marker in the world; any length, made square to `direction`. Default: the patient's left, or
-    /// the feet where the probe looks along the left-right axis.
+    /// Approximate direction of the marked side in the world; any length, orthogonalised to `direction`. Default: the
+    /// patient's left, or the feet if the probe points along the left-right axis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lateral: Option<[f64; 3]>,
-    /// Turn about the axial direction, degrees. Default 0.
+    /// Rotation about the axial direction, degrees. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotate_deg: Option<f64>,
-    /// Turn within the image plane, towards the marked side when negative, degrees. Default 0.
+    /// Rotation within the image plane, towards the marked side when negative, degrees. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rock_deg: Option<f64>,
-    /// Turn out of the image plane, degrees. Default 0.
+    /// Rotation out of the image plane, degrees. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt_deg: Option<f64>,
     /// Probe-to-world transform, mm: rigid.
@@ -270,7 +270,7 @@ pub struct PoseSpec {
 }
 
 impl PoseSpec {
-    /// This pose, stated in the axes of `world`, in LPS.
+    /// Converts this pose from the axes of `world` to LPS.
     pub fn in_lps(self, world: World) -> Self {
         let vector = |stated: Option<[f64; 3]>| stated.map(|stated| world.vector(stated));
         Self {
@@ -282,8 +282,8 @@ impl PoseSpec {
         }
     }
 
-    /// The pose. `previous` is the pose before it on a path, if any: a direction without `lateral` is then reached by the
-    /// shortest turn from it.
+    /// Returns the pose. `previous` is the preceding pose of a path, if any: a direction without `lateral` is then
+    /// reached by the smallest rotation from it.
     pub fn pose(&self, previous: Option<&Pose>) -> Result<Pose, InvalidPose> {
         let base = match (&self.matrix, self.position_mm, self.direction) {
             (Some(rows), None, None) if self.lateral.is_none() => Pose::from_matrix(&rows.0)?,

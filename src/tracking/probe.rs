@@ -1,4 +1,4 @@
-//! Probe geometry: where each scanline starts and which way it runs, in the probe frame.
+//! Probe geometry: origin and direction of each scanline in the probe frame.
 //!
 //! The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side, y axial into
 //! the body, z = x cross y. Sample `i` of a scanline lies `(i + 0.5) * depth / samples` millimetres along it.
@@ -14,16 +14,16 @@ pub use spec::{ProbeKind, ProbeSpec};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Depth of a scanline, mm: the shallowest is a small-animal scan, the deepest leaves room above any clinical one.
+/// Range of scanline depths, mm: the shallowest is a small-animal scan, the deepest exceeds any clinical one.
 pub const DEPTH_MM: [f64; 2] = [0.1, 1000.0];
-/// Centre frequency, MHz: low transcranial to ultrasound biomicroscopy.
+/// Range of centre frequencies, MHz: low transcranial to ultrasound biomicroscopy.
 pub const FREQUENCY_MHZ: [f64; 2] = [0.1, 100.0];
-/// Scanlines of a frame.
+/// Range of the number of scanlines of a frame.
 pub const LINES: [u32; 2] = [1, 8192];
-/// Samples along a scanline.
+/// Range of the number of samples along a scanline.
 pub const SAMPLES: [u32; 2] = [1, 16384];
 
-/// The shape of a transducer's field of view.
+/// Shape of a transducer's field of view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum ProbeShape {
@@ -32,7 +32,7 @@ pub enum ProbeShape {
         /// Length of the array, mm (1 to 300).
         width_mm: f64,
     },
-    /// Scanlines that leave a convex array at right angles.
+    /// Scanlines perpendicular to a convex array.
     Curvilinear {
         /// Radius of curvature of the array, mm (2 to 200).
         radius_mm: f64,
@@ -58,7 +58,7 @@ pub enum ProbeShape {
     },
 }
 
-/// A transducer and how it samples its field of view.
+/// A transducer and the sampling of its field of view.
 ///
 /// In files it is one flat table (see [`ProbeSpec`]); reading one validates it. A value made in code is checked by
 /// [`Probe::validate`], which [`BeamGrid::new`] calls.
@@ -76,56 +76,56 @@ pub enum ProbeShape {
 #[serde(try_from = "ProbeSpec", into = "ProbeSpec")]
 #[schemars(with = "ProbeSpec")]
 pub struct Probe {
-    /// The field of view.
+    /// Shape of the field of view.
     pub shape: ProbeShape,
     /// Length of every scanline, mm (0.1 to 1000).
     pub depth_mm: f64,
     /// Centre frequency, MHz (0.1 to 100).
     pub frequency_mhz: f64,
-    /// Scanlines, spread from edge to edge inclusive (1 to 8192); a single one runs down the middle.
+    /// Number of scanlines, spread from edge to edge inclusive (1 to 8192); a single one runs down the middle.
     pub lines: u32,
-    /// Samples along each scanline (1 to 16384).
+    /// Number of samples along each scanline (1 to 16384).
     pub samples: u32,
 }
 
-/// Why a probe cannot be used.
+/// Why a probe is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidProbe {
     /// A number outside its range, or not a number.
     #[error("probe key `{key}` is {found}; expected {low} to {high}")]
     OutOfRange {
-        /// The key in a probe table.
+        /// Key in a probe table.
         key: &'static str,
-        /// The value given.
+        /// Value given.
         found: f64,
         /// Smallest value allowed.
         low: f64,
         /// Largest value allowed.
         high: f64,
     },
-    /// No kind.
+    /// The kind of probe is not stated.
     #[error("probe key `kind` is missing; expected linear, curvilinear, phased, trus-transverse or trus-sagittal")]
     NoKind,
-    /// A key that this kind of probe cannot do without.
+    /// A required key of this kind of probe is missing.
     #[error("probe key `{key}` is missing; a {kind} probe needs it")]
     Missing {
-        /// The key in a probe table.
+        /// Key in a probe table.
         key: &'static str,
-        /// The kind of probe.
+        /// Kind of probe.
         kind: ProbeKind,
     },
-    /// A key that has no meaning for this kind of probe.
+    /// A key that does not apply to this kind of probe.
     #[error("probe key `{key}` has no meaning for a {kind} probe; remove it")]
     Superfluous {
-        /// The key in a probe table.
+        /// Key in a probe table.
         key: &'static str,
-        /// The kind of probe.
+        /// Kind of probe.
         kind: ProbeKind,
     },
 }
 
 impl InvalidProbe {
-    /// The key at fault, as written in a probe table.
+    /// Key at fault, as written in a probe table.
     pub fn key(&self) -> &'static str {
         match self {
             Self::NoKind => "kind",
@@ -135,7 +135,7 @@ impl InvalidProbe {
 }
 
 impl ProbeShape {
-    /// The kind, as named in files.
+    /// Kind of probe, as named in files.
     pub fn kind(&self) -> ProbeKind {
         match self {
             Self::Linear { .. } => ProbeKind::Linear,
@@ -163,8 +163,8 @@ impl ProbeShape {
 }
 
 impl Probe {
-    /// A probe of `shape` that sees `depth_mm` deep, with the kind's usual frequency and the default grid of 256 scanlines
-    /// by 512 samples.
+    /// Creates a probe of `shape` with imaging depth `depth_mm`, the kind's usual frequency and the default grid of 256
+    /// scanlines by 512 samples.
     pub fn new(shape: ProbeShape, depth_mm: f64) -> Result<Self, InvalidProbe> {
         let probe = Self {
             shape,
@@ -200,7 +200,7 @@ fn within(key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), In
 pub(crate) mod tests {
     use super::*;
 
-    /// One probe of each kind, with few enough scanlines that a whole grid is quick to walk.
+    /// One probe of each kind, with few scanlines so that a complete grid is quickly traversed.
     pub(crate) fn one_of_each() -> [Probe; 5] {
         [
             ProbeShape::Linear { width_mm: 40.0 },

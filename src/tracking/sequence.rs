@@ -1,7 +1,6 @@
-//! Tracked ultrasound sequences as PLUS writes them: `.igs.mha`, `.igs.mhd` with `.raw`, `.igs.nrrd`. One image and a set
-//! of named transforms a frame, under keys such as `Seq_Frame0007_ProbeToTrackerTransform`
-//! (Lasso et al. 2014, "PLUS: open-source toolkit for ultrasound-guided intervention systems", and IGSIO's sequence
-//! files).
+//! Tracked ultrasound sequences as PLUS writes them: `.igs.mha`, `.igs.mhd` with `.raw`, `.igs.nrrd`. Each frame has one
+//! image and a set of named transforms, under keys such as `Seq_Frame0007_ProbeToTrackerTransform` (Lasso et al. 2014,
+//! "PLUS: open-source toolkit for ultrasound-guided intervention systems", and IGSIO's sequence files).
 
 use std::collections::{BTreeMap, VecDeque};
 use std::path::Path;
@@ -22,23 +21,24 @@ pub use orientation::Orientation;
 /// A transform of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TrackedTransform {
-    /// Maps homogeneous coordinates of the first frame of the name to the second: `ProbeToTracker` takes probe
-    /// coordinates to tracker coordinates. Lengths in mm.
+    /// Matrix from homogeneous coordinates of the first frame of the name to the second: `ProbeToTracker` takes
+    /// probe coordinates to tracker coordinates. Lengths in mm.
     pub matrix: Matrix4<f64>,
-    /// False where the tracker said so, or where the matrix is not finite or not affine.
+    /// Whether the transform is valid: false if marked invalid by the tracker, or if the matrix is not finite or
+    /// not affine.
     pub valid: bool,
 }
 
-/// What a sequence says about one frame.
+/// Data of one frame of a sequence.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SequenceFrame {
     /// Position in the sequence, from 0; for [`Sequence::read`] also that of its image.
     pub index: usize,
-    /// Seconds.
+    /// Time stamp, s.
     pub timestamp: Option<f64>,
     /// Transforms by name, such as `ProbeToTracker`.
     pub transforms: BTreeMap<String, TrackedTransform>,
-    /// Whether the image is one: false where the file marks it invalid or holds none.
+    /// Whether the image is valid: false if the file marks it invalid or has none.
     pub image_valid: bool,
 }
 
@@ -49,36 +49,36 @@ pub struct GreyImage {
     pub width: usize,
     /// Rows.
     pub height: usize,
-    /// Row by row from the near unmarked corner, 0 black to 255 white.
+    /// Grey levels, row by row from the near unmarked corner, 0 black to 255 white.
     pub pixels: Vec<u8>,
 }
 
 /// A tracked sequence.
 #[derive(Clone, Debug)]
 pub struct Sequence {
-    /// Frames in order; images that no key names are there without transforms.
+    /// Frames in order; images without keys become frames without transforms.
     pub frames: Vec<SequenceFrame>,
-    /// Columns and rows of the images in orientation MF; none where the file has none.
+    /// Columns and rows of the images in orientation MF; `None` if the file has no images.
     pub image_size: Option<[usize; 2]>,
-    /// Distance between columns and between rows in orientation MF, mm; none where the file has 1 x 1, which PLUS and this program
-    /// write whatever it is.
+    /// Distance between columns and between rows in orientation MF, mm; `None` if the file states 1 x 1, which PLUS and this
+    /// program write regardless of the spacing.
     pub spacing_mm: Option<[f64; 2]>,
-    /// How the file stores its images; none where it does not say.
+    /// Orientation of the stored images; `None` if not stated in the file.
     pub orientation: Option<Orientation>,
-    /// What the images show in PLUS's terms, such as `BRIGHTNESS` or `RF_REAL`; none where the file does not say.
+    /// Type of the images in PLUS's terms, such as `BRIGHTNESS` or `RF_REAL`; `None` if not stated in the file.
     pub image_type: Option<String>,
-    /// Numbers of frames that have an image and no keys.
+    /// Numbers of frames with an image but no keys.
     pub missing: Vec<usize>,
-    /// Keys of frames that are of no known kind and were ignored.
+    /// Number of ignored frame keys of unknown kind.
     pub stray_keys: usize,
-    /// One sentence each: assumptions made and oddities found.
+    /// Assumptions and warnings, one sentence each.
     pub warnings: Vec<String>,
     pixels: Vec<u8>,
     stored_size: [usize; 2],
 }
 
 impl Sequence {
-    /// Reads a sequence with its images: one frame for each image, and for each frame that is named without one.
+    /// Reads a sequence with its images: one frame for each image, and for each frame with keys but no image.
     ///
     /// # Errors
     /// [`VolumeError`] with the file, the place in it, what was found and what was expected.
@@ -88,7 +88,7 @@ impl Sequence {
         if header.element.is_none() || width == 0 || height == 0 {
             return Self::assemble(header, None);
         }
-        // The data come first: only images that are there make frames.
+        // Data are read first: only existing images become frames.
         let pixels = read_data(&mut header)?;
         let mut sequence = Self::assemble(header, Some(images))?;
         if pixels.len() == width * height * images {
@@ -100,15 +100,15 @@ impl Sequence {
         Ok(sequence)
     }
 
-    /// Reads the poses without the images: one frame for each that carries keys.
+    /// Reads the poses without the images: one frame for each one with keys.
     ///
     /// # Errors
-    /// As [`Sequence::read`].
+    /// The errors of [`Sequence::read`].
     pub fn read_poses(path: &Path) -> Result<Self, VolumeError> {
         Self::assemble(read_header(path)?, None)
     }
 
-    /// Puts frames together; `images` is how many were found in the data.
+    /// Assembles the frames; `images` is the number of images found in the data.
     fn assemble(mut header: Header, images: Option<usize>) -> Result<Self, VolumeError> {
         let [width, height, _] = stored_size(&header)?;
         let shown = header.element.is_some() && width > 0 && height > 0;
@@ -177,7 +177,7 @@ impl Sequence {
         })
     }
 
-    /// The image of a frame, turned to orientation MF; none where the frame is marked invalid or was read without one.
+    /// Image of a frame in orientation MF; `None` if the frame is marked invalid or was read without an image.
     pub fn image(&self, frame: usize) -> Option<GreyImage> {
         let [width, height] = self.image_size?;
         let known = self.frames.get(frame)?;
@@ -194,8 +194,8 @@ impl Sequence {
         })
     }
 
-    /// The transform of a frame that takes `from` coordinates to `to` coordinates, chained from its valid transforms and
-    /// their inverses along the fewest steps; none where they do not connect the two.
+    /// Transform of a frame from `from` to `to` coordinates, composed of its valid transforms and their inverses along
+    /// the shortest chain; `None` if they do not connect the two.
     pub fn transform(&self, frame: usize, from: &str, to: &str) -> Option<Matrix4<f64>> {
         chain(&self.frames.get(frame)?.transforms, from, to)
     }
@@ -214,7 +214,7 @@ fn stored_size(header: &Header) -> Result<[usize; 3], VolumeError> {
     }
 }
 
-/// Chains named transforms from one coordinate system to another; see [`Sequence::transform`].
+/// Composes named transforms from one coordinate system to another; see [`Sequence::transform`].
 pub fn chain(transforms: &BTreeMap<String, TrackedTransform>, from: &str, to: &str) -> Option<Matrix4<f64>> {
     let mut edges: Vec<(&str, &str, Matrix4<f64>)> = Vec::new();
     for (name, transform) in transforms.iter().filter(|(_, transform)| transform.valid) {
@@ -241,7 +241,7 @@ pub fn chain(transforms: &BTreeMap<String, TrackedTransform>, from: &str, to: &s
     None
 }
 
-/// Recorded transforms with those that are defined elsewhere, where neither they nor their inverses are recorded.
+/// Adds transforms defined elsewhere to the recorded ones, where neither they nor their inverses are recorded.
 pub(crate) fn merged(
     recorded: &BTreeMap<String, TrackedTransform>,
     defined: &BTreeMap<String, TrackedTransform>,

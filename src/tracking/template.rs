@@ -1,17 +1,17 @@
-//! Templates: plates with rows and columns of holes that guide needles.
+//! Needle templates: plates with rows and columns of guiding holes.
 
 use nalgebra::{Point3, Unit, Vector3};
 
 use crate::document::nearest;
 
-/// A plate with rows and columns of holes, square to the needles that it guides.
+/// A plate with rows and columns of holes, perpendicular to the needles that it guides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Template {
-    /// The hole of the first column and row, mm.
+    /// Position of the hole of the first column and row, mm.
     pub origin_mm: Point3<f64>,
-    /// From column to column and from row to row, mm.
+    /// Steps from column to column and from row to row, mm.
     pub steps_mm: [Vector3<f64>; 2],
-    /// Where needles go.
+    /// Direction of needles.
     pub direction: Unit<Vector3<f64>>,
     /// Names of the columns.
     pub columns: Vec<String>,
@@ -19,23 +19,23 @@ pub struct Template {
     pub rows: Vec<String>,
 }
 
-/// A hole that a template does not have.
+/// A hole name that the template does not have.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the hole is \"{found}\"; expected {expected}")]
 pub struct UnknownHole {
-    /// As given.
+    /// Name given.
     pub found: String,
-    /// The holes that there are.
+    /// Available holes.
     pub expected: String,
-    /// A hole with a name like it.
+    /// A hole with a similar name.
     pub meant: Option<String>,
 }
 
 impl Template {
-    /// The middle of a hole by its name: that of its column and that of its row behind it.
+    /// Centre of a hole by its name: that of its column followed by that of its row.
     ///
     /// # Errors
-    /// [`UnknownHole`].
+    /// [`UnknownHole`] if the template has no such hole.
     pub fn hole(&self, name: &str) -> Result<Point3<f64>, UnknownHole> {
         let mut splits = self.columns.iter().enumerate().filter_map(|(column, title)| {
             let row = name.strip_prefix(title.as_str())?;

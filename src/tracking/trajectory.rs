@@ -15,32 +15,32 @@ use super::pose::{InvalidPose, Pose, PoseSpec};
 use super::world::World;
 use crate::read;
 
-/// How positions run between keyframes. Rotations always turn the shortest way at constant speed.
+/// Interpolation of positions between keyframes. Rotations follow the shortest arc at constant speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interpolation {
-    /// Straight lines.
+    /// Straight lines between keyframes.
     #[default]
     Linear,
     /// A Catmull-Rom spline through every keyframe, with tangents that respect uneven times.
     CatmullRom,
 }
 
-/// One pose of a trajectory.
+/// A pose of a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Key {
-    /// When, s.
+    /// Time, s.
     pub time_s: f64,
-    /// Where.
+    /// Pose at this time.
     pub pose: Pose,
-    /// Which keyframe, CSV row or frame of the source it comes from, from 0.
+    /// Index of the keyframe, CSV row or frame of the source, from 0.
     pub source: usize,
 }
 
-/// Poses in order of time; at least one.
+/// Poses in ascending order of time; at least one.
 ///
 /// ```
-/// use insonify::tracking::pose::Pose;
+/// use insonify::Pose;
 /// use insonify::tracking::trajectory::{Interpolation, Trajectory};
 /// use nalgebra::{Point3, UnitQuaternion};
 ///
@@ -57,36 +57,36 @@ pub struct Trajectory {
     repeated: usize,
 }
 
-/// Why a trajectory cannot be made.
+/// Why a trajectory is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum TrajectoryError {
-    /// No poses at all.
+    /// There are no poses.
     #[error("a trajectory without poses; expected at least one")]
     Empty,
-    /// A time is NaN, infinite or absurd.
+    /// A time is not finite or out of range.
     #[error("keyframe {index}: `time_s` is {found}; expected a finite number of at most 1e9")]
     Time {
-        /// Which keyframe, from 0.
+        /// Index of the keyframe, from 0.
         index: usize,
-        /// The time, s.
+        /// Time found, s.
         found: f64,
     },
-    /// Times run backwards or stand still.
+    /// Times decrease or repeat.
     #[error("keyframe {index}: `time_s` is {found}; expected more than {previous}, the time before it")]
     Order {
-        /// Which keyframe, from 0.
+        /// Index of the keyframe, from 0.
         index: usize,
-        /// Its time, s.
+        /// Time of the keyframe, s.
         found: f64,
-        /// The time before it, s.
+        /// Time of the previous keyframe, s.
         previous: f64,
     },
-    /// A keyframe's pose is wrong.
+    /// A keyframe's pose is invalid.
     #[error("keyframe {index}: {source}")]
     Pose {
-        /// Which keyframe, from 0.
+        /// Index of the keyframe, from 0.
         index: usize,
-        /// What is wrong with it.
+        /// Cause of the error.
         source: InvalidPose,
     },
     /// A CSV path cannot be read.
@@ -95,23 +95,23 @@ pub enum TrajectoryError {
     /// A transform that places the tracked frames is not rigid.
     #[error("{which} transform: {source}")]
     Transform {
-        /// Which transform.
+        /// Name of the transform.
         which: &'static str,
-        /// What is wrong with it.
+        /// Cause of the error.
         source: NotRigid,
     },
     /// A tracked sequence in which no frame has a valid pose.
     #[error("none of {frames} frames has a valid pose; the first: {first}")]
     NoValidPose {
-        /// Frames in the sequence.
+        /// Number of frames in the sequence.
         frames: usize,
-        /// Why the first was skipped.
+        /// Reason for skipping the first one.
         first: SkipReason,
     },
 }
 
 impl TrajectoryError {
-    /// Whether the machine failed rather than the input.
+    /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Csv(CsvError::Read { source, .. }) if read::is_machine(source))
     }
@@ -121,7 +121,7 @@ impl TrajectoryError {
 const LATEST_S: f64 = 1e9;
 
 impl Trajectory {
-    /// A probe that stays where it is.
+    /// A trajectory with a constant pose.
     pub fn fixed(pose: Pose) -> Self {
         Self {
             keys: vec![Key {
@@ -135,7 +135,7 @@ impl Trajectory {
         }
     }
 
-    /// A trajectory through poses at strictly increasing times, s.
+    /// Creates a trajectory through poses at strictly increasing times, s.
     pub fn from_keys(
         keys: impl IntoIterator<Item = (f64, Pose)>,
         interpolation: Interpolation,
@@ -156,8 +156,8 @@ impl Trajectory {
         })
     }
 
-    /// A trajectory through the keyframes of a scene file, stated in the axes of `world`. A direction without `lateral` is
-    /// reached by the shortest turn from the keyframe before it.
+    /// Creates a trajectory through the keyframes of a scene file, stated in the axes of `world`. A direction without
+    /// `lateral` is reached by the smallest rotation from the previous keyframe.
     pub fn from_keyframes(
         keyframes: &[KeyframeSpec],
         world: World,
@@ -175,7 +175,7 @@ impl Trajectory {
         Self::from_keys(keys, interpolation)
     }
 
-    /// The poses, in order of time.
+    /// Poses in ascending order of time.
     pub fn keys(&self) -> &[Key] {
         &self.keys
     }
@@ -190,14 +190,15 @@ impl Trajectory {
         self.keys[self.keys.len() - 1].time_s
     }
 
-    /// The time of frame `frame` of `frames` spread evenly from the first pose to the last, s; the first pose's for one frame.
+    /// Time of frame `frame` of `frames` evenly spaced from the first pose to the last, s; that of the first pose for one
+    /// frame.
     pub fn time_of(&self, frame: usize, frames: usize) -> f64 {
         let gaps = frames.saturating_sub(1).max(1) as f64;
         let share = (frame as f64 / gaps).min(1.0);
         self.start_s() * (1.0 - share) + self.end_s() * share
     }
 
-    /// The pose at a time, s; the first or the last one beyond the ends.
+    /// Pose at a time, s; constant beyond the ends.
     pub fn at(&self, time_s: f64) -> Pose {
         let after = self.keys.partition_point(|key| key.time_s <= time_s);
         let Some(before) = after.checked_sub(1) else {
@@ -234,12 +235,13 @@ impl Trajectory {
             + slope(before + 1) * (span * (s3 - s2))
     }
 
-    /// The frames of a tracked sequence that were left out, with the reason for each.
+    /// Skipped frames of a tracked sequence, with the reason for each.
     pub fn skipped(&self) -> &[Skipped] {
         &self.skipped
     }
 
-    /// Frames of a tracked sequence whose pose equals the one before bit for bit: a tool at rest, or a tracker that has stalled.
+    /// Number of frames of a tracked sequence whose pose equals the previous one bit for bit: a tool at rest, or a stalled
+    /// tracker.
     pub fn repeated(&self) -> usize {
         self.repeated
     }
@@ -263,24 +265,25 @@ fn check_time(index: usize, time_s: f64, previous: Option<f64>) -> Result<(), Tr
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct KeyframeSpec {
-    /// When, s; later than the keyframe before it.
+    /// Time, s; later than that of the previous keyframe.
     pub time_s: f64,
     /// Centre of the array in the world (LPS), mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
-    /// Where the probe looks (axial direction) in the world; any length.
+    /// Axial direction of the probe in the world; any length.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub direction: Option<[f64; 3]>,
-    /// Hint for the side of the marker in the world. Default: carried on from the keyframe before by the shortest turn.
+    /// Approximate direction of the marked side in the world. Default: carried on from the previous keyframe by the
+    /// smallest rotation.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lateral: Option<[f64; 3]>,
-    /// Turn about the axial direction, degrees. Default 0.
+    /// Rotation about the axial direction, degrees. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotate_deg: Option<f64>,
-    /// Turn within the image plane, degrees. Default 0.
+    /// Rotation within the image plane, degrees. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rock_deg: Option<f64>,
-    /// Turn out of the image plane, degrees. Default 0.
+    /// Rotation out of the image plane, degrees. Default 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt_deg: Option<f64>,
     /// Probe-to-world transform, mm: rigid.
@@ -289,7 +292,7 @@ pub struct KeyframeSpec {
 }
 
 impl KeyframeSpec {
-    /// The pose without its time.
+    /// Returns the pose without its time.
     pub fn pose(&self) -> PoseSpec {
         PoseSpec {
             position_mm: self.position_mm,

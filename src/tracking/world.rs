@@ -1,4 +1,4 @@
-//! The axes of the world that stated coordinates refer to.
+//! World axes of stated coordinates.
 
 use std::fmt;
 
@@ -6,7 +6,7 @@ use nalgebra::Matrix4;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// The axes of the world in which a file states coordinates. Everything computed here is in LPS.
+/// World axes in which a file states coordinates. All computations use LPS.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum World {
@@ -18,7 +18,7 @@ pub enum World {
 }
 
 impl World {
-    /// A point or direction from this world in LPS, or from LPS in this world: the same half turn about z either way.
+    /// Converts a point or direction from this world to LPS, or back: the same half turn about z.
     pub fn vector(self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         match self {
             Self::Lps => [x, y, z],
@@ -26,7 +26,7 @@ impl World {
         }
     }
 
-    /// A transform to this world as one to LPS, or one to LPS as one to this world.
+    /// Converts a transform to this world into one to LPS, or back.
     pub fn transform(self, mut matrix: Matrix4<f64>) -> Matrix4<f64> {
         if self == Self::Ras {
             matrix.fixed_rows_mut::<2>(0).neg_mut();
@@ -34,7 +34,7 @@ impl World {
         matrix
     }
 
-    /// The other one.
+    /// Returns the other world.
     pub fn other(self) -> Self {
         match self {
             Self::Lps => Self::Ras,

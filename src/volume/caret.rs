@@ -1,4 +1,4 @@
-//! The label table in XML that Connectome Workbench (Caret) and TotalSegmentator put into a NIfTI header extension.
+//! XML label table of Connectome Workbench (Caret) and TotalSegmentator in a NIfTI header extension.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -35,7 +35,7 @@ pub(crate) fn label_names(xml: &str) -> BTreeMap<i64, String> {
     names
 }
 
-/// Text without the wrapping of CDATA, or with its entities resolved.
+/// Text content without CDATA wrapping, or with its entities resolved.
 fn plain(text: &str) -> String {
     match text
         .strip_prefix("<![CDATA[")
@@ -51,7 +51,7 @@ fn plain(text: &str) -> String {
     }
 }
 
-/// The table as XML, for writing.
+/// Label table as XML, for writing.
 pub(crate) fn table<'a>(names: impl Iterator<Item = (i64, &'a str)>) -> String {
     let mut xml = String::from(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<CaretExtension>\n<VolumeInformation Index=\"0\">\n<LabelTable>\n",

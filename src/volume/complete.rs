@@ -1,9 +1,9 @@
-//! Completion of a segmentation that labels organs but not the body around them.
+//! Completion of the body around segmented organs.
 //!
-//! On a grid of about [`GRID_MM`] the gaps between the labels are closed, first within each slice, then in all directions, and the outline
-//! is smoothed. The voxels without a label inside it become soft tissue, with the muscle of the body wall, a layer of fat and a skin
-//! around them. Around few organs without bones that is no trunk, which [`Completed::warning`] says. Where the CT is at hand, unlabelled voxels
-//! are what its grey values say ([`with_ct`]).
+//! On a grid of about [`GRID_MM`] the gaps between the labels are closed, first within each slice, then in all directions, and the outline is
+//! smoothed. The unlabelled voxels inside it become soft tissue, with the muscle of the body wall, a layer of fat and a skin around them. Few
+//! organs without bones do not form a trunk; [`Completed::warning`] then says so. If the CT is available, unlabelled voxels are classified by
+//! its grey values ([`with_ct`]).
 
 mod ct;
 mod outline;
@@ -19,30 +19,30 @@ use crate::tissue::{known, totalsegmentator};
 pub use ct::with_ct;
 use outline::Outline;
 
-/// Spacing of the grid on which the outline of the body is found, mm.
+/// Spacing of the grid for the outline of the body, mm.
 pub const GRID_MM: f64 = 3.0;
 /// Radius of the closing that joins the labelled anatomy, mm.
 pub const CLOSING_MM: f64 = 60.0;
 /// Soft tissue added around the closed anatomy, mm: about the thickness of the abdominal wall.
 pub const WALL_MM: f64 = 7.0;
-/// Soft tissue around labels that reach beyond the smooth outline, mm.
+/// Thickness of soft tissue around labels that extend beyond the smooth outline, mm.
 pub const LEAST_MM: f64 = 3.0;
 /// Largest thickness of muscle, fat or skin, mm.
 pub const THICKEST_MM: f64 = 100.0;
 
-/// Names of the labels that are appended.
+/// Names of the appended labels.
 const LAYERS: [&str; 5] = ["soft_tissue", "muscle", "muscle_internal", "fat", "skin"];
-/// Unevenness of muscle and fat: the largest departure from their thickness, as a share of it, and the length over which it changes, mm. Set
-/// by eye; the skin stays where an even layer would put it.
+/// Irregularity of muscle and fat: the largest relative deviation of their thickness, and the length over which it varies, mm. Set by eye;
+/// the skin stays where an even layer would put it.
 const UNEVEN: f64 = 0.35;
 const UNEVEN_MM: f64 = 40.0;
-/// Depths below the fat at which the middle one of three flat muscles begins and ends, as shares of the thickness: external oblique, internal
-/// oblique and transversus measure about 40, 25 and 35 % here.
+/// Depths below the fat at which the middle one of three flat muscles begins and ends, as fractions of the thickness: external oblique,
+/// internal oblique and transversus measure about 40, 25 and 35 % here.
 const MIDDLE_MUSCLE: [f64; 2] = [0.4, 0.65];
-/// Organs from which on a body is closed around labels without bones and without doubt.
+/// Number of organs from which a body is closed around labels without bones and without a warning.
 const ENOUGH_ORGANS: usize = 8;
 
-/// Names that only volumes with an explicit body carry.
+/// Names that occur only in volumes with an explicit body.
 const BODY_NAMES: [&str; 8] = [
     "skin",
     "fat",
@@ -55,10 +55,10 @@ const BODY_NAMES: [&str; 8] = [
 ];
 /// Values of fat, soft tissue and skin, which mark an explicit body where labels have no names.
 const BODY_VALUES: [i64; 3] = [201, 202, 204];
-/// Least share of the labelled voxels that the three have in a body.
+/// Minimum fraction of the labelled voxels with these three values in a body.
 const BODY_SHARE: f64 = 1.0 / 3.0;
 
-/// What unlabelled voxels are taken for.
+/// Treatment of unlabelled voxels.
 #[derive(
     Clone,
     Copy,
@@ -73,22 +73,22 @@ const BODY_SHARE: f64 = 1.0 / 3.0;
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Unlabelled {
-    /// A body is closed around the labelled anatomy, unless the volume has one already.
+    /// A body is closed around the labelled anatomy, unless the volume already has one.
     #[default]
     Auto,
-    /// Nothing is filled. What is unlabelled neither echoes nor takes sound, so that a probe off the skin images as
+    /// Nothing is filled. Unlabelled voxels neither echo nor attenuate, so that a probe off the skin images as
     /// through gel.
     Air,
-    /// Soft tissue, everywhere.
+    /// All unlabelled voxels become soft tissue.
     Tissue,
 }
 
-/// How a volume is completed.
+/// Options of the completion of a volume.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CompleteOptions {
-    /// What unlabelled voxels are taken for.
+    /// Treatment of unlabelled voxels.
     pub mode: Unlabelled,
-    /// Thickness of the muscle under the fat, mm (0 to 100; default 8): the outermost of what is unlabelled inside the fat.
+    /// Thickness of the muscle under the fat, mm (0 to 100; default 8): the outermost unlabelled layer inside the fat.
     pub muscle_mm: f64,
     /// Thickness of the fat under the skin, mm (0 to 100; default 12).
     pub fat_mm: f64,
@@ -119,33 +119,35 @@ impl CompleteOptions {
     }
 }
 
-/// Voxels that were filled.
+/// Numbers of filled voxels.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Filled {
-    /// As soft tissue.
+    /// Voxels filled as soft tissue.
     pub soft_tissue: u64,
-    /// As muscle.
+    /// Voxels filled as muscle.
     pub muscle: u64,
-    /// As fat.
+    /// Voxels filled as fat.
     pub fat: u64,
-    /// As skin.
+    /// Voxels filled as skin.
     pub skin: u64,
 }
 
-/// A completed volume and what was done to it.
+/// A completed volume, with the changes made.
 #[derive(Clone, Debug)]
 pub struct Completed {
-    /// The volume. Appended labels are named `soft_tissue`, `muscle`, `fat` and `skin`; their `voxels` stay 0, since the file had none.
+    /// Completed volume. Appended labels are named `soft_tissue`, `muscle`, `fat` and `skin`; their `voxels` stay 0, since the file had
+    /// none.
     pub volume: LabelVolume,
-    /// Voxels filled.
+    /// Numbers of filled voxels.
+    #[cfg_attr(not(test), allow(dead_code, reason = "numbers for tests; the note tells them"))]
     pub filled: Filled,
-    /// What was assumed, for people to read.
+    /// Assumptions made, for the user.
     pub note: String,
-    /// The doubt about a body that was closed around fewer than 8 organs and no bone, of which none is a trunk.
+    /// Warning about a body that was closed around fewer than 8 organs without bone or trunk.
     pub warning: Option<String>,
 }
 
-/// Extent of a volume along an axis below which no body is closed around it, mm.
+/// Minimum extent of a volume along an axis for closing a body around it, mm.
 const SMALLEST_MM: f64 = 0.5;
 
 /// Why a volume cannot be completed.
@@ -154,27 +156,27 @@ pub enum CompletionError {
     /// A layer's thickness is out of range.
     #[error("{layer} thickness {found} mm; expected 0 to {THICKEST_MM} mm")]
     Thickness {
-        /// `muscle`, `fat` or `skin`.
+        /// Name of the layer: `muscle`, `fat` or `skin`.
         layer: &'static str,
-        /// What was asked for, mm.
+        /// Requested thickness, mm.
         found: f64,
     },
-    /// The CT lies elsewhere: the share of the labelled voxels that it covers.
+    /// The CT does not cover the labels; the fraction of the labelled voxels that it covers.
     #[error("the CT covers {:.0} % of the labelled voxels; expected the CT that was segmented, at its own place", 100.0 * .0)]
     Elsewhere(f64),
-    /// There is no room for the labels of the body.
+    /// The labels of the body do not fit into the volume.
     #[error(transparent)]
     Volume(#[from] InvalidVolume),
 }
 
-/// True for a volume that carries a body of its own: labels named skin, fat or body, or the values that `--save-labels` gives them.
+/// Whether a volume has an explicit body: labels named skin, fat or body, or the values that `--save-labels` gives them.
 pub fn has_body(volume: &LabelVolume) -> bool {
     let mut names = volume.labels().iter().skip(1).filter_map(|label| label.name.as_deref());
     names.any(is_body) || has_body_values(volume)
 }
 
-/// True where labels without names are a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together have
-/// a third of the labelled voxels. Values of which that is not true are of something else.
+/// Whether unnamed labels form a body by their values: 201, 202 and 204 (fat, soft tissue and skin), which together have a third
+/// of the labelled voxels. Otherwise these values have another meaning.
 pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
     let voxels = |value: i64| {
         let own = |label: &&Label| label.value == value && label.name.is_none() && label.voxels > 0;
@@ -185,15 +187,16 @@ pub(crate) fn has_body_values(volume: &LabelVolume) -> bool {
     body.is_some_and(|body| body as f64 >= BODY_SHARE * labelled as f64)
 }
 
-/// True for a name that only volumes with an explicit body carry.
+/// Whether a name occurs only in volumes with an explicit body.
 pub(crate) fn is_body(name: &str) -> bool {
     BODY_NAMES.contains(&name.to_ascii_lowercase().replace([' ', '-'], "_").as_str())
 }
 
-/// Fills the unlabelled voxels of a volume; see the module. The box of the volume stays as it is.
+/// Fills the unlabelled voxels of a volume as described in the module documentation. The box of the volume is
+/// unchanged.
 ///
 /// # Errors
-/// A thickness out of range, or no room among 256 labels for those of the body.
+/// [`CompletionError`] if a thickness is out of range, or the labels of the body exceed 256 labels.
 pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Completed, CompletionError> {
     options.check()?;
     let unchanged = |note: &str| Completed {
@@ -295,7 +298,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     })
 }
 
-/// The note of a body that was closed around labels.
+/// Note about a body that was closed around labels.
 fn note(
     volume: &LabelVolume,
     options: &CompleteOptions,
@@ -327,7 +330,7 @@ fn note(
     note
 }
 
-/// A warning where the labels of a file, fewer than [`ENOUGH_ORGANS`] organs and no bone, have no trunk around them.
+/// Warning if the labels of a file, fewer than [`ENOUGH_ORGANS`] organs and no bone, are not surrounded by a trunk.
 fn shell(labels: &[Label]) -> Option<String> {
     let held = || labels.iter().skip(1).filter(|label| label.voxels > 0);
     let tissues: Vec<_> = held().filter_map(|label| known(label.name.as_deref()?)).collect();
@@ -347,7 +350,7 @@ fn shell(labels: &[Label]) -> Option<String> {
     })
 }
 
-/// The end of a note: values of the first of [`LAYERS`], at places in `labels`, that are not the usual ones.
+/// Suffix of a note: values of the first of [`LAYERS`], at indices in `labels`, that differ from the usual ones.
 fn unusual_values(labels: &[Label], body: &[u8]) -> String {
     let other = |(at, name): (&u8, &str)| {
         let (value, usual) = (labels[usize::from(*at)].value, usual_value(name));
@@ -360,7 +363,7 @@ fn unusual_values(labels: &[Label], body: &[u8]) -> String {
     }
 }
 
-/// Takes every unlabelled voxel for soft tissue.
+/// Fills every unlabelled voxel as soft tissue.
 fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
     let mut labels = volume.labels().to_vec();
     let soft = label(&mut labels, LAYERS[0]);
@@ -390,13 +393,13 @@ fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
     })
 }
 
-/// Value of the label of a body where it is free.
+/// Usual value of a body label, if it is free.
 fn usual_value(name: &str) -> i64 {
     let mut body = totalsegmentator::body().iter();
     body.find(|class| class.name == name).map_or(0, |class| class.value)
 }
 
-/// Index of the label of a name, appended if there is none: with its usual value, or the next free one.
+/// Index of the label of a name, appended if missing: with its usual value, or the next free one.
 pub(super) fn label(labels: &mut Vec<Label>, name: &str) -> u8 {
     if let Some(at) = labels.iter().position(|label| label.name.as_deref() == Some(name)) {
         return at as u8;
@@ -412,7 +415,7 @@ pub(super) fn label(labels: &mut Vec<Label>, name: &str) -> u8 {
     (labels.len() - 1) as u8
 }
 
-/// Faces of the box beside the slice axis that anything but skin and air touches.
+/// Faces of the box beside the slice axis that are touched by anything other than skin and air.
 fn cut_faces(volume: &LabelVolume, slice_axis: usize, skin: u8) -> Vec<String> {
     let size = volume.size();
     let mut faces = Vec::new();

@@ -1,4 +1,4 @@
-//! The data of an image: skipped to, unpacked and counted, never more than the header promises.
+//! Image data: seeking, decompression and size checks, never more than the header promises.
 
 use std::fs::File;
 use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
@@ -12,26 +12,26 @@ use super::header::{Encoding, Header, Skip};
 use crate::memory::TooLarge;
 use crate::read;
 
-/// Bytes unpacked past the last that is needed, in search of the checksum at the end.
+/// Maximum number of bytes decompressed past the last needed one, to reach the checksum at the end.
 pub(crate) const MAX_EXCESS: u64 = 64 << 20;
 
-/// Most bytes that are skipped where each must be looked at: lines, and bytes of packed data.
+/// Maximum number of bytes skipped where each must be read: lines, and bytes of compressed data.
 const MAX_SKIP: u64 = 256 << 20;
 
 /// Longest word of text data, bytes: a double takes some 300 without an exponent.
 const MAX_WORD: u64 = 1024;
 
-/// Bytes unpacked at a time.
+/// Number of bytes decompressed at a time.
 const CHUNK: usize = 64 << 10;
 
-/// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of whole groups;
-/// numbers lie in them in the order of [`Header::data_order`].
+/// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of complete
+/// groups; numbers have the byte order of [`Header::data_order`].
 pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
     let (_, expected) = header.extent()?;
     let (reader, begin, stored) = open(header, expected)?;
     let most = match header.data.encoding {
         Encoding::Raw | Encoding::Text => expected,
-        // Most that a byte unpacks to: "An Explanation of the Deflate Algorithm" (zlib) and twice the run length of blocks of bzip2.
+        // Maximum expansion per byte: "An Explanation of the Deflate Algorithm" (zlib) and twice the run length of blocks of bzip2.
         Encoding::Gzip | Encoding::Zlib => expected.min(stored.saturating_mul(1032) as usize),
         Encoding::Bzip2 => expected.min(stored.saturating_mul(1 << 21) as usize),
     };
@@ -58,7 +58,7 @@ pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> 
     sink.failed.map_or(Ok(sink.values), Err)
 }
 
-/// Reads the bytes of an image: exactly those that its sizes and element type need.
+/// Reads exactly the bytes required by an image's sizes and element type.
 pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
     read_into(header, 1, &mut |bytes, all| {
         all.extend_from_slice(bytes);
@@ -69,7 +69,8 @@ pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
 /// Appends the values of a slice of bytes.
 pub(crate) type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
 
-/// The file past the lines to skip, the byte it is at and how many follow; an error where those cannot hold `expected` bytes.
+/// Opens the data file after the lines to skip, and returns its position and remaining length; an error if these cannot hold
+/// `expected` bytes.
 fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64), VolumeError> {
     let fail = |cause| header.unreadable(cause);
     let place = &header.data;
@@ -91,14 +92,14 @@ fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64),
                 "fewer",
             ));
         }
-        // What is left over is found short below.
+        // A shortage is detected below.
         if line == 0 {
             break;
         }
     }
     let begin = place.start + skipped;
     let stored = end.saturating_sub(begin);
-    // Of numbers in text every one but the last takes at least a digit and a blank.
+    // In text, every number but the last takes at least a digit and a blank.
     let least = match place.encoding {
         Encoding::Raw => expected as u64,
         Encoding::Text => 2 * (expected / header.element()?.bytes()) as u64 - 1,
@@ -141,7 +142,7 @@ fn raw<V>(
     sink.drain(reader.take(wanted)).map_err(fail)?;
     match sink.wanted {
         0 => Ok(()),
-        // The file has shrunk since its length was asked for.
+        // The file has shrunk since its length was queried.
         left => Err(short(
             header,
             begin + skip + wanted - left as u64,
@@ -198,19 +199,19 @@ fn text<V>(
     Ok(())
 }
 
-/// Takes unpacked bytes: drops the first `skip`, hands on those that are wanted and counts those that come after.
+/// Receiver of decompressed bytes: drops the first `skip`, passes on the wanted ones and counts those after.
 struct Sink<'a, V> {
     skip: u64,
     wanted: usize,
     excess: u64,
-    /// Bytes of a group that is not whole yet.
+    /// Bytes of an incomplete group.
     part: Vec<u8>,
     group: usize,
     /// Bytes read at a time.
     chunk: Vec<u8>,
     values: Vec<V>,
     push: Push<'a, V>,
-    /// What `push` first said: the data are drained all the same, since it may be the fault of broken compression.
+    /// First error of `push`: the data are still drained, since broken compression may be the cause.
     failed: Option<VolumeError>,
 }
 
@@ -245,7 +246,7 @@ impl<V> Sink<'_, V> {
         }
     }
 
-    /// Drains a decoder to its end, where it checks its sum, unless that is too far away.
+    /// Drains a decoder to its end, where it verifies its checksum, unless that is too far away.
     fn drain(&mut self, mut decoder: impl Read) -> io::Result<()> {
         let mut chunk = std::mem::take(&mut self.chunk);
         let drained = loop {
@@ -323,7 +324,7 @@ fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io
     VolumeError::malformed(&header.data.path, At::Byte(at), found, wanted)
 }
 
-/// Whether an error of a decoder blames the data rather than the system.
+/// Whether an error of a decoder is due to the data rather than the system.
 pub(crate) fn says_broken(cause: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     matches!(

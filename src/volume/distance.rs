@@ -1,15 +1,15 @@
-//! Euclidean distances and smoothing on grids.
+//! Euclidean distance transforms and smoothing on grids.
 
 use rayon::prelude::*;
 
-/// Stands for no seed at all in squared distances, mm^2: far beyond any volume and safe to add.
+/// Squared distance where there is no seed, mm^2: far beyond any volume and safe to add.
 const NONE: f32 = 1e12;
 
 /// A grid of numbers, x fastest.
 pub(crate) struct Grid {
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     pub size: [usize; 3],
-    /// Distance between them, mm.
+    /// Distance between cells, mm.
     pub spacing: [f64; 3],
     pub values: Vec<f32>,
 }
@@ -19,8 +19,9 @@ impl Grid {
         self.size[..axis].iter().product()
     }
 
-    /// Replaces each value by the least value plus squared distance along the axes given: the exact squared Euclidean
-    /// distance to the zeros (P. Felzenszwalb and D. Huttenlocher, "Distance Transforms of Sampled Functions", 2012).
+    /// Replaces each value by the minimum of value plus squared distance along the given axes: the exact squared
+    /// Euclidean distance to the zeros (P. Felzenszwalb and D. Huttenlocher, "Distance Transforms of Sampled
+    /// Functions", 2012).
     fn transform(&mut self, axes: &[usize]) {
         for &axis in axes {
             let spacing = self.spacing[axis] as f32;
@@ -28,7 +29,7 @@ impl Grid {
         }
     }
 
-    /// Squared distances to the cells of a set, mm^2, along some axes; enormous where it is empty.
+    /// Squared distances to the cells of a set, mm^2, along some axes; very large if the set is empty.
     pub fn squared_distances(set: &[bool], size: [usize; 3], spacing: [f64; 3], axes: &[usize]) -> Self {
         let values = set.iter().map(|&inside| if inside { 0.0 } else { NONE }).collect();
         let mut grid = Self { size, spacing, values };
@@ -36,7 +37,7 @@ impl Grid {
         grid
     }
 
-    /// Gaussian smoothing of a standard deviation, mm; the ends are held constant.
+    /// Applies Gaussian smoothing with a standard deviation in mm; the ends are extended as constants.
     pub fn smooth(&mut self, deviation_mm: f64) {
         for axis in 0..3 {
             let sigma = deviation_mm / self.spacing[axis];
@@ -48,7 +49,8 @@ impl Grid {
         }
     }
 
-    /// Filters along an axis by a symmetric kernel, given from its middle, of any sum; the ends are held constant.
+    /// Filters along an axis by a symmetric kernel, given from its centre, of any sum; the ends are extended as
+    /// constants.
     pub fn convolve(&mut self, axis: usize, kernel: &[f32]) {
         let total = kernel[0] + 2.0 * kernel[1..].iter().sum::<f32>();
         self.along(axis, |line, scratch| {
@@ -79,7 +81,7 @@ impl Grid {
                 });
             return;
         }
-        // Along the last axis a line crosses every slab: columns are gathered, worked on, and put back.
+        // Along the last axis a line crosses every slab: columns are gathered, processed, and written back.
         let values = &self.values;
         let columns: Vec<Vec<f32>> = (0..self.size[1])
             .into_par_iter()
@@ -128,7 +130,7 @@ fn lines(
     scratch.gathered = line;
 }
 
-/// Buffers that a thread keeps between lines.
+/// Buffers that a thread reuses between lines.
 #[derive(Default)]
 struct Scratch {
     gathered: Vec<f32>,

@@ -1,6 +1,6 @@
-//! The numbers an image file can hold.
+//! Number types of image files.
 
-/// Type of one number.
+/// Type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
     U8,
@@ -62,7 +62,7 @@ impl Element {
         }
     }
 
-    /// Appends the number that `text` spells, little-endian; `None` if it spells none of this type.
+    /// Appends the number spelled by `text`, little-endian; `None` if it is not a number of this type.
     pub(crate) fn push_text(self, text: &str, out: &mut Vec<u8>) -> Option<()> {
         macro_rules! push {
             ($type:ty) => {
@@ -85,14 +85,14 @@ impl Element {
     }
 }
 
-/// Order of the bytes of a number.
+/// Byte order of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ByteOrder {
     Little,
     Big,
 }
 
-/// What a stored number stands for: `slope * number + intercept`.
+/// Linear scale of stored numbers: `slope * number + intercept`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Scale {
     pub(crate) slope: f64,
@@ -100,7 +100,7 @@ pub(crate) struct Scale {
 }
 
 impl Scale {
-    /// The scale, or none where it changes nothing.
+    /// Creates the scale; `None` for the identity.
     pub(crate) fn new(slope: f64, intercept: f64) -> Option<Self> {
         (slope != 1.0 || intercept != 0.0).then_some(Self { slope, intercept })
     }
@@ -114,15 +114,15 @@ impl Scale {
 pub(crate) trait Sample: Copy {
     /// Bytes of one number.
     const BYTES: usize;
-    /// The number in `bytes`, of which there must be [`Self::BYTES`].
+    /// Decodes the number in `bytes`, which must have length [`Self::BYTES`].
     fn decode(bytes: &[u8], order: ByteOrder) -> Self;
-    /// The nearest double.
+    /// Converts to the nearest double.
     fn as_f64(self) -> f64;
-    /// The number as a label value; `None` where it is no whole number or needs more than 63 bits.
+    /// Converts to a label value; `None` if it is not an integer or needs more than 63 bits.
     fn as_label(self) -> Option<i64>;
 }
 
-/// A whole number that a double holds, as a label value.
+/// Converts an integral double to a label value.
 pub(crate) fn label_of(value: f64) -> Option<i64> {
     const LIMIT: f64 = 9_007_199_254_740_992.0; // 2^53: beyond it doubles skip whole numbers.
     (value.fract() == 0.0 && value.abs() <= LIMIT).then_some(value as i64)

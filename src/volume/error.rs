@@ -1,4 +1,4 @@
-//! What can be wrong with an image file.
+//! Errors of image files.
 
 use std::fmt;
 use std::io;
@@ -8,16 +8,16 @@ use super::InvalidVolume;
 use crate::output::atomic::WriteError;
 use crate::{read, text};
 
-/// Where in a file something is wrong.
+/// Position of an error in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum At {
-    /// Somewhere in the header as a whole.
+    /// The header in general.
     Header,
     /// A line of a text header, counted from 1.
     Line(usize),
     /// A byte of the file, counted from 0.
     Byte(u64),
-    /// The voxels as a whole.
+    /// The voxels in general.
     Voxels,
     /// The pixels of a picture.
     Pixels,
@@ -41,79 +41,79 @@ impl fmt::Display for At {
 /// Why an image file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum VolumeError {
-    /// The system could not read the file.
+    /// The file cannot be read.
     #[error("{}: cannot be read: {cause}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The system could not read the file of the data, which the header names.
+    /// The data file named in the header cannot be read.
     #[error("{}, {at}: the data file {} cannot be read: {cause}", path.display(), text::clipped(&data.to_string_lossy(), text::MESSAGE))]
     Data {
-        /// The file of the header.
+        /// Path of the header file.
         path: PathBuf,
-        /// Where in it.
+        /// Position of the name in the header.
         at: At,
-        /// The file of the data.
+        /// Path of the data file.
         data: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         cause: io::Error,
     },
-    /// The file says something it cannot say.
+    /// The file contains an invalid value.
     #[error("{}, {at}: found {found}, expected {expected}", path.display())]
     Malformed {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Where in it.
+        /// Position in the file.
         at: At,
-        /// What is there.
+        /// What was found.
         found: String,
-        /// What should be there.
+        /// What was expected.
         expected: String,
     },
-    /// The file may be sound, but it uses something that is not read here.
+    /// The file may be valid, but uses an unsupported feature.
     #[error("{}, {at}: {found} is not supported; {expected}", path.display())]
     Unsupported {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Where in it.
+        /// Position in the file.
         at: At,
         /// What is not supported.
         found: String,
-        /// What is, or what to do.
+        /// What is supported, or what to do.
         expected: String,
     },
-    /// A label volume holds a number that is no label.
+    /// A label volume holds a number that is not a label.
     #[error(
         "{}: voxel ({}, {}, {}) is {value:?}, expected a whole number: this is no label volume (label values lie within 2^63 of 0)",
         path.display(), voxel[0], voxel[1], voxel[2]
     )]
     Fractional {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
         /// Index of the first such voxel.
         voxel: [usize; 3],
-        /// Its value.
+        /// Value of the voxel.
         value: f64,
     },
-    /// The numbers are sound but make no label volume.
+    /// The numbers are valid but do not form a label volume.
     #[error("{}: {cause}", path.display())]
     Volume {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What is wrong with them.
+        /// Cause of the error.
         cause: InvalidVolume,
     },
-    /// The system could not write the file.
+    /// The file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
 }
 
 impl VolumeError {
-    /// Whether the machine failed, rather than the input: writing, and reading other than a file that is missing,
-    /// forbidden or not a file at all.
+    /// Whether the machine is at fault rather than the input: errors of writing, and of reading except for a file
+    /// that is missing, forbidden or not a file.
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Write(_) => true,
@@ -148,7 +148,7 @@ impl VolumeError {
     }
 }
 
-/// Text of a file as an error shows it: quoted, cut to a readable length.
+/// Text of a file as shown in an error: quoted and truncated to a readable length.
 pub(crate) fn quoted(text: &str) -> String {
     const SHOWN: usize = 60;
     let mut shown: String = text.chars().take(SHOWN).collect();

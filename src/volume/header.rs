@@ -1,4 +1,4 @@
-//! What every image format says before its data: one shape for NIfTI, NRRD and MetaImage.
+//! Common header of NIfTI, NRRD and MetaImage files.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -10,29 +10,29 @@ use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError};
 use crate::tracking::matrix::FARTHEST_MM;
 
-/// Largest image read, bytes of decoded data. A header that asks for more is taken for broken.
+/// Largest image, bytes of decoded data. A header that requires more is considered broken.
 pub(crate) const MAX_DATA_BYTES: u64 = 16 << 30;
 
-/// Determinant of the unit axis directions below which the axes are taken to lie in one plane.
+/// Determinant of the unit axis directions below which the axes are considered coplanar.
 const MIN_DETERMINANT: f64 = 1e-6;
 
-/// Widest spacing, mm: ten metres, far beyond any body, and where a volume of any size still lies within finite numbers.
+/// Largest spacing, mm: ten metres, far beyond any body, so that coordinates of a volume of any size are finite.
 const MAX_SPACING_MM: f64 = 1e4;
 
-/// Departure from a right angle between axes above which a transform is reported as sheared, degrees. Rounded direction
+/// Deviation from a right angle between axes above which a transform is reported as sheared, degrees. Rounded direction
 /// cosines of real scanners stay below.
 const SHEAR_DEG: f64 = 0.1;
 
-/// One index axis.
+/// An index axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Axis {
-    /// Samples along it.
+    /// Number of samples along the axis.
     pub(crate) size: usize,
-    /// Step from one sample to the next, LPS mm; none where the axis is no direction of space.
+    /// Step from one sample to the next, LPS mm; `None` if the axis is not spatial.
     pub(crate) direction: Option<Vector3<f64>>,
 }
 
-/// How the data are packed.
+/// Encoding of the data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Encoding {
     Raw,
@@ -42,25 +42,25 @@ pub(crate) enum Encoding {
     Text,
 }
 
-/// What lies between the start of the packed data and the first number.
+/// Bytes between the start of the encoded data and the first number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Skip {
-    /// So many bytes, counted after unpacking.
+    /// A number of bytes, counted after decompression.
     Bytes(u64),
-    /// All but as many bytes as the image needs.
+    /// All but as many bytes as the image needs, counted from the end.
     AllButTheImage,
 }
 
-/// Where the data are.
+/// Location of the data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct DataPlace {
-    /// The file that holds them.
+    /// File that holds the data.
     pub(crate) path: PathBuf,
-    /// Where the header names that file, if it is another.
+    /// Position in the header of the name of that file, if it is a separate one.
     pub(crate) named: Option<At>,
-    /// Byte of that file at which they, or the lines to skip, begin.
+    /// Offset in that file of the data, or of the lines to skip, bytes.
     pub(crate) start: u64,
-    /// Lines to skip before unpacking.
+    /// Number of lines to skip before decompression.
     pub(crate) skip_lines: usize,
     pub(crate) skip: Skip,
     pub(crate) encoding: Encoding,
@@ -69,31 +69,31 @@ pub(crate) struct DataPlace {
 /// A parsed image header.
 #[derive(Clone, Debug)]
 pub(crate) struct Header {
-    /// The file that holds the header.
+    /// File that holds the header.
     pub(crate) path: PathBuf,
     /// Index axes, fastest first.
     pub(crate) axes: Vec<Axis>,
     /// Centre of the first voxel, LPS mm.
     pub(crate) origin: Vector3<f64>,
-    /// Type of the numbers; none where the file says that it holds no image.
+    /// Type of the numbers; `None` if the file states that it holds no image.
     pub(crate) element: Option<Element>,
     pub(crate) order: ByteOrder,
     pub(crate) scale: Option<Scale>,
     pub(crate) data: DataPlace,
-    /// Keys that the format leaves to its users, in file order.
+    /// User-defined keys and values, in file order.
     pub(crate) key_values: Vec<(String, String)>,
     /// Names of label values.
     pub(crate) names: BTreeMap<i64, String>,
     pub(crate) warnings: Vec<String>,
 }
 
-/// Size and place of a three-dimensional image.
+/// Size and position of a three-dimensional image.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Grid {
     pub(crate) size: [usize; 3],
-    /// Voxel index to LPS mm.
+    /// Transform from voxel index to LPS mm.
     pub(crate) index_to_world: Matrix4<f64>,
-    /// Set where the axes are not at right angles: the largest departure, degrees.
+    /// Largest deviation of the axes from right angles, degrees, if they are not perpendicular.
     pub(crate) shear_deg: Option<f64>,
 }
 
@@ -112,7 +112,7 @@ impl Header {
         VolumeError::unsupported(&self.path, At::Header, found, expected)
     }
 
-    /// An error about the file of the data.
+    /// An error about the data file.
     pub(crate) fn unreadable(&self, cause: io::Error) -> VolumeError {
         match self.data.named {
             None => VolumeError::read(&self.path, cause),
@@ -125,7 +125,7 @@ impl Header {
         }
     }
 
-    /// Byte order of the numbers once they are unpacked; those in text become little-endian.
+    /// Byte order of the decompressed numbers; numbers in text become little-endian.
     pub(crate) fn data_order(&self) -> ByteOrder {
         match self.data.encoding {
             Encoding::Text => ByteOrder::Little,
@@ -143,7 +143,7 @@ impl Header {
         })
     }
 
-    /// Numbers and bytes of the whole image.
+    /// Number of elements and bytes of the complete image.
     pub(crate) fn extent(&self) -> Result<(usize, usize), VolumeError> {
         let element = self.element()?;
         if self.axes.is_empty() || self.axes.iter().any(|axis| axis.size == 0) {
@@ -165,7 +165,7 @@ impl Header {
             })
     }
 
-    /// The image as a volume. A two-dimensional image is one slice of 1 mm.
+    /// Grid of the image. A two-dimensional image is one slice of 1 mm.
     pub(crate) fn grid(&self) -> Result<Grid, VolumeError> {
         let mut size = [1; 3];
         let mut directions: Vec<Vector3<f64>> = Vec::with_capacity(3);

@@ -1,4 +1,4 @@
-//! From the numbers of an image to a compact label volume.
+//! Conversion of image numbers to a compact label volume.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::Path;
@@ -9,12 +9,12 @@ use super::error::VolumeError;
 use super::header::Header;
 use super::{InvalidVolume, Label, LabelVolume, Loaded, segments};
 
-/// A label as the file holds it: layer and value. The background is layer 0, value 0.
+/// Layer and value of a label in the file. The background is layer 0, value 0.
 type Stored = (usize, i64);
 
 const BACKGROUND: Stored = (0, 0);
 
-/// Gives each stored label a number in order of appearance, and counts it.
+/// Numbers the stored labels in order of appearance, and counts their voxels.
 struct Index {
     numbers: HashMap<Stored, usize>,
     stored: Vec<Stored>,
@@ -46,24 +46,24 @@ impl Index {
     }
 }
 
-/// Most distinct labels that are counted.
+/// Maximum number of distinct labels that are counted.
 const MOST_COUNTED: usize = 1 << 16;
 
-/// The stored labels of voxels, and how numbers become them.
+/// Stored labels of voxels, and the conversion of numbers to them.
 struct Stacks {
     index: Index,
     layers: usize,
     order: ByteOrder,
     scale: Option<Scale>,
-    /// Voxels that more than one layer claims.
+    /// Number of voxels claimed by more than one layer.
     overlaps: u64,
 }
 
-/// Why numbers make no labels.
+/// Why numbers form no labels.
 enum Unfit {
-    /// A number that is no label, in the voxel that would come next.
+    /// A number that is not a label, in the next voxel.
     Fraction(f64),
-    /// More labels than are counted.
+    /// More than [`MOST_COUNTED`] distinct labels.
     TooMany,
 }
 
@@ -91,7 +91,7 @@ impl Stacks {
             }
             self.index.counts[0] += u64::from(claims == 0);
             self.overlaps += u64::from(claims > 1);
-            // Past 256 the volume is refused below; the count of labels is all that still matters.
+            // Past 256 the volume is refused below; only the count of labels still matters.
             voxels.push(top as u8);
         }
         match self.index.stored.len() > MOST_COUNTED {
@@ -101,8 +101,8 @@ impl Stacks {
     }
 }
 
-/// Reads the label volume of an image. Where the first axis holds the layers of a segmentation, they are flattened: a higher
-/// layer wins.
+/// Reads the label volume of an image. If the first axis holds the layers of a segmentation, they are flattened: a higher
+/// layer takes precedence.
 pub(crate) fn volume(header: Header) -> Result<Loaded, VolumeError> {
     volume_from(header, |header, group, push| data::read_into(header, group, push))
 }
@@ -114,7 +114,7 @@ fn volume_from(
     let named = segments::from_keys(&header.key_values);
     let layered = header.axes.len() == 4 && header.axes[0].direction.is_none() && !named.is_empty();
     let stacked = layered.then(|| header.axes.remove(0));
-    // Broken data are told first: what the header says wrongly may be their fault.
+    // Data errors take precedence: they may be the cause of header errors.
     let grid = header.grid();
     let size = grid.as_ref().map_or([1; 3], |grid| grid.size);
     header.axes.splice(..0, stacked);
@@ -188,14 +188,14 @@ fn volume_from(
     Ok(Loaded { volume, warnings })
 }
 
-/// Labels from which on a file may be a grey image.
+/// Number of labels from which a file may be a grey image.
 const MANY_LABELS: usize = 32;
 
-/// Share of neighbouring voxels in different labels from which on a file is taken for a grey image: segmentations, which are
-/// made of bodies many voxels across, stay far below it.
+/// Fraction of neighbouring voxels with different labels from which a file is considered a grey image: segmentations, which
+/// consist of bodies many voxels across, stay far below it.
 const MIXED: f64 = 0.5;
 
-/// A warning where voxels change from one to the next as grey levels do.
+/// Warning if values vary from voxel to voxel as grey levels do.
 fn grey_image(voxels: &[u8], row: usize, labels: &[Label]) -> Option<String> {
     if labels.len() <= MANY_LABELS || labels.iter().any(|label| label.name.is_some()) {
         return None;
@@ -217,7 +217,7 @@ fn grey_image(voxels: &[u8], row: usize, labels: &[Label]) -> Option<String> {
     })
 }
 
-/// A value of its own for each stored label: that of the file, unless a lower layer already has it.
+/// A unique value for each stored label: that of the file, unless a lower layer already has it.
 fn values(stored: &[Stored], named: &BTreeMap<Stored, Option<String>>, warnings: &mut Vec<String>) -> Vec<i64> {
     let mut order: Vec<usize> = (1..stored.len()).collect();
     order.sort_by_key(|&number| stored[number]);

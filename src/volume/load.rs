@@ -1,4 +1,4 @@
-//! Reading a file of any known format, told apart by content.
+//! Loading of image files, with their format detected by content.
 
 use std::io::Read;
 use std::path::Path;
@@ -11,23 +11,23 @@ use super::header::Header;
 use super::{LabelVolume, data, labels, metaimage, nifti, nrrd};
 use crate::read;
 
-/// A label volume and what to tell the user about it.
+/// A label volume with the warnings of the reader.
 #[derive(Clone, Debug)]
 pub struct Loaded {
-    /// The volume.
+    /// Loaded volume.
     pub volume: LabelVolume,
-    /// One sentence each: assumptions made and oddities found.
+    /// Assumptions and warnings, one sentence each.
     pub warnings: Vec<String>,
 }
 
-/// A grey volume, for solid textures from files.
+/// A grey volume, used for solid textures.
 #[derive(Clone, Debug)]
 pub struct ScalarImage {
-    /// Voxels along each index axis.
+    /// Number of voxels along each index axis.
     pub size: [usize; 3],
     /// Distance between voxel centres along each index axis, mm.
     pub spacing_mm: [f64; 3],
-    /// Voxel index to LPS millimetres.
+    /// Transform from voxel index to LPS millimetres.
     pub index_to_world: Matrix4<f64>,
     /// Finite values, x fastest, with the file's own scale applied.
     pub data: Vec<f32>,
@@ -37,8 +37,8 @@ pub struct ScalarImage {
 /// MetaImage (`.mha`, `.mhd`). A two-dimensional image is a volume of one slice, 1 mm thick.
 ///
 /// # Errors
-/// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that cannot be read,
-/// are of another format, are broken, or hold no labels (fractions, or more than 256 distinct values).
+/// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that are unreadable,
+/// of another format or broken, or hold no labels (fractions, or more than 256 distinct values).
 pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
     labels::volume(read_header(path)?)
 }
@@ -46,7 +46,7 @@ pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
 /// Loads a grey volume from the formats of [`load`], any element type.
 ///
 /// # Errors
-/// As [`load`], and for values that are not finite; fractions and any number of distinct values are welcome.
+/// The errors of [`load`], and for values that are not finite; fractions and any number of distinct values are accepted.
 pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
     let mut header = read_header(path)?;
     let grid = header.grid()?;

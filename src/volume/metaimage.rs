@@ -27,12 +27,12 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     parse(path, BufReader::new(file))
 }
 
-/// The tags of a header before they are put together.
+/// Tags of a header before assembly.
 #[derive(Default)]
 struct Tags {
     dimensions: Option<usize>,
     sizes: Option<Vec<usize>>,
-    /// None inside: a file without an image.
+    /// `Some(None)` for a file without an image.
     element: Option<Option<Element>>,
     spacing: Option<Vec<f64>>,
     element_size: Option<Vec<f64>>,
@@ -83,7 +83,7 @@ pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
     tags.finish(path, lines.offset(), lines.count())
 }
 
-/// MetaIO takes these for true.
+/// Parses a flag; the accepted values are those of MetaIO.
 fn flag(field: &Field) -> Result<bool, VolumeError> {
     match field.value.as_bytes().first() {
         Some(b'T' | b't' | b'1' | b'Y' | b'y') => Ok(true),
@@ -245,7 +245,7 @@ impl Tags {
                 } else {
                     path.parent().unwrap_or(Path::new("")).join(&data_file)
                 },
-                // It is named last.
+                // It is the last tag of the header.
                 named: (!local).then_some(At::Line(header_lines)),
                 start: if local { header_bytes } else { 0 },
                 skip_lines: 0,
@@ -259,7 +259,7 @@ impl Tags {
     }
 }
 
-/// The `MET_` types; sizes as in MetaIO, whose `MET_LONG` has four bytes.
+/// Parses the `MET_` types; sizes as in MetaIO, whose `MET_LONG` has four bytes.
 fn element(field: &Field) -> Result<Option<Element>, VolumeError> {
     Ok(Some(match field.value {
         "MET_CHAR" | "MET_ASCII_CHAR" => Element::I8,

@@ -15,7 +15,7 @@ fn transform_rows_are_axes() {
     assert_eq!(world.column(1).xyz(), Vector3::new(2.0, 0.0, 0.0));
     assert_eq!(world.column(2).xyz(), Vector3::new(0.0, 0.0, -3.0));
     assert_eq!(world.column(3).xyz(), Vector3::new(7.0, 8.0, 9.0));
-    // A lopsided matrix tells rows from columns.
+    // An asymmetric matrix distinguishes rows from columns.
     let lopsided = read("Rotation = 0 1 0 0 0 1 1 0 0\nElementSize = 1 2 3\nOrigin = 0 0 0").unwrap();
     assert_eq!(lopsided.axes[0].direction, Some(Vector3::new(0.0, 1.0, 0.0)));
 }

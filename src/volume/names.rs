@@ -1,15 +1,15 @@
-//! Label names as keys of their own in formats that let users add keys: `LabelName_<value>`.
+//! Label names as user-defined keys `LabelName_<value>`.
 
 use std::collections::BTreeMap;
 
 const PREFIX: &str = "LabelName_";
 
-/// The key that holds the name of a label value.
+/// Key of the name of a label value.
 pub(crate) fn key(value: i64) -> String {
     format!("{PREFIX}{value}")
 }
 
-/// The names among the keys of a file.
+/// Parses the label names among the keys of a file.
 pub(crate) fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String> {
     key_values
         .iter()

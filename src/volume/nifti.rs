@@ -1,4 +1,4 @@
-//! NIfTI-1: `.nii`, `.nii.gz` and `.hdr` with `.img`. World coordinates are RAS in the file and LPS from here on.
+//! NIfTI-1: `.nii`, `.nii.gz` and `.hdr` with `.img`. World coordinates are RAS in the file and converted to LPS.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -15,11 +15,11 @@ use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::{caret, data};
 use crate::read;
 
-/// Bytes of the header proper (`nifti1.h`: `sizeof_hdr`).
+/// Size of the header proper, bytes (`nifti1.h`: `sizeof_hdr`).
 pub(crate) const HEADER_BYTES: usize = 348;
 /// Bytes before the first extension: the header and four flags.
 pub(crate) const EXTENSIONS_START: usize = HEADER_BYTES + 4;
-/// Longest stretch of header extensions read, bytes.
+/// Maximum total size of header extensions, bytes.
 const MAX_EXTENSION_BYTES: u64 = 64 << 20;
 
 // Byte positions in the header (`nifti1.h`), for messages.
@@ -29,7 +29,7 @@ const AT_PIXDIM: At = At::Byte(76);
 const AT_VOX_OFFSET: At = At::Byte(108);
 const AT_MAGIC: At = At::Byte(344);
 
-/// Whether these first bytes of a file (unpacked) are those of a NIfTI or Analyze header.
+/// Whether these first bytes of a file (decompressed) are those of a NIfTI or Analyze header.
 pub(crate) fn is_header(start: &[u8]) -> bool {
     [348i32, 540]
         .iter()
@@ -48,7 +48,7 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     }
 }
 
-/// What a header says wrongly may be the fault of broken compression, which the checksum at its end then tells.
+/// Attributes a header error to broken compression, if the checksum at its end fails.
 fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: VolumeError) -> VolumeError {
     let broken = match &error {
         VolumeError::Read { cause, .. } if data::says_broken(cause) => Some(cause.to_string()),
@@ -65,7 +65,7 @@ fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: Volu
     VolumeError::malformed(path, At::Byte(at), found, "gzip data that unpack to a NIfTI-1 file")
 }
 
-/// Parses the header at the start of `reader`, which yields unpacked bytes.
+/// Parses the header at the start of `reader`, which yields decompressed bytes.
 pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> Result<Header, VolumeError> {
     let mut start = Vec::with_capacity(EXTENSIONS_START);
     take(path, &mut reader, EXTENSIONS_START as u64, &mut start)?;
@@ -157,7 +157,7 @@ fn take(path: &Path, reader: &mut impl Read, length: u64, out: &mut Vec<u8>) -> 
         .map_err(|cause| VolumeError::read(path, cause))
 }
 
-/// Where the data begin; files that say 0 mean the first byte they can.
+/// Offset of the data; files that state 0 mean the smallest possible one.
 fn vox_offset(path: &Path, raw: &NiftiHeader, least: u64) -> Result<u64, VolumeError> {
     let offset = f64::from(raw.vox_offset);
     if offset == 0.0 {
@@ -171,7 +171,7 @@ fn vox_offset(path: &Path, raw: &NiftiHeader, least: u64) -> Result<u64, VolumeE
     }
 }
 
-/// The `.img` beside a `.hdr`: plain if it is there, else gzipped.
+/// Path of the `.img` beside a `.hdr`: uncompressed if it exists, else gzipped.
 fn image_file(header: &Path) -> (PathBuf, Encoding) {
     let ends = |path: &Path, end: &str| path.extension().is_some_and(|extension| extension == end);
     let plain = match ends(header, "gz") {
@@ -310,7 +310,7 @@ fn qform(raw: &NiftiHeader, spacing: [f64; 3]) -> Matrix3x4<f64> {
     })
 }
 
-/// Label names from the header extensions: each is its length, a code and so many bytes less eight.
+/// Label names from the header extensions: each is its length, a code and the content of length minus eight bytes.
 fn label_names(mut bytes: &[u8], endianness: Endianness, warnings: &mut Vec<String>) -> BTreeMap<i64, String> {
     let word = |bytes: &[u8]| {
         let own = [bytes[0], bytes[1], bytes[2], bytes[3]];
@@ -329,7 +329,7 @@ fn label_names(mut bytes: &[u8], endianness: Endianness, warnings: &mut Vec<Stri
             ));
             break;
         }
-        // Some writers give their XML the code of a plain comment, so the content decides.
+        // Some writers give their XML the code of a plain comment, so it is identified by its content.
         names.append(&mut caret::label_names(&String::from_utf8_lossy(&bytes[8..length])));
         bytes = &bytes[length..];
     }

@@ -35,7 +35,7 @@ fn voxel_sizes_alone_give_ras_axes_turned_to_lps() {
 #[test]
 fn qform_turns_and_mirrors() {
     let mut bytes = with(252, &1i16.to_le_bytes());
-    // Half a turn about z: the quaternion (0, 0, 0, 1); qfac -1 mirrors the third axis.
+    // Half a turn about z: the quaternion (0, 0, 0, 1); qfac -1 reflects the third axis.
     bytes[264..268].copy_from_slice(&1f32.to_le_bytes());
     bytes[268..272].copy_from_slice(&10f32.to_le_bytes());
     bytes[76..80].copy_from_slice(&(-1f32).to_le_bytes());

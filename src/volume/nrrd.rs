@@ -14,7 +14,7 @@ use super::nrrd_space::{Space, vectors};
 use super::text::{Field, Lines};
 use crate::read;
 
-/// What every NRRD file starts with.
+/// Magic number of NRRD files.
 pub(crate) const MAGIC: &[u8] = b"NRRD";
 
 /// Reads the header of an NRRD file.
@@ -23,7 +23,7 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
     parse(path, BufReader::new(file))
 }
 
-/// The fields of a header before they are put together.
+/// Fields of a header before assembly.
 #[derive(Default)]
 struct Fields {
     element: Option<Option<Element>>,
@@ -33,17 +33,17 @@ struct Fields {
     order: Option<ByteOrder>,
     space: Option<Space>,
     space_dimension: Option<usize>,
-    /// Millimetres in one unit of the space.
+    /// Millimetres per unit of the space.
     unit_mm: Option<f64>,
     directions: Option<Vec<Option<Vec<f64>>>>,
     origin: Option<Vec<f64>>,
     spacings: Option<Vec<f64>>,
-    /// Whether each axis is a direction of space.
+    /// Whether each axis is spatial.
     domains: Option<Vec<bool>>,
     spacings_line: usize,
     skip_lines: usize,
     skip_bytes: Option<Skip>,
-    /// Its name and the line that has it.
+    /// Name of the data file and its line number.
     data_file: Option<(String, usize)>,
     key_values: Vec<(String, String)>,
     warnings: Vec<String>,
@@ -103,7 +103,7 @@ pub(crate) fn parse(path: &Path, reader: impl BufRead) -> Result<Header, VolumeE
     fields.finish(path, lines.offset(), lines.count())
 }
 
-/// "Key/value pairs": a backslash stands before n for a line end and before itself.
+/// Resolves escapes ("Key/value pairs"): a backslash before n is a line end, and one before itself a backslash.
 fn unescaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let mut characters = text.chars();
@@ -180,7 +180,7 @@ impl Fields {
                 }
                 self.data_file = Some((field.value.to_owned(), field.line));
             }
-            // They say nothing about the numbers or their place (a measurement frame is for vector data).
+            // These do not affect the numbers or their position (a measurement frame is for vector data).
             "content" | "block size" | "blocksize" | "number" | "min" | "max" | "old min" | "oldmin" | "old max"
             | "oldmax" | "thicknesses" | "axis mins" | "axismins" | "axis maxs" | "axismaxs" | "centers"
             | "centerings" | "labels" | "units" | "sample units" | "sampleunits" | "measurement frame" => {}
@@ -330,7 +330,7 @@ impl Fields {
     }
 }
 
-/// "type": every spelling of the definition.
+/// Parses "type" in every spelling of the definition.
 fn element(field: &Field) -> Result<Option<Element>, VolumeError> {
     Ok(Some(match field.value {
         "signed char" | "int8" | "int8_t" => Element::I8,

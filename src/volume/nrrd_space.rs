@@ -1,4 +1,4 @@
-//! The spaces and vectors of an NRRD header.
+//! Spaces and vectors of an NRRD header.
 
 use nalgebra::Vector3;
 
@@ -8,7 +8,7 @@ use super::text::Field;
 /// A named space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Space {
-    /// Numbers in a vector of it.
+    /// Number of components of its vectors.
     pub(crate) dimension: usize,
     /// Sign of each of its axes in LPS.
     pub(crate) to_lps: Vector3<f64>,

@@ -1,4 +1,4 @@
-//! Writing a label volume: each voxel as its original value, in the smallest integer type that holds them all.
+//! Writing of label volumes: each voxel as its original value, in the smallest integer type that holds them all.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
@@ -13,15 +13,15 @@ use super::error::{At, VolumeError};
 use super::{Label, LabelVolume, caret, names, nifti};
 use crate::output::atomic;
 
-/// Voxels encoded at a time.
+/// Number of voxels encoded at a time.
 const CHUNK: usize = 64 << 10;
 
-/// Saves a label volume in the format that the name ends in: `.nrrd`, `.seg.nrrd` (with the segments of 3D Slicer),
-/// `.nii`, `.nii.gz` or `.mha`. The file appears whole or not at all. NIfTI holds the transform in single precision.
+/// Saves a label volume in the format given by the extension: `.nrrd`, `.seg.nrrd` (with the segments of 3D Slicer),
+/// `.nii`, `.nii.gz` or `.mha`. The write is atomic. NIfTI holds the transform in single precision.
 ///
 /// # Errors
-/// [`VolumeError::Unsupported`] for another ending or a volume that the format cannot hold, [`VolumeError::Write`] where
-/// the system refuses.
+/// [`VolumeError::Unsupported`] for another extension or a volume that the format cannot hold, [`VolumeError::Write`] if
+/// the file cannot be written.
 pub fn save(volume: &LabelVolume, path: &Path) -> Result<(), VolumeError> {
     let name = path.to_string_lossy().to_ascii_lowercase();
     if name.ends_with(".nrrd") {
@@ -115,12 +115,12 @@ fn save_nrrd(volume: &LabelVolume, path: &Path, segmented: bool) -> Result<(), V
     Ok(())
 }
 
-/// The key escapes of NRRD ("Key/value pairs").
+/// Applies the key escapes of NRRD ("Key/value pairs").
 fn escaped(text: &str) -> String {
     text.replace('\\', "\\\\").replace('\n', "\\n").replace('\r', " ")
 }
 
-/// The keys by which 3D Slicer knows segments (`vtkMRMLSegmentationStorageNode`).
+/// Appends the segment keys of 3D Slicer (`vtkMRMLSegmentationStorageNode`).
 fn push_segments(volume: &LabelVolume, header: &mut String) {
     line!(header, "Segmentation_MasterRepresentation:=Binary labelmap");
     line!(header, "Segmentation_ContainedRepresentationNames:=Binary labelmap|");
@@ -152,7 +152,8 @@ fn push_segments(volume: &LabelVolume, header: &mut String) {
     }
 }
 
-/// First and last voxel of each label along each axis; first above last where it has none, as VTK writes it.
+/// First and last voxel of each label along each axis; the first is above the last for an empty label, as VTK
+/// writes it.
 fn extents(volume: &LabelVolume) -> Vec<[[i64; 3]; 2]> {
     let [x, y, _] = volume.size();
     let mut extents = vec![[[0; 3], [-1; 3]]; volume.labels().len()];
@@ -168,7 +169,7 @@ fn extents(volume: &LabelVolume) -> Vec<[[i64; 3]; 2]> {
     extents
 }
 
-/// A colour for the n-th segment, each channel 0 to 1: hues a golden section apart, so that neighbours differ.
+/// Colour of the n-th segment, each channel 0 to 1: hues a golden section apart, so that neighbours differ.
 fn colour(number: usize) -> [f64; 3] {
     const GOLDEN_SECTION: f64 = 0.618_033_988_749_894_9;
     let hue = (number as f64 * GOLDEN_SECTION).fract() * 6.0;
@@ -253,7 +254,7 @@ fn save_nifti(volume: &LabelVolume, path: &Path, gzipped: bool) -> Result<(), Vo
     Ok(())
 }
 
-/// A little-endian header after `nifti1.h`; none where an axis is too long for it.
+/// Little-endian header after `nifti1.h`; `None` if an axis is too long for it.
 fn nifti_header(volume: &LabelVolume, element: Element) -> Option<[u8; nifti::EXTENSIONS_START]> {
     let mut header = [0; nifti::EXTENSIONS_START];
     let mut put = |at: usize, bytes: &[u8]| header[at..at + bytes.len()].copy_from_slice(bytes);

@@ -1,18 +1,19 @@
-//! The segments of a `.seg.nrrd` of 3D Slicer: which value of which layer is what.
+//! Segments of a `.seg.nrrd` of 3D Slicer: names by layer and value.
 
 use std::collections::BTreeMap;
 
-/// One segment.
+/// A segment.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Segment {
     pub(crate) name: Option<String>,
-    /// Its value within its layer; 1 where the file does not say.
+    /// Value within its layer; 1 if not stated.
     pub(crate) value: Option<i64>,
-    /// Its layer; 0 where the file does not say.
+    /// Layer; 0 if not stated.
     pub(crate) layer: usize,
 }
 
-/// The segments among the keys of a file, in file order, by layer and value. Where two share both, the first counts.
+/// Parses the segments among the keys of a file, in file order, by layer and value. If two share both, the first
+/// counts.
 pub(crate) fn from_keys(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
     let mut by_number: BTreeMap<usize, Segment> = BTreeMap::new();
     for (key, value) in key_values {

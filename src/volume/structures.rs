@@ -1,11 +1,13 @@
-//! Structures within organs that a segmentation labels as one piece, and in what completion filled with soft tissue.
+//! Synthetic structures within organs that a segmentation labels as one piece, and within soft tissue filled by
+//! completion.
 //!
 //! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart without chambers four
-//! of them, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is drawn voxel by voxel: what is narrower than
-//! about two of them is left out. Structures that the file labels itself are not drawn. [`LabelVolume::undivided`] has the organs without.
+//! chambers, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is drawn voxel by voxel: structures narrower
+//! than about two voxels are left out. Structures that the file labels itself are not drawn. [`LabelVolume::undivided`] returns the organs
+//! without structures.
 //!
-//! Where the figures come from: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et al., J. Am.
-//! Soc. Echocardiogr. 28 (2015) 1 (walls of 6 to 10 mm). Patches, the share of pyramids and fat around kidneys are set by eye.
+//! Sources: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et al., J. Am. Soc. Echocardiogr.
+//! 28 (2015) 1 (walls of 6 to 10 mm). Patches, the proportion of pyramids and fat around kidneys are set by eye.
 
 pub(crate) mod organ;
 mod vessels;
@@ -19,34 +21,36 @@ use crate::tissue::known;
 use organ::Organ;
 use vessels::{Root, Tree};
 
-/// Depth below the surface of a kidney at which pyramids begin and at which the sinus does, mm, and the latter's largest share of the greatest depth.
+/// Depths below the surface of a kidney at which pyramids and the sinus begin, mm, and the largest ratio of the latter to the greatest depth.
 const KIDNEY_MM: [f64; 2] = [7.0, 15.0];
 const SINUS_SHARE: f64 = 0.65;
-/// Width of a pyramid, mm, and the noise above which there is one: three in five.
+/// Width of a pyramid, mm, and the noise threshold for pyramids: three fifths of the volume.
 const PYRAMID_MM: f64 = 12.0;
 const PYRAMIDS_ABOVE: f64 = -0.1;
 /// Thickness of the walls of a heart, of its septum and of the plane of its valves, mm.
 const HEART_MM: f64 = 10.0;
 const SEPTUM_MM: f64 = 9.0;
 const VALVES_MM: f64 = 3.0;
-/// Distance of the plane of the valves from the middle of a heart towards its base, as a share of its extent along its axis.
+/// Distance of the plane of the valves from the centre of a heart towards its base, relative to its extent along its axis.
 const VALVES_AT: f64 = 0.1;
 /// Thickness of the fat around kidneys and adrenal glands, mm.
 const RENAL_FAT_MM: f64 = 8.0;
-/// Width of the patches in soft tissue, mm, and the noise above which they are fat, and below which muscle.
+/// Width of the patches in soft tissue, mm, and the noise thresholds above which they are fat, and below which
+/// muscle.
 const PATCH_MM: f64 = 18.0;
 const FAT_ABOVE: f64 = 0.25;
 const MUSCLE_BELOW: f64 = -0.5;
 
-/// A volume with structures, and what was drawn.
+/// A volume with synthetic structures.
 pub struct Structured {
-    /// The volume. Appended labels have the names of built-in tissues; their `voxels` stay 0, since the file had none.
+    /// Volume with structures. Appended labels have the names of built-in tissues; their `voxels` stay 0, since the
+    /// file had none.
     pub volume: LabelVolume,
-    /// Note on the structures drawn; none without any.
+    /// Note about the structures drawn; `None` if there are none.
     pub note: Option<String>,
 }
 
-/// Voxels and labels of the volume that is drawn.
+/// Voxels and labels of the volume being drawn.
 struct Drawing<'a> {
     volume: &'a LabelVolume,
     voxels: Vec<u8>,
@@ -54,10 +58,10 @@ struct Drawing<'a> {
     told: Vec<String>,
 }
 
-/// Draws structures into the organs of a volume, after its completion.
+/// Draws structures into the organs of a completed volume.
 ///
 /// # Errors
-/// [`InvalidVolume::TooManyLabels`] where 256 labels do not suffice.
+/// [`InvalidVolume::TooManyLabels`] if 256 labels do not suffice.
 pub fn add(volume: &LabelVolume) -> Result<Structured, InvalidVolume> {
     let mut drawing = Drawing {
         volume,
@@ -90,7 +94,7 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, InvalidVolume> {
 }
 
 impl Drawing<'_> {
-    /// Labels of the file that are of a tissue.
+    /// Labels of the file with a given tissue.
     fn of_tissue(&self, tissue: &str) -> Vec<u8> {
         let is = |label: &Label| {
             label
@@ -104,7 +108,7 @@ impl Drawing<'_> {
         held.map(|(at, _)| at).collect()
     }
 
-    /// True where the file has a label with voxels whose name has one of these words.
+    /// Whether the file has a label with voxels whose name contains one of these words.
     fn has_named(&self, words: &[&str]) -> bool {
         let mut names = self.volume.labels().iter().filter(|label| label.voxels > 0);
         names.any(|label| {
@@ -113,7 +117,7 @@ impl Drawing<'_> {
         })
     }
 
-    /// The label of a structure, appended if need be; none where the file has one of that name, or no label is free.
+    /// Label of a structure, appended if missing; `None` if the file has one of that name, or no label is free.
     fn label(&mut self, name: &str) -> Option<u8> {
         let known = self.labels.iter().find(|label| label.name.as_deref() == Some(name));
         match known {
@@ -130,7 +134,8 @@ impl Drawing<'_> {
             .transform_point(&Point3::from(voxel.map(|at| at as f64)))
     }
 
-    /// Relabels voxels of an organ: `structure` has the label of a voxel at a depth, mm, and a place in the world, mm, if it is in one.
+    /// Relabels voxels of an organ: `structure` returns the label at a depth, mm, and a position in the world, mm, if it is inside a
+    /// structure.
     fn relabel(&mut self, organ: &Organ, structure: impl Fn(f64, &Point3<f64>) -> Option<u8>) -> usize {
         let mut drawn = 0;
         for (voxel, depth) in organ.voxels() {
@@ -142,7 +147,7 @@ impl Drawing<'_> {
         drawn
     }
 
-    /// Veins of livers and spleens.
+    /// Draws the veins of livers and spleens.
     fn trees(&mut self) {
         let by_ct = self
             .volume
@@ -197,7 +202,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// Sinus and pyramids of kidneys.
+    /// Draws the sinus and pyramids of kidneys.
     fn kidneys(&mut self) {
         let kidneys = self.of_tissue("kidney_cortex");
         let kidneys: Vec<u8> = kidneys.into_iter().filter(|at| self.is_named(*at, "kidney")).collect();
@@ -233,7 +238,8 @@ impl Drawing<'_> {
         name.is_some_and(|name| name.to_lowercase().contains(word))
     }
 
-    /// Chambers of a heart that is one label: what lies deeper than its walls, but for a septum along its axis and a plane of valves across it.
+    /// Draws the chambers of a heart with a single label: the part deeper than its walls, except a septum along its axis and a plane of valves
+    /// across it.
     fn heart(&mut self) {
         let hearts = self.of_tissue("heart");
         let [heart] = hearts[..] else { return };
@@ -253,7 +259,8 @@ impl Drawing<'_> {
         middle /= count;
         let axes = (spread / count - middle * middle.transpose()).symmetric_eigen();
         let longest = axes.eigenvalues.imax();
-        // The apex points to the left, front and feet; the right heart lies in front and to the right of the left one (LPS).
+        // The apex points to the left, anteriorly and inferiorly; the right heart lies anterior and to the right of the left
+        // one (LPS).
         let axis = axes.eigenvectors.column(longest).into_owned();
         let axis = axis * axis.dot(&Vector3::new(1.0, -1.0, -1.0)).signum();
         let across = Vector3::new(1.0, 1.0, 0.0);
@@ -275,7 +282,7 @@ impl Drawing<'_> {
         }
     }
 
-    /// Fat around kidneys and patches of fat and muscle, in what completion took for soft tissue.
+    /// Draws fat around kidneys and patches of fat and muscle, in soft tissue filled by completion.
     fn filler(&mut self) {
         let appended = |name: &str| {
             let own = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;

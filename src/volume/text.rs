@@ -1,23 +1,23 @@
-//! Lines of a text header that is followed by binary data.
+//! Text headers followed by binary data, line by line.
 
 use std::io::{self, BufRead, Read};
 use std::path::Path;
 
 use super::error::{At, VolumeError, quoted};
 
-/// Longest text header read, bytes. Sequences carry about a kilobyte a frame in theirs.
+/// Longest text header, bytes. Headers of sequences have about a kilobyte per frame.
 const MAX_HEADER_BYTES: u64 = 256 << 20;
 
 /// One line of a header.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Line {
-    /// Counted from 1.
+    /// Line number, counted from 1.
     pub(crate) number: usize,
-    /// Without the line end; bytes that are not UTF-8 are replaced.
+    /// Text without the line end; bytes that are not UTF-8 are replaced.
     pub(crate) text: String,
 }
 
-/// Reads lines and counts the bytes they took.
+/// Reads lines and counts their bytes.
 pub(crate) struct Lines<R> {
     reader: R,
     number: usize,
@@ -33,7 +33,7 @@ impl<R: BufRead> Lines<R> {
         }
     }
 
-    /// The next line; none at the end of the file.
+    /// Reads the next line; `None` at the end of the file.
     pub(crate) fn next(&mut self) -> io::Result<Option<Line>> {
         let mut bytes = Vec::new();
         let left = MAX_HEADER_BYTES.saturating_sub(self.offset);
@@ -56,18 +56,18 @@ impl<R: BufRead> Lines<R> {
         }))
     }
 
-    /// Bytes taken by the lines so far.
+    /// Number of bytes read so far.
     pub(crate) fn offset(&self) -> u64 {
         self.offset
     }
 
-    /// Lines read so far.
+    /// Number of lines read so far.
     pub(crate) fn count(&self) -> usize {
         self.number
     }
 }
 
-/// The value of a header field and the line it stands on.
+/// A header field with its value and line number.
 #[derive(Clone, Debug)]
 pub(crate) struct Field<'a> {
     pub(crate) path: &'a Path,
@@ -83,13 +83,13 @@ impl Field<'_> {
         VolumeError::malformed(self.path, At::Line(self.line), found, expected)
     }
 
-    /// An error about a value of this field that is valid but not read.
+    /// An error about a valid but unsupported value of this field.
     pub(crate) fn unsupported(&self, expected: impl Into<String>) -> VolumeError {
         let found = format!("{} {}", self.name, quoted(self.value));
         VolumeError::unsupported(self.path, At::Line(self.line), found, expected)
     }
 
-    /// The blank-separated words as numbers.
+    /// Parses the blank-separated words as numbers.
     pub(crate) fn numbers<T: std::str::FromStr>(&self, what: &str) -> Result<Vec<T>, VolumeError> {
         self.value
             .split_whitespace()
@@ -97,7 +97,7 @@ impl Field<'_> {
             .collect()
     }
 
-    /// As many numbers as `count`.
+    /// Parses exactly `count` numbers.
     pub(crate) fn exactly<T: std::str::FromStr>(&self, count: usize, what: &str) -> Result<Vec<T>, VolumeError> {
         let numbers = self.numbers(what)?;
         if numbers.len() == count {
@@ -107,7 +107,7 @@ impl Field<'_> {
         }
     }
 
-    /// Spacings, one an axis: above 0 and finite.
+    /// Checks that a spacing is finite and above 0.
     pub(crate) fn check_spacing(&self, spacing: f64) -> Result<f64, VolumeError> {
         if spacing > 0.0 && spacing.is_finite() {
             Ok(spacing)

@@ -1,12 +1,14 @@
 //! Solid textures: periodic volumes of echo amplitude multipliers, sampled trilinearly in the tissue's reference state.
 //!
-//! A texture's mean square is 1, so that a tissue's echogenicity states its mean echo power whatever its texture.
+//! A texture's mean square is 1, so that a tissue's echogenicity is its mean echo power whatever its texture.
 
 mod atlas;
 mod run;
 mod seam;
 
-pub use atlas::{Atlas, AtlasEntry, AtlasFull, Placement};
+#[cfg(feature = "internals")]
+pub use atlas::AtlasEntry;
+pub use atlas::{Atlas, AtlasFull, Placement};
 pub use seam::{Seam, TextureOptions, Values};
 
 use crate::real::Real;
@@ -19,7 +21,7 @@ pub struct SolidTexture {
     data: Vec<f32>,
 }
 
-/// Why a texture cannot be made.
+/// Why a texture is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidTexture {
     /// An axis is empty or too long.
@@ -31,9 +33,9 @@ pub enum InvalidTexture {
     /// The voxel list does not match the size.
     #[error("{found} voxels for a size that needs {expected}")]
     Count {
-        /// Voxels given.
+        /// Number of voxels given.
         found: usize,
-        /// Product of the size.
+        /// Number of voxels expected from the size.
         expected: usize,
     },
     /// An amplitude is negative or not finite.
@@ -41,20 +43,20 @@ pub enum InvalidTexture {
     Amplitude {
         /// Linear index of the voxel.
         at: usize,
-        /// The amplitude found.
+        /// Amplitude found.
         value: f32,
     },
-    /// All amplitudes are 0, so that no factor brings the mean square to 1.
+    /// All amplitudes are 0, so that no factor gives a mean square of 1.
     #[error("every voxel is 0: a texture needs at least one echo")]
     Silent,
     /// An option is outside its range.
     #[error("{key} = {found}, expected {expected}")]
     Option {
-        /// The option's name.
+        /// Name of the option.
         key: &'static str,
-        /// The value found.
+        /// Value found.
         found: f64,
-        /// The range it must lie in.
+        /// Expected range.
         expected: &'static str,
     },
 }
@@ -63,8 +65,8 @@ pub enum InvalidTexture {
 const LONGEST_AXIS: usize = 16_384;
 
 impl SolidTexture {
-    /// Makes a texture that repeats every `size` times `spacing_mm`, from amplitudes with x fastest, and scales it to mean
-    /// square 1. The data are taken as periodic as they are; [`Self::from_scalar`] makes other data so.
+    /// Creates a texture that repeats every `size` times `spacing_mm`, from amplitudes with x fastest, and scales it to
+    /// mean square 1. The data are assumed periodic; [`Self::from_scalar`] makes other data periodic.
     pub fn new(size: [usize; 3], spacing_mm: [f64; 3], mut data: Vec<f32>) -> Result<Self, InvalidTexture> {
         check_frame(size, spacing_mm, data.len())?;
         if let Some(at) = data.iter().position(|value| !(value.is_finite() && *value >= 0.0)) {
@@ -81,8 +83,8 @@ impl SolidTexture {
         Ok(Self { size, spacing_mm, data })
     }
 
-    /// Makes a texture from the voxels of any scalar image: converts them to amplitudes and closes the seam as `options`
-    /// say. The size may change: see [`Seam`].
+    /// Creates a texture from the voxels of any scalar image: converts them to amplitudes and closes the seam according
+    /// to `options`. The size may change: see [`Seam`].
     pub fn from_scalar(
         size: [usize; 3],
         spacing_mm: [f64; 3],
@@ -99,7 +101,7 @@ impl SolidTexture {
         Self::new(size, spacing_mm, amplitudes)
     }
 
-    /// Voxels along each axis.
+    /// Number of voxels along each axis.
     pub fn size(&self) -> [usize; 3] {
         self.size
     }
@@ -109,7 +111,7 @@ impl SolidTexture {
         self.spacing_mm
     }
 
-    /// Length after which it repeats along each axis, mm.
+    /// Period along each axis, mm.
     pub fn period_mm(&self) -> [f64; 3] {
         [0, 1, 2].map(|axis| self.size[axis] as f64 * self.spacing_mm[axis])
     }
@@ -119,7 +121,7 @@ impl SolidTexture {
         &self.data
     }
 
-    /// The multiplier at a position in the texture's own frame, mm.
+    /// Multiplier at a position in the texture's own frame, mm.
     pub fn sample<T: Real>(&self, position_mm: [T; 3]) -> T {
         let index = [0, 1, 2].map(|axis| position_mm[axis] / T::of(self.spacing_mm[axis]));
         trilinear(&self.data, self.size.map(|n| n as u32), index)
@@ -140,7 +142,7 @@ fn check_frame(size: [usize; 3], spacing_mm: [f64; 3], found: usize) -> Result<(
     Ok(())
 }
 
-/// Periodic trilinear look-up at a fractional voxel index.
+/// Periodic trilinear interpolation at a fractional voxel index.
 #[inline]
 fn trilinear<T: Real>(data: &[f32], size: [u32; 3], index: [T; 3]) -> T {
     let mut at = Corners::default();
@@ -150,7 +152,7 @@ fn trilinear<T: Real>(data: &[f32], size: [u32; 3], index: [T; 3]) -> T {
     at.mix(data, size)
 }
 
-/// The eight voxels around a fractional index, and its place among them.
+/// The eight voxels around a fractional index, and the fractions between them.
 #[derive(Clone, Copy, Default)]
 struct Corners<T> {
     near: [u32; 3],
@@ -169,7 +171,7 @@ impl<T: Real> Corners<T> {
         self.far[axis] = if next == length { 0 } else { next };
     }
 
-    /// Eight loads and seven mixes, in the order of the shader's `sample_texture`.
+    /// Eight loads and seven linear interpolations, in the order of the shader's `sample_texture`.
     #[inline(always)]
     fn mix(&self, data: &[f32], size: [u32; 3]) -> T {
         let Self { near, far, share } = self;
@@ -183,7 +185,7 @@ impl<T: Real> Corners<T> {
     }
 }
 
-/// The remainder of a division, never negative. A float quotient, at most one off below 2^22 or so, is several times faster
+/// Non-negative remainder of a division. A float quotient, off by at most one below 2^22 or so, is several times faster
 /// than an integer division, and runs in vector registers.
 #[inline(always)]
 fn wrap(index: i32, length: i32) -> u32 {
@@ -195,7 +197,7 @@ fn wrap(index: i32, length: i32) -> u32 {
     } else {
         rest
     };
-    // Beyond, any voxel is as good as another, so long as it is one.
+    // Larger indices give an arbitrary but valid voxel.
     (rest as u32).min(length as u32 - 1)
 }
 

@@ -1,18 +1,19 @@
-//! `insonify beam CASE.toml`: the shape of a needle.
+//! `insonify beam CASE.toml`: shape of a needle.
 
 use std::path::PathBuf;
 
+use crate::beam_case::{self, CaseFile, Report, plot};
 use clap::Args;
-use insonify::beam_case::{self, CaseFile, Report, plot};
 
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Force};
 use crate::cli::terminal;
 
-/// Elements that leave more than this are too long, mm.
+/// Discretisation error above which the elements are too long, mm.
 const COARSE_MM: f64 = 1e-3;
 
-/// Tissue compressed to less than this share of its length is beyond what its models were fitted to.
+/// Compressed length relative to the initial length below which tissue is outside the range that its models were
+/// fitted to.
 const FAR: f64 = 0.3;
 
 #[derive(Args)]
@@ -20,7 +21,7 @@ pub struct Bend {
     /// Case file: needle, base motion, elements and layers of tissue
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
-    /// Print a case file to start from
+    /// Print an example case file
     #[arg(long, conflicts_with_all = ["case", "json", "output"])]
     example: bool,
     /// Print one JSON object: `tip_mm`, `rcm_mm`, `com_mm`, `residual`, `iterations`, `shape`

@@ -1,23 +1,23 @@
-//! `insonify beam fit`: materials from measurements.
+//! `insonify beam fit`: material parameters from measurements.
 
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use crate::beam_case::points::{self, PointsError};
+use crate::mechanics::needle::beam::Compression;
+use crate::mechanics::needle::beam::fit::{self, PARTED, Sample};
+use crate::mechanics::needle::beam::material::Law;
+use crate::study::plot::{Axis, Marker, Plot, Series};
 use clap::{Args, ValueEnum};
-use insonify::beam_case::points::{self, PointsError};
-use insonify::mechanics::needle::beam::Compression;
-use insonify::mechanics::needle::beam::fit::{self, PARTED, Sample};
-use insonify::mechanics::needle::beam::material::Law;
-use insonify::study::plot::{Axis, Marker, Plot, Series};
 use serde_json::{Map, Value, json};
 
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Force};
 use crate::cli::terminal;
 
-/// Points of a curve.
+/// Number of points of a curve.
 const FINE: usize = 120;
-/// How far below the data curves are drawn.
+/// Extent of the drawn curves below the data.
 const BEYOND: f64 = 0.15;
 
 const EXAMPLES: &str = "\
@@ -43,7 +43,7 @@ pub struct Fit {
     /// Measurements: columns `stretch` and `stress_kpa`
     #[arg(value_name = "POINTS.csv")]
     points: PathBuf,
-    /// How the sample was compressed, and which stress was measured
+    /// Compression of the sample, and the stress measure
     #[arg(long, value_enum, ignore_case = true, default_value = "UEng")]
     compression: CompressionArg,
     /// Print one JSON object: `compression`, `stretch`, `models` (model, parameters, `r_squared`, `rms_kpa`, `parts_below`), `warnings`
@@ -58,13 +58,13 @@ pub struct Fit {
 
 #[derive(Clone, Copy, ValueEnum)]
 enum CompressionArg {
-    /// Free to widen, engineering stress
+    /// Unconstrained, engineering stress
     #[value(name = "UEng")]
     UEng,
-    /// Free to widen, true stress
+    /// Unconstrained, true stress
     #[value(name = "UTru")]
     UTru,
-    /// Held along one side, true stress
+    /// Constrained along one side, true stress
     #[value(name = "CTru")]
     CTru,
 }

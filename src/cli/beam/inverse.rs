@@ -1,10 +1,10 @@
-//! `insonify beam inverse`: the base motion for what is wanted.
+//! `insonify beam inverse`: base motion for a wanted result.
 
 use std::path::PathBuf;
 
+use crate::beam_case::{CaseFile, Report, plot};
+use crate::mechanics::needle::beam::inverse::Wanted;
 use clap::Args;
-use insonify::beam_case::{CaseFile, Report, plot};
-use insonify::mechanics::needle::beam::inverse::Wanted;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
@@ -28,7 +28,7 @@ pub struct Inverse {
     /// Case file, as `insonify beam` reads it
     #[arg(value_name = "CASE.toml")]
     case: PathBuf,
-    /// Where the tip is to go, mm across the needle
+    /// Wanted deflection of the tip, mm
     #[arg(
         long,
         value_name = "MM",
@@ -36,16 +36,16 @@ pub struct Inverse {
         required_unless_present = "com_mm"
     )]
     tip_mm: Option<f64>,
-    /// Where the needle is to pivot, mm below the entry
+    /// Wanted centre of motion of the needle, mm below the entry
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     com_mm: Option<f64>,
-    /// With --tip-mm: the base turns about this point, mm below the entry
+    /// With --tip-mm: the base rotates about this point, mm below the entry
     #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "com_mm")]
     rcm_mm: Option<f64>,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Draw the needle then
+    /// Draw the resulting needle
     #[arg(short, long, value_name = "PLOT.svg")]
     output: Option<PathBuf>,
     #[command(flatten)]

@@ -1,7 +1,7 @@
 //! `insonify beam table`: Table I of Wang et al. 2023.
 
+use crate::study::beam::table_one;
 use clap::Args;
-use insonify::study::beam::table_one;
 
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
@@ -9,7 +9,7 @@ use crate::cli::study::Printed;
 const SOURCE: &str = "Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation\n\
 Letters 8 (2023) 1343-1350.";
 
-/// Prints Table I of Wang et al. 2023 (centres of motion) beside this program's values
+/// Prints Table I of Wang et al. 2023 (centres of motion) beside the values computed by this program
 #[derive(Args)]
 #[command(after_help = SOURCE)]
 pub struct Table {

@@ -1,19 +1,19 @@
-//! What a run leaves in its folder.
+//! Output folder of a run.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
+use crate::output::atomic::WriteError;
+use crate::output::gif::Preview;
+use crate::output::{numbered, png};
+use crate::scenario::record::{PLOTS, Record};
+use crate::scenario::run::{Deformed, Moment, Observer, Requests, Step};
+use crate::scenario::{Scenario, Summary};
+use crate::study::plot::SIZE;
 use indicatif::ProgressBar;
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
-use insonify::output::atomic::WriteError;
-use insonify::output::gif::Preview;
-use insonify::output::{numbered, png};
-use insonify::scenario::record::{PLOTS, Record};
-use insonify::scenario::run::{Asked, Deformed, Moment, Observer, Step};
-use insonify::scenario::{Scenario, Summary};
-use insonify::study::plot::SIZE;
 use serde::Serialize;
 
 use super::Images;
@@ -25,7 +25,7 @@ use crate::cli::render::output::{Output, Shot};
 use crate::cli::render::target::Target;
 use crate::cli::terminal;
 
-/// Files of a run, as [`insonify::output::folder::Folder::open`] takes them; plots are not looked for before they are made.
+/// Files of a run, as [`crate::output::folder::Folder::open`] takes them; plots are not checked for in advance.
 pub const FILES: &[&str] = &[
     "steps.csv",
     "index.html",
@@ -39,7 +39,7 @@ pub const FILES: &[&str] = &[
     "mesh/mesh.pvd",
 ];
 
-/// Writes while a scenario runs.
+/// Writes files during a run.
 pub struct Writer<'a> {
     scenario: &'a Scenario,
     folder: PathBuf,
@@ -47,13 +47,13 @@ pub struct Writer<'a> {
     record: Record,
     bar: ProgressBar,
     frames: Option<Rendering<'a>>,
-    /// Meshes that are to come.
+    /// Number of expected meshes.
     mesh_count: usize,
     /// Time (s) and name of each mesh.
     meshes: Vec<(f64, String)>,
 }
 
-/// Frames in the making.
+/// Rendering of frames during a run.
 struct Rendering<'a> {
     chosen: Chosen,
     output: Option<Output<'a>>,
@@ -61,7 +61,7 @@ struct Rendering<'a> {
 }
 
 impl<'a> Writer<'a> {
-    pub fn new(scenario: &'a Scenario, folder: &Path, asked: Asked) -> Result<Self, Failure> {
+    pub fn new(scenario: &'a Scenario, folder: &Path, asked: Requests) -> Result<Self, Failure> {
         let path = folder.join("steps.csv");
         let wrong = |cause| WriteError::new(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
@@ -81,7 +81,7 @@ impl<'a> Writer<'a> {
         })
     }
 
-    /// Renders frames from now on, to files of a kind with what goes beside them, or for the preview alone.
+    /// Enables rendering of frames, to files with their companion files, or for the preview alone.
     pub fn render(
         &mut self,
         chosen: Chosen,
@@ -107,7 +107,7 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// What was odd about rendering.
+    /// Warnings about rendering.
     pub fn warnings(&self) -> Vec<String> {
         let frames = self.frames.iter();
         frames
@@ -209,7 +209,7 @@ impl Observer for Writer<'_> {
     }
 }
 
-/// Makes a folder, if it is not there.
+/// Creates a folder if it is missing.
 fn make(folder: &Path) -> Result<PathBuf, Failure> {
     fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
     Ok(folder.to_owned())

@@ -1,12 +1,12 @@
-//! `insonify mesh info`: what a mesh file holds, and how good it is.
+//! `insonify mesh info`: contents and quality of a mesh file.
 
 mod report;
 
 use std::path::PathBuf;
 
+use crate::mechanics::mesh::file::{ReadOptions, Unit, read_mesh};
+use crate::mechanics::mesh::quality::Quality;
 use clap::Args;
-use insonify::mechanics::mesh::file::{ReadOptions, Unit, read_mesh};
-use insonify::mechanics::mesh::quality::Quality;
 
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
@@ -24,15 +24,15 @@ pub struct Info {
     /// Mesh file: Gmsh 2.2 or 4.1 (.msh), or VTK (.vtk, .vtu); LPS
     #[arg(value_name = "FILE")]
     file: PathBuf,
-    /// Length that a coordinate of 1 stands for
+    /// Length unit of the coordinates
     #[arg(long, value_enum, default_value = "mm")]
     unit: Unit,
     /// Cell array with the region numbers (of Gmsh: `gmsh:physical` or `gmsh:geometrical`); by default the first of
     /// `region`, `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds`
     #[arg(long, alias = "region", value_name = "NAME")]
     region_array: Option<String>,
-    /// Print JSON: `nodes`, `elements`, `bounds_mm`, `volume_ml`, `regions`, `parts`, `quality`, `warnings`; a number that
-    /// is infinite or not there is null
+    /// Print JSON: `nodes`, `elements`, `bounds_mm`, `volume_ml`, `regions`, `parts`, `quality`, `warnings`; infinite or
+    /// missing numbers are null
     #[arg(long)]
     json: bool,
 }

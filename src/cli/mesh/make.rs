@@ -4,14 +4,14 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use crate::mechanics::mesh::file::write_vtu_with;
+use crate::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
+use crate::phantom::{self, Phantom, PhantomOptions};
+use crate::segmentation::{self, Segmentation};
+use crate::text::column;
+use crate::volume::complete::{CompleteOptions, complete};
+use crate::volume::{Label, LabelVolume};
 use clap::Args;
-use insonify::mechanics::mesh::file::write_vtu_with;
-use insonify::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
-use insonify::phantom::{self, Phantom, PhantomOptions};
-use insonify::segmentation::{self, Segmentation};
-use insonify::text::column;
-use insonify::volume::complete::{CompleteOptions, complete};
-use insonify::volume::{Label, LabelVolume};
 use serde::Serialize;
 
 use crate::cli::failure::Failure;
@@ -31,14 +31,14 @@ A finer mesh follows thin tissue better: `mislabelled` is the
 share of the tissue that lies in elements of another region. About 3,000 nodes suit a simulator's loop, 10,000 a study.
 `insonify mesh info FILE` looks into the result.";
 
-/// Regions below this need not keep their volume, ml.
+/// Volume below which the volume error of a region is not checked, ml.
 const LARGE_ML: f64 = 50.0;
-/// Volume error of a larger region that is worth a warning, per cent.
+/// Volume error of a larger region above which a warning is given, per cent.
 const WORST_PERCENT: f64 = 3.0;
-/// Share of the tissue in the wrong region that is worth a warning, per cent.
+/// Percentage of the tissue in the wrong region above which a warning is given.
 const WRONG_PERCENT: f64 = 50.0;
 
-/// Makes a tetrahedral mesh from a labelled volume: conforming, one region a label, fine where tissues meet
+/// Makes a tetrahedral mesh from a labelled volume: conforming, one region per label, fine where tissues meet
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Make {
@@ -54,7 +54,7 @@ pub struct Make {
     /// A built-in phantom in place of a file
     #[arg(long, value_name = "NAME", value_enum)]
     phantom: Option<Phantom>,
-    /// The most nodes that the mesh may have; it has nearly as many
+    /// Maximum number of nodes; the mesh has nearly as many
     #[arg(long, value_name = "N")]
     nodes: usize,
     /// File to write (.vtu)
@@ -68,13 +68,14 @@ pub struct Make {
     /// Fill the unlabelled body around the organs as `render` does; the default without --labels
     #[arg(long, conflicts_with_all = ["no_complete", "labels", "phantom"])]
     complete: bool,
-    /// Mesh what is labelled only: organs that do not touch become parts of their own
+    /// Mesh labelled voxels only: organs that do not touch become separate parts
     #[arg(long)]
     no_complete: bool,
-    /// Least angle between two faces of an element, degrees (0 to 30): small follows interfaces closer
+    /// Minimum dihedral angle of an element, degrees (0 to 30): smaller values follow interfaces more closely
     #[arg(long, value_name = "DEG", default_value_t = GenerateOptions::default().min_dihedral_deg)]
     min_dihedral_deg: f64,
-    /// Longest edge within tissue before nodes are moved to interfaces, mm [default: as the nodes allow]
+    /// Longest edge within tissue before nodes are moved to interfaces, mm [default: determined by the number of
+    /// nodes]
     #[arg(long, value_name = "MM")]
     max_edge_mm: Option<f64>,
     /// Print one JSON object to standard output
@@ -159,7 +160,7 @@ impl Make {
         }
     }
 
-    /// The volume to mesh.
+    /// Returns the volume to mesh.
     fn segmentation(&self) -> Result<Segmentation, Failure> {
         match (self.phantom, &self.volume) {
             (None, Some(file)) => Ok(segmentation::open(file, &self.names.naming()?)?),
@@ -167,7 +168,7 @@ impl Make {
         }
     }
 
-    /// What is meshed, for a message.
+    /// Name of the input, for a message.
     fn name(&self) -> String {
         match &self.volume {
             Some(file) => file.display().to_string(),
@@ -175,7 +176,7 @@ impl Make {
         }
     }
 
-    /// The labels to mesh, each with its value for a region number.
+    /// Labels to mesh, each with its value as region number.
     fn regions(&self, volume: &LabelVolume) -> Result<Vec<(u8, i32)>, Failure> {
         let labels = volume.labels();
         let held: Vec<usize> = (1..labels.len()).filter(|index| volume.holds(*index)).collect();
@@ -214,7 +215,7 @@ impl Make {
     }
 }
 
-/// Values of labels with their names, for a message.
+/// Lists label values with their names, for a message.
 fn listed(labels: &[Label], which: &[usize]) -> String {
     let one = |&index: &usize| match &labels[index].name {
         Some(name) => format!("{} ({name})", labels[index].value),

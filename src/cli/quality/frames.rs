@@ -1,12 +1,12 @@
-//! Scanlines and samples, picked from frames of the very scene.
+//! Choice of the numbers of scanlines and samples by timing frames of the scene.
 
 use std::time::Instant;
 
-use insonify::quality::{Costs, Picked, grid, pick};
-use insonify::scenario::Scenario;
-use insonify::scene::Scene;
-use insonify::study::spread::Spread;
-use insonify::synth::FrameState;
+use crate::quality::{Costs, Picked, grid, pick};
+use crate::scenario::Scenario;
+use crate::scene::Scene;
+use crate::study::spread::Spread;
+use crate::synth::FrameState;
 use nalgebra::Matrix4;
 
 use super::{QualityArgs, tell};
@@ -14,11 +14,11 @@ use crate::cli::backend::BackendArgs;
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
 
-/// Frames that are timed on each grid; what 19 of them keep to counts, as in the reports.
+/// Number of timed frames on each grid; the 95th percentile (19 of them) counts, as in the reports.
 const FRAMES: usize = 20;
 
 impl QualityArgs {
-    /// Picks the grid of a scene that says how long a frame may take and leaves the grid open, sets it, and tells.
+    /// Picks, sets and reports the grid of a scene that states a frame time budget and leaves the grid open.
     pub fn frames(&self, scene: &mut Scene, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
         let Some(budget_ms) = scene.quality.frame_ms else {
             return Ok(None);
@@ -85,7 +85,7 @@ impl QualityArgs {
         Ok(Some(picked))
     }
 
-    /// Picks the grid of a scenario's frames; its own time counts before that of its scene.
+    /// Picks the grid of a scenario's frames; a budget of the scenario takes precedence over that of its scene.
     pub fn frames_of(&self, scenario: &mut Scenario, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
         match scenario.quality.frame_ms.or(scenario.scene.quality.frame_ms) {
             Some(budget_ms) => self.grid(&mut scenario.scene, budget_ms, backend),

@@ -1,28 +1,29 @@
-//! Level, nodes, pieces of the needle and candidates, picked by what steps cost in blocks and tried on the very insertion.
+//! Choice of remeshing level, nodes, needle elements and probe candidates by step costs in blocks, verified on the
+//! insertion.
 
 use std::path::Path;
 use std::time::Duration;
 
-use insonify::mechanics::tissue::remesh::Level;
-use insonify::quality::trial::{Tried, pick_tried};
-use insonify::quality::{Picked, QualitySpec};
-use insonify::scenario::{LevelName, NeedleModel, NeedleTable, ScenarioFile, TissueModel, Trial};
-use insonify::study::step_costs::{self, Nodes, Situation, StepCosts};
+use crate::mechanics::tissue::remesh::Level;
+use crate::quality::trial::{Tried, pick_tried};
+use crate::quality::{Picked, QualitySpec};
+use crate::scenario::{LevelName, NeedleModel, NeedleTable, ScenarioFile, TissueModel, Trial};
+use crate::study::step_costs::{self, Nodes, Situation, StepCosts};
 
 use super::{QualityArgs, tell};
 use crate::cli::failure::Failure;
 use crate::cli::study::watched;
 use crate::cli::terminal;
 
-/// The longest that an insertion is tried.
+/// Time limit of a trial insertion.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 impl QualityArgs {
-    /// Picks what a scenario leaves open where it says how long a step may take, sets it, and tells. `folder` is where the paths of the
-    /// scenario start.
+    /// Picks, sets and reports the open settings of a scenario that states a step time budget. `folder` is the base of relative paths
+    /// of the scenario.
     pub fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Failure> {
         let QualitySpec { step_ms, .. } = file.quality();
-        // What is out of range is refused with its place in the file when that is resolved.
+        // A budget out of range is refused with its place in the file when the scenario is resolved.
         let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {
             return Ok(None);
         };
@@ -35,7 +36,7 @@ impl QualityArgs {
             "measuring what choices cost in blocks of tissue",
             |costs: &StepCosts| costs.dials().all(|dial| dial.keys.len() == 1 && dial.is_sound(stands)),
             || {
-                // What is wrong with the scenario is said before that.
+                // Errors of the scenario take precedence.
                 file.resolve(folder, |_| {})?;
                 watched(|progress| Ok(step_costs::measure(progress)?))
             },
@@ -56,9 +57,9 @@ impl QualityArgs {
             model == Some(wanted) && file.needle.as_ref().is_some_and(|needle| !stated(needle))
         };
         let open = |key: &str| match key {
-            // Precision, columns and device belong to a level: who states them has chosen.
+            // Precision, columns and device imply a level: stating them fixes the choice.
             step_costs::LEVEL => file.tissue.level.is_none() && !dense,
-            // Offered only where they are open.
+            // Offered only where it is open.
             step_costs::NODES => true,
             step_costs::LINK => needle(NeedleModel::Springs, |needle| needle.link_mm.is_some()),
             step_costs::ELEMENT => needle(NeedleModel::Beam, |needle| needle.element_mm.is_some()),
@@ -68,7 +69,7 @@ impl QualityArgs {
                 .is_some_and(|probe| probe.thinning.is_none()),
             _ => false,
         };
-        // Costs are of blocks: what is picked is tried on the insertion itself.
+        // Costs are measured in blocks; the picked settings are tried on the insertion itself.
         let described = file.described(folder)?;
         let thing = ["trial", &format!("{budget_ms}"), &described];
         let sound = |picked: &Option<Picked>| {
@@ -88,7 +89,7 @@ impl QualityArgs {
     }
 }
 
-/// Whether a value can be set for a key.
+/// Whether a value is valid for a key.
 fn stands(key: &str, value: &str) -> bool {
     match key {
         step_costs::LEVEL => level_named(value).is_some(),
@@ -98,7 +99,7 @@ fn stands(key: &str, value: &str) -> bool {
     }
 }
 
-/// Sets what was picked.
+/// Applies the picked settings.
 fn set(file: &mut ScenarioFile, picked: &Picked) {
     if let Some(level) = picked.value(step_costs::LEVEL) {
         file.tissue.level = level_named(level);
@@ -117,7 +118,7 @@ fn set(file: &mut ScenarioFile, picked: &Picked) {
     }
 }
 
-/// Runs the scenario with what was picked.
+/// Runs the scenario with the picked settings.
 fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, Failure> {
     let mut file = file.clone();
     set(&mut file, picked);
@@ -146,7 +147,7 @@ fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, F
     })
 }
 
-/// A level by its name, as it stands in a file.
+/// Level by its name in a file.
 fn level_named(name: &str) -> Option<LevelName> {
     let all = [
         LevelName::Exact,

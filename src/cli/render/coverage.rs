@@ -1,23 +1,23 @@
-//! Doubts about the place of the scan plane in the volume.
+//! Warnings about the position of the scan plane in the volume.
 
-use insonify::synth::layers::world_position;
-use insonify::synth::tables::Tables;
+use crate::synth::layers::world_position;
+use crate::synth::tables::Tables;
 use nalgebra::{Matrix4, Point3};
 
-/// Longest way without tissue that a convex array on flat skin leaves under its outermost elements, mm: about the sagitta
-/// of 60 mm at 30 degrees.
+/// Largest gap without tissue under the outermost elements of a convex array on flat skin, mm: about the sagitta of 60 mm
+/// at 30 degrees.
 const GAP_MM: f64 = 10.0;
 
-/// Depth of tissue behind the array from which on it lies inside the body, mm: more than skin that is pressed in.
+/// Depth of tissue behind the array from which the array is inside the body, mm: more than indented skin.
 const BEHIND_MM: f64 = 20.0;
 
-/// Share of the samples behind the skin that may lie outside the volume.
+/// Fraction of the samples beyond the skin that may lie outside the volume.
 const BEYOND: f64 = 0.05;
-/// Every so many scanlines and samples are looked at for that.
+/// Stride in scanlines and samples for this check.
 const STRIDE: usize = 8;
 
-/// Doubts about a pose: the probe off the skin or inside the body, or a field of view that leaves the volume. None of a view wholly
-/// outside, where the user was told so.
+/// Warnings about a pose: the probe off the skin or inside the body, or a field of view that leaves the volume. None for a view
+/// completely outside, if the user has already been warned (`told`).
 pub fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, told: bool) -> Vec<String> {
     let volume = &tables.anatomy.volume;
     let label = |line, sample| volume.label_index_at(&world_position(tables, probe_to_world, line, sample));

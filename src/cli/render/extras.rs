@@ -1,26 +1,26 @@
-//! What goes beside a frame on request: ground-truth layers, a sidecar, an overview.
+//! Optional companion files of a frame: ground-truth layers, a sidecar, an overview.
 
 use std::path::Path;
 
+use crate::output::overview::overview;
+use crate::output::png;
+use crate::scene::Scene;
+use crate::synth::Synthesizer;
+use crate::synth::layers::Layer;
+use crate::tracking::needle::NeedlePose;
+use crate::tracking::pose::Pose;
 use clap::Args;
 use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser};
-use insonify::output::overview::overview;
-use insonify::output::png;
-use insonify::scene::Scene;
-use insonify::synth::Synthesizer;
-use insonify::synth::layers::Layer;
-use insonify::tracking::needle::NeedlePose;
-use insonify::tracking::pose::Pose;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
 
-/// The earlier names of layers, and what is taken for them.
+/// Former names of layers, and their replacements.
 const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed", Layer::Loss)];
 
-/// What is asked for besides frames.
+/// Requested companion files.
 #[derive(Args, Clone, Debug, Default)]
 pub struct Extras {
     /// Ground truth to write beside each frame, 16 bits a pixel
@@ -32,7 +32,7 @@ pub struct Extras {
     /// Write a small picture of the probe against the anatomy beside each frame
     #[arg(long)]
     pub overview: bool,
-    /// Draw a scale of depth, a bar of the grey map, the probe's mark and the focus into the pictures, for people to look at
+    /// Draw a depth scale, a grey bar, the probe's mark and the focus into the pictures, for human readers
     #[arg(long, conflicts_with = "layers")]
     pub overlay: bool,
 }
@@ -44,7 +44,7 @@ fn layer_names() -> PossibleValuesParser {
 }
 
 impl Extras {
-    /// The layers, each once.
+    /// Requested layers, each once.
     pub fn layers(&self) -> Vec<Layer> {
         let mut layers = Vec::new();
         for name in &self.names {
@@ -55,7 +55,7 @@ impl Extras {
         layers
     }
 
-    /// Says what is written where a layer was asked for by a name that meant another, and refuses values that a layer cannot hold.
+    /// Prints a note if a layer was requested by a former name, and refuses values that a layer cannot represent.
     pub fn check(&self, scene: &Scene) -> Result<(), Failure> {
         if self.names.iter().any(|name| name == "labels") {
             terminal::say(
@@ -76,7 +76,7 @@ impl Extras {
     }
 }
 
-/// Draws where the probe is.
+/// Draws the overview of the probe pose.
 pub fn write_overview(
     path: &Path,
     synth: &Synthesizer,
@@ -92,7 +92,7 @@ pub fn write_overview(
     Ok(png::write_rgb(path, width, height, image.as_raw())?)
 }
 
-/// The scene as it is rendered, and what the indices and values of label layers mean.
+/// Parameters of the rendered scene, and the meaning of the indices and values of label layers.
 pub fn parameters(scene: &Scene, synth: &Synthesizer) -> serde_json::Value {
     let settings = synth.settings();
     let anatomy = &synth.tables().anatomy;

@@ -1,57 +1,57 @@
-//! Frames on their way to files, with what was asked for beside them.
+//! Writing of frames with their requested companion files.
 
 use std::borrow::Cow;
 use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use insonify::output::atomic::{self, WriteError};
-use insonify::output::sequence::{FrameInfo, SequenceWriter, transforms};
-use insonify::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
-use insonify::output::{overlay, png};
-use insonify::scene::Scene;
-use insonify::synth::layers::Layer;
-use insonify::synth::{FrameState, Synthesizer};
-use insonify::tracking::matrix::Rows;
-use insonify::tracking::needle::{MAX_NODES, NeedlePose};
-use insonify::tracking::pose::Pose;
+use crate::output::atomic::{self, WriteError};
+use crate::output::sequence::{FrameInfo, SequenceWriter, transforms};
+use crate::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
+use crate::output::{overlay, png};
+use crate::scene::Scene;
+use crate::synth::layers::Layer;
+use crate::synth::{FrameState, Synthesizer};
+use crate::tracking::matrix::Rows;
+use crate::tracking::needle::{MAX_NODES, NeedlePose};
+use crate::tracking::pose::Pose;
 
 use super::extras::{self, Extras};
 use super::target::{Target, name_of};
 use crate::cli::failure::Failure;
 
-/// The file of the parameters that many frames share.
+/// File of the parameters shared by many frames.
 pub const PARAMETERS: &str = "parameters.json";
 
-/// Frames on their way to files.
+/// Writer of frames.
 pub struct Output<'a> {
     target: Target,
     extras: Extras,
     layers: Vec<Layer>,
     scene: &'a Scene,
-    /// Frames that are to come.
+    /// Number of expected frames.
     frames: usize,
     images: Option<SequenceWriter>,
-    /// One a layer where frames go to a sequence.
+    /// One writer per layer, for image sequences.
     masks: Vec<SequenceWriter>,
-    /// Whether the parameters that frames share are written.
+    /// Whether the shared parameters have been written.
     shared: bool,
 }
 
-/// The frame that was rendered last.
+/// The last rendered frame.
 pub struct Shot<'a> {
-    /// Which, from 0.
+    /// Frame number, from 0.
     pub number: usize,
-    /// When, s.
+    /// Time of the frame, s.
     pub time_s: f64,
-    /// What it was made of.
+    /// State from which the frame was rendered.
     pub state: &'a FrameState,
-    /// What is odd about it.
+    /// Warnings about the frame.
     pub warnings: &'a [String],
 }
 
 impl<'a> Output<'a> {
-    /// Makes the folder that numbered files go to, and starts the sequences if frames go to one.
+    /// Creates the folder for numbered files, and starts the sequences if frames go to one.
     pub fn open(target: Target, extras: &Extras, scene: &'a Scene, frames: usize) -> Result<Self, Failure> {
         if let (Target::Sequence(path, _), true) = (&target, extras.overlay) {
             return Err(Failure::usage(
@@ -97,7 +97,7 @@ impl<'a> Output<'a> {
         })
     }
 
-    /// Writes a frame and what goes with it; returns the file that it went to.
+    /// Writes a frame and its companion files; returns the path of the frame.
     pub fn write(&mut self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<PathBuf, Failure> {
         let frame = synth.frame();
         let world = self.scene.motion_world();
@@ -220,7 +220,7 @@ impl<'a> Output<'a> {
     }
 }
 
-/// The needle of a frame: as much of it towards the tip as is shown.
+/// Needle of a frame: the displayed part towards the tip.
 fn needle(state: &FrameState) -> Option<NeedlePose> {
     let shaft = state.needle.as_ref()?;
     let nodes = &shaft.nodes[shaft.nodes.len().saturating_sub(MAX_NODES)..];

@@ -1,12 +1,12 @@
-//! Where the files of a rendering go, looked at before it.
+//! Destinations of rendered files, checked before rendering.
 
 use std::path::{Path, PathBuf};
 
+use crate::output::folder::{Folder, MANIFEST};
+use crate::output::png;
+use crate::output::sidecar::Sidecar;
+use crate::synth::layers::Layer;
 use clap::ValueEnum;
-use insonify::output::folder::{Folder, MANIFEST};
-use insonify::output::png;
-use insonify::output::sidecar::Sidecar;
-use insonify::synth::layers::Layer;
 
 use super::extras::Extras;
 use super::output::PARAMETERS;
@@ -14,19 +14,19 @@ use super::target::Target;
 use crate::cli::failure::Failure;
 use crate::cli::output::Force;
 
-/// Where frames go, and where they are until the last is done.
+/// Final and temporary destinations of frames.
 pub struct Place {
-    /// What was asked for.
+    /// Requested path.
     path: PathBuf,
-    /// Where frames are written.
+    /// Where frames are written until the last is complete.
     pub inner: Target,
     folder: Option<Folder>,
-    /// Files that are there, go with it by name, and are not written by this run.
+    /// Existing files that match by name, and are not written by this run.
     left: Vec<PathBuf>,
 }
 
 impl Place {
-    /// Looks whether everything can be written where it is to be.
+    /// Checks that all files can be written.
     pub fn open(target: Target, extras: &Extras, force: Force, inputs: &[PathBuf]) -> Result<Self, Failure> {
         let path = target.path().to_owned();
         let layers = extras.layers();
@@ -73,20 +73,20 @@ impl Place {
         })
     }
 
-    /// Warnings of files that stay beside the new ones and seem to go with them.
+    /// Warnings about old files that remain beside the new ones and seem to belong to them.
     pub fn left(&self) -> Vec<String> {
         let said = |file: &PathBuf| format!("{}: it was there already, and is not of this run", file.display());
         self.left.iter().map(said).collect()
     }
 
-    /// Where a file that was written will be.
+    /// Final path of a written file.
     pub fn of(&self, file: &Path) -> PathBuf {
         self.folder
             .as_ref()
             .map_or(file.to_owned(), |folder| folder.place(file))
     }
 
-    /// Moves the frames to where they were asked for; returns that.
+    /// Moves the frames to the requested path and returns it.
     pub fn install(self) -> Result<PathBuf, Failure> {
         self.folder.map_or(Ok(()), Folder::install)?;
         Ok(self.path)

@@ -1,30 +1,30 @@
-//! Where frames go: a file, a folder, or an image sequence.
+//! Destination of frames: a file, a folder, or an image sequence.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use insonify::output::png;
+use crate::output::png;
 
 use crate::cli::failure::Failure;
 
-/// Endings of pictures and films that are not written and that no folder is meant by.
+/// Extensions of unsupported pictures and films, which are not taken for folders.
 const OTHERS: [&str; 14] = [
     "avi", "bmp", "dcm", "gif", "gz", "jpeg", "jpg", "mhd", "mkv", "mov", "mp4", "tif", "tiff", "webm",
 ];
 
-/// Where frames go.
+/// Destination of frames.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Target {
-    /// One PNG.
+    /// A single PNG.
     File(PathBuf),
-    /// Numbered PNGs.
+    /// A folder of numbered PNGs.
     Folder(PathBuf),
-    /// An image sequence with the transforms of each frame, and a folder for what goes beside single frames.
+    /// An image sequence with the transforms of each frame, and a folder for companion files of single frames.
     Sequence(PathBuf, PathBuf),
 }
 
 impl Target {
-    /// What `-o` means for a number of frames.
+    /// Interprets `-o` for a number of frames.
     pub fn choose(output: Option<&Path>, frames: usize) -> Result<Self, Failure> {
         let Some(path) = output else {
             return Ok(if frames == 1 {
@@ -58,20 +58,20 @@ impl Target {
         }
     }
 
-    /// A path that names a file, however many frames there are.
+    /// Whether a path names a file, regardless of the number of frames.
     pub fn is_file(path: &Path) -> bool {
         let ending = path.extension().map(OsStr::to_ascii_lowercase);
         !path.is_dir() && ending.is_some_and(|ending| ["png", "mha", "nrrd"].iter().any(|known| ending == *known))
     }
 
-    /// The path that was asked for.
+    /// Requested path.
     pub fn path(&self) -> &Path {
         match self {
             Self::File(path) | Self::Folder(path) | Self::Sequence(path, _) => path,
         }
     }
 
-    /// The picture of a frame of so many, or where it would be if the sequence were pictures: what goes beside it is named after it.
+    /// Path of the picture of a frame, or its equivalent for a sequence: companion files are named after it.
     pub fn picture(&self, frame: usize, of: usize) -> PathBuf {
         match self {
             Self::File(path) => path.clone(),
@@ -84,7 +84,7 @@ fn ends_in_separator(path: &Path) -> bool {
     path.as_os_str().to_string_lossy().ends_with(std::path::is_separator)
 }
 
-/// The name of a file, for people.
+/// Name of a file, for messages.
 pub fn name_of(path: &Path) -> String {
     path.file_name()
         .unwrap_or(OsStr::new(""))

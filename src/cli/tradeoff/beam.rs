@@ -1,7 +1,7 @@
-//! `insonify tradeoff beam`: choices in the needle as a beam in tissue.
+//! `insonify tradeoff beam`: options of the needle as a beam in tissue.
 
+use crate::study::tradeoff::beam::study;
 use clap::Args;
-use insonify::study::tradeoff::beam::study;
 
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
@@ -14,7 +14,7 @@ Examples:
 
 A row with a star is a best choice: no other is both faster and nearer to the truth.";
 
-/// The needle as a beam in tissue: length of elements, friction, models of tissue
+/// Needle as a beam in tissue: element length, friction, tissue models
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Beam {

@@ -1,7 +1,7 @@
-//! `insonify tradeoff history`: rules of fading memory.
+//! `insonify tradeoff history`: quadrature rules for fading memory.
 
+use crate::study::tradeoff::history::{HistoryOptions, study};
 use clap::Args;
-use insonify::study::tradeoff::history::{HistoryOptions, study};
 
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
@@ -15,7 +15,8 @@ Examples:
 A row with a star is a best choice: no other is both faster and nearer to the exact law. A row that breaks what its
 rule promises is marked WRONG.";
 
-/// Rules of fading memory: error against the exact law, time and memory, for each rule and length of history
+/// Quadrature rules for fading memory: error against the exact law, time and memory, for each rule and length of
+/// history
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct History {

@@ -1,10 +1,10 @@
-//! `insonify tradeoff image`: what each way of making an image costs.
+//! `insonify tradeoff image`: cost of imaging options.
 
 use std::time::Duration;
 
+use crate::study::tradeoff::gather::Means;
+use crate::study::tradeoff::image::{ImageOptions, study};
 use clap::Args;
-use insonify::study::tradeoff::gather::Means;
-use insonify::study::tradeoff::image::{ImageOptions, study};
 
 use crate::cli::backend::{BackendArgs, BackendName};
 use crate::cli::failure::Failure;
@@ -30,14 +30,14 @@ Examples:
   insonify tradeoff image -o study               everything, with tables and plots: minutes
   insonify tradeoff image --backend cpu --json   without a GPU, for programs";
 
-/// Ways of making an image: time and memory against grey levels and millimetres, for grids, labels, sampling, grain and backends
+/// Imaging options: time and memory against grey levels and millimetres, for grids, labels, sampling, grain and backends
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Image {
     /// Coarser phantoms, fewer frames, no grid above 512 x 1024
     #[arg(long)]
     quick: bool,
-    /// Seconds after which the timing of one way ends, once it has three frames [default: 1.2; with --quick 0.12]
+    /// Time limit for each option, s, after at least three frames [default: 1.2; with --quick 0.12]
     #[arg(long, alias = "patience-s", value_name = "S", value_parser = super::super::bench::seconds)]
     time_limit_s: Option<f64>,
     #[command(flatten)]

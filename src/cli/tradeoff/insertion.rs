@@ -1,7 +1,7 @@
-//! `insonify tradeoff insertion`: needle insertions.
+//! `insonify tradeoff insertion`: options of needle insertions.
 
+use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
 use clap::{Args, ValueEnum};
-use insonify::study::tradeoff::insertion::{InsertionOptions, Part, study};
 
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
@@ -26,36 +26,36 @@ pub struct Insertion {
     /// Nodes of the block of tissue [default: 3300; with --quick 500]
     #[arg(long, value_name = "N", value_parser = super::remesh::node_count)]
     nodes: Option<usize>,
-    /// How deep the needle goes, mm [default: 60; with --quick 20]
+    /// Insertion depth, mm [default: 60; with --quick 20]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     depth_mm: Option<f64>,
-    /// How deep bevelled needles go into the block of PVC, mm [default: 140; with --quick 60]
+    /// Insertion depth of bevelled needles in the block of PVC, mm [default: 140; with --quick 60]
     #[arg(long, value_name = "MM", allow_negative_numbers = true)]
     bevel_depth_mm: Option<f64>,
-    /// How often each step is calculated and timed [default: 3; with --quick 1]
+    /// Number of repeated calculations of each step for timing [default: 3; with --quick 1]
     #[arg(long, value_name = "N")]
     passes: Option<usize>,
-    /// A small block and short ways
+    /// A small block and short paths
     #[arg(long)]
     quick: bool,
     #[command(flatten)]
     printed: Printed,
 }
 
-/// What can be compared.
+/// Available comparisons.
 #[derive(Clone, Copy, ValueEnum)]
 enum PartName {
     /// Levels of remeshing, a probe moved sideways midway
     Levels,
-    /// Bevels and meshes in a block of PVC; with --quick of one length, on one mesh
+    /// Bevels and meshes in a block of PVC; with --quick a single length and mesh
     Bevel,
     /// Masses and springs against finite elements
     Masses,
     /// Every n-th candidate of the probe
     Thinning,
-    /// Lengths of the needle's links
+    /// Length of the needle's links
     Links,
-    /// Lengths of the elements of a needle that is a beam
+    /// Element length of a needle modelled as a beam
     Elements,
     /// Nodes of the mesh
     Mesh,

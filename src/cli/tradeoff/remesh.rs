@@ -3,12 +3,12 @@
 use std::path::PathBuf;
 use std::time::Duration;
 
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
+use crate::study::tradeoff::gather::Means;
+use crate::study::tradeoff::remesh::subject::generated;
+use crate::study::tradeoff::remesh::{NODES, RemeshOptions, study};
 use clap::Args;
-use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::mesh::file::{ReadOptions, read_mesh};
-use insonify::study::tradeoff::gather::Means;
-use insonify::study::tradeoff::remesh::subject::generated;
-use insonify::study::tradeoff::remesh::{NODES, RemeshOptions, study};
 
 use crate::cli::backend::{BackendArgs, BackendName};
 use crate::cli::failure::Failure;
@@ -31,13 +31,15 @@ level promises is marked WRONG.";
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Remesh {
-    /// Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z, at least 3 % of all, are fixed [default: a block is made]
+    /// Tetrahedral mesh to study (Gmsh, VTK, VTU); its lowest nodes along z, at least 3 % of all, are fixed [default: a generated
+    /// block]
     #[arg(long, value_name = "FILE", conflicts_with = "nodes")]
     mesh: Option<PathBuf>,
-    /// Nodes of the meshes to make [default: 3300; with --quick 500]
+    /// Nodes of the generated meshes [default: 3300; with --quick 500]
     #[arg(long, value_name = "N,...", value_delimiter = ',', value_parser = node_count)]
     nodes: Vec<usize>,
-    /// Remeshes of each contender, insertions and withdrawals of the needle together [default: 1000; with --quick 60]
+    /// Number of remeshes of each contender, insertions and withdrawals of the needle together [default: 1000; with
+    /// --quick 60]
     #[arg(long, value_name = "N", value_parser = update_count)]
     updates: Option<usize>,
     /// Young's modulus, kPa

@@ -1,7 +1,7 @@
-//! `insonify tradeoff tissue`: schemes and models of tissue that stiffens and creeps.
+//! `insonify tradeoff tissue`: schemes and models for stiffening and viscoelastic tissue.
 
+use crate::study::tradeoff::tissue::{TissueOptions, study};
 use clap::Args;
-use insonify::study::tradeoff::tissue::{TissueOptions, study};
 
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
@@ -15,14 +15,15 @@ Examples:
 
 A row with a star is a best choice among those with as many steps: no other is both faster and nearer to the truth.";
 
-/// Tissue that stiffens and creeps: time against error, for Euler, modified and full Newton, and for each model
+/// Stiffening and viscoelastic tissue: time against error, for Euler, modified and full Newton, and for each model
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Tissue {
     /// Nodes of the block [default: 1000; with --quick 300, with --whole 3300]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(27..=200_000))]
     nodes: Option<u32>,
-    /// Most steps until the plate is down, from 5 on doubled [default: 20; with --quick 10, with --whole 40]
+    /// Largest number of steps until the plate is down, doubled from 5 on [default: 20; with --quick 10, with
+    /// --whole 40]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=1000))]
     steps: Option<u32>,
     /// Young's modulus below the knee, kPa
@@ -34,7 +35,7 @@ pub struct Tissue {
     /// Relative strain above which tissue stiffens
     #[arg(long, value_name = "E", default_value_t = TissueOptions::default().knee_strain, allow_negative_numbers = true)]
     knee_strain: f64,
-    /// How fast: a in E0 (1 + a (e - knee)^2)
+    /// Stiffening coefficient a in E0 (1 + a (e - knee)^2)
     #[arg(long, value_name = "A", default_value_t = TissueOptions::default().stiffening, allow_negative_numbers = true)]
     stiffening: f64,
     /// Order of the viscosity, 0 to 1
@@ -43,7 +44,7 @@ pub struct Tissue {
     /// A small block and few steps
     #[arg(long)]
     quick: bool,
-    /// The block of Kobayashi et al. 2010s' size and as many steps as show where errors end
+    /// A block of the size in Kobayashi et al. 2010 and enough steps for errors to level off
     #[arg(long, conflicts_with = "quick")]
     whole: bool,
     #[command(flatten)]

@@ -1,4 +1,4 @@
-//! The straight pieces of needle and seeds that a frame shows.
+//! Straight segments of needle and seeds in a frame.
 
 use nalgebra::Point3;
 
@@ -7,22 +7,22 @@ use crate::synth::FrameState;
 use crate::synth::tables::Tables;
 use crate::tracking::needle::MAX_NODES;
 
-/// Start and end of a straight piece in the probe frame (mm), each with a number behind it: its radius and the thickness of
-/// the plane that sees it, mm. Then the distance of its start and of its end from the tip (mm), the number of its shaft (0 for the
-/// needle), and the factor on its echo before a point spread.
+/// Start and end of a straight segment in the probe frame (mm), followed by its radius and by the thickness of the plane for it,
+/// mm. Then the distances of its start and end from the tip (mm), the number of its shaft (0 for the needle), and the factor on
+/// its echo before a point spread.
 pub type Segment<T> = [[T; 4]; 3];
 
-/// Most segments that a frame shows, of needle and seeds together: 192 seeds and more in one plane.
+/// Maximum number of segments of needle and seeds in a frame: at least 192 seeds in one plane.
 pub const MAX_SEGMENTS: usize = 256;
 
-/// What a frame shows of needle and seeds, for the CPU and for upload: the segments that meet the scan plane. Of a needle of
-/// more than 64 those towards the tip, then those of the seeds in their order, up to [`MAX_SEGMENTS`]. What is not finite,
-/// or has no thickness, is not shown.
+/// Segments of needle and seeds that meet the scan plane, for the CPU and for upload. For a needle of more than 64 segments
+/// those towards the tip, then those of the seeds in their order, up to [`MAX_SEGMENTS`]. Segments that are not finite or
+/// have no thickness are skipped.
 pub fn segments(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment<f64>> {
     crossing(tables, state).take(MAX_SEGMENTS)
 }
 
-/// How many segments of a frame meet its scan plane, or belong to its needle, and are too many to be shown.
+/// Number of segments of a frame that meet its scan plane, or belong to its needle, but exceed the maximum.
 pub fn left_out(tables: &Tables, state: &FrameState) -> usize {
     if !present(tables) {
         return 0;
@@ -31,7 +31,7 @@ pub fn left_out(tables: &Tables, state: &FrameState) -> usize {
     hidden + crossing(tables, state).count().saturating_sub(MAX_SEGMENTS)
 }
 
-/// Of a needle of too many nodes, the first that is shown.
+/// Index of the first node shown of a needle with too many nodes.
 fn first_shown(nodes: &[Point3<f64>]) -> usize {
     nodes.len().saturating_sub(MAX_NODES)
 }
@@ -66,13 +66,14 @@ fn crossing(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment
         let ends = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));
         let [start_of, end_of] = segment(ends, diameter_mm, thickness_mm.unwrap_or(diameter_mm))?;
         let factor = speckle.map_or(1.0, |own| 1.0 / own.thick_gain(diameter_mm / 2.0, tables.sample_mm()));
-        // Where another piece is not finite, how far the tip is is not known.
+        // If another segment is not finite, the distance from the tip is unknown.
         let rounded = [start, end, number, factor].map(|x| if x.is_finite() { f64::from(x as f32) } else { 0.0 });
         Some([start_of, end_of, rounded])
     })
 }
 
-/// Both ends of a segment, if it is one and meets the plane. Radius and thickness are rounded once, for all backends.
+/// Both ends of a segment, if it is valid and meets the plane. Radius and thickness are rounded once, for all
+/// backends.
 fn segment([start, end]: [Point3<f64>; 2], diameter_mm: f64, thickness_mm: f64) -> Option<[[f64; 4]; 2]> {
     let [radius, thickness] = [diameter_mm / 2.0, thickness_mm].map(|length| f64::from(length as f32));
     let is_finite = start

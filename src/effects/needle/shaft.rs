@@ -1,24 +1,24 @@
-//! One straight cylinder and the thickened scan plane: how much of the plane it fills, and its echo down a scanline.
+//! Straight cylinder in the thickened scan plane: filled fraction of the plane, and echo along a scanline.
 
 use super::{BEVEL, BEVEL_MM, GRAIN_MM, Params, Segment};
 use crate::effects::speckle::scatterers;
 use crate::real::Real;
 
-/// One straight piece of the needle in the probe frame.
+/// A straight segment of the needle in the probe frame.
 pub struct Shaft<T> {
     start: [T; 3],
     axis: [T; 3],
     length: T,
     radius: T,
     half_thickness: T,
-    /// Distance of its ends from the tip, mm.
+    /// Distances of its ends from the tip, mm.
     from_tip: [T; 2],
     number: T,
     factor: T,
 }
 
 impl<T: Real> Shaft<T> {
-    /// The cylinder of a segment, seen by the plane of its thickness.
+    /// Creates the cylinder of a segment with the plane thickness for it.
     pub fn new([start, end, [first, last, number, factor]]: Segment<T>) -> Self {
         let along = [end[0] - start[0], end[1] - start[1], end[2] - start[2]];
         let length = (along[0] * along[0] + along[1] * along[1] + along[2] * along[2]).sqrt();
@@ -36,7 +36,7 @@ impl<T: Real> Shaft<T> {
         }
     }
 
-    /// Share of the plane's thickness inside the cylinder at a point of the plane.
+    /// Fraction of the plane's thickness inside the cylinder at a point of the plane.
     #[inline(always)]
     pub fn share(&self, x: T, y: T) -> T {
         let u = self.axis;
@@ -69,7 +69,7 @@ impl<T: Real> Shaft<T> {
         (high - low).max(T::zero()) / (self.half_thickness + self.half_thickness)
     }
 
-    /// Complex multiplier of the echo at a point of the plane: grains along the shaft, and a needle's bevel, which is brighter.
+    /// Complex multiplier of the echo at a point of the plane: grains along the shaft, and a needle's brighter bevel.
     #[inline(always)]
     pub fn grain(&self, x: T, y: T, numbers: &Params) -> [T; 2] {
         let along =
@@ -88,7 +88,7 @@ impl<T: Real> Shaft<T> {
         [factor * (steady + diffuse * re), factor * diffuse * im]
     }
 
-    /// Adds the echo and its repetitions to a scanline, and what it fills and shades to the mask.
+    /// Adds the echo and its repetitions to a scanline, and the filled and shaded fractions to the mask.
     pub(super) fn scanline(
         &self,
         ray: [T; 4],
@@ -137,8 +137,8 @@ impl<T: Real> Shaft<T> {
         }
     }
 
-    /// Depths between which a ray may meet the thickened shaft: where it is nearer to the axis than the cylinder and the
-    /// plane are thick together.
+    /// Depth interval in which a ray may meet the thickened shaft: where its distance from the axis is below the
+    /// combined thickness of cylinder and plane.
     fn depths(&self, ray: [T; 4]) -> Option<(T, T)> {
         let u = self.axis;
         let q = [ray[0] - self.start[0], ray[1] - self.start[1], -self.start[2]];
@@ -160,8 +160,8 @@ impl<T: Real> Shaft<T> {
     }
 }
 
-/// Squared sine, or cosine, below which a shaft counts as parallel, or perpendicular, to a direction: at a needle's
-/// length of 200 mm the error it makes is below 0.1 mm.
+/// Squared sine, or cosine, below which a shaft counts as parallel, or perpendicular, to a direction: for a needle
+/// of 200 mm the resulting error is below 0.1 mm.
 const PARALLEL: f64 = 1e-7;
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! Acoustic clutter of a probe: sparse, coherent, shaped by the point spread.
 //!
-//! Few echoes overlap: so many that the ratio of mean and standard deviation of the envelope is the one measured, 1.40 +- 0.23 (B. Byram
-//! and J. Shu, IEEE Trans. Ultrason. Ferroelectr. Freq. Control 63 (2016) 1531). Multiple paths widen them across the beam.
-//! Layers of the wall are seen again and again at one depth on all scanlines: bands of 3 dB, 1 mm thick.
+//! The density of echoes is such that the ratio of mean and standard deviation of the envelope is the measured one, 1.40 +- 0.23 (B.
+//! Byram and J. Shu, IEEE Trans. Ultrason. Ferroelectr. Freq. Control 63 (2016) 1531). Multiple paths widen them laterally. Layers of
+//! the wall appear repeatedly at one depth on all scanlines: bands of 3 dB, 1 mm thick.
 
 use std::f64::consts::TAU;
 
@@ -13,19 +13,19 @@ use crate::effects::point_spread::PointSpread;
 use crate::random::{hash3, seed_words};
 use crate::tracking::probe::BeamGrid;
 
-/// Lateral length over that of the point spread.
+/// Lateral length relative to that of the point spread.
 const WIDENED: f64 = 1.8;
-/// Echoes to an area of the full widths of the kernels.
+/// Number of echoes per area of the full widths of the kernels.
 const TO_A_CELL: f64 = 1.0;
 /// Standard deviation of the bands, dB, and their thickness, mm.
 const BANDS_DB: f64 = 3.0;
 const BANDS_MM: f64 = 1.0;
-/// Keeps these draws apart from those of others with the same seed.
+/// Stream that separates these draws from others with the same seed.
 const STREAM: u32 = 0x0c1a_77e2;
 
 type Complex = [f64; 2];
 
-/// Power at each sample, a scanline after the other, of mean `power(depth_mm)`.
+/// Power at each sample, scanline by scanline, of mean `power(depth_mm)`.
 pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: impl Fn(f64) -> f64) -> Vec<f32> {
     let (lines, samples) = (grid.lines(), grid.samples());
     let [low, high] = seed_words(seed);
@@ -66,7 +66,7 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
         .collect()
 }
 
-/// A Gaussian of a width (full, at half maximum of its square's autocorrelation) in samples.
+/// Gaussian kernel of a width (full, at half maximum of its square's autocorrelation) in samples.
 fn kernel(width: f64) -> Vec<f64> {
     let sigma = (width / FWHM_PER_SIGMA).min(MAX_SIGMA);
     gaussian(sigma, (3.0 * sigma).ceil() as usize)
@@ -82,7 +82,7 @@ fn width(kernel: &[f64]) -> f64 {
     (FWHM_PER_SIGMA * variance.sum::<f64>().sqrt()).max(1.0)
 }
 
-/// Convolution at a place of so many, of unit power for independent values of unit power.
+/// Convolution at index `place` of `places`, of unit power for independent values of unit power.
 fn convolved(kernel: &[f64], place: usize, places: usize, value: impl Fn(usize) -> Complex) -> Complex {
     let reach = kernel.len() / 2;
     let (mut sum, mut power) = ([0.0; 2], 0.0);
@@ -95,7 +95,7 @@ fn convolved(kernel: &[f64], place: usize, places: usize, value: impl Fn(usize) 
     sum.map(|part| part / power.sqrt())
 }
 
-/// An echo of mean power 1 that is there with some probability.
+/// An echo of mean power 1 that is present with probability `share`.
 fn echo([line, sample]: [i32; 2], share: f64, seed: [u32; 2]) -> Complex {
     let [drawn, phase, _] = hash3([line, sample, 0], seed).map(|word| f64::from(word) / 2f64.powi(32));
     if drawn >= share {
@@ -105,7 +105,7 @@ fn echo([line, sample]: [i32; 2], share: f64, seed: [u32; 2]) -> Complex {
     [cosine, sine].map(|part| part / share.sqrt())
 }
 
-/// Factor on the power at each sample depth, log-normal, of mean 1.
+/// Log-normal factor on the power at each sample depth, of mean 1.
 fn bands(grid: &BeamGrid, seed: [u32; 2]) -> Vec<f64> {
     let kernel = kernel(BANDS_MM / grid.sample_spacing_mm());
     let reach = (kernel.len() / 2) as i32;
@@ -132,7 +132,7 @@ mod tests {
     use crate::effects::speckle::Speckle;
     use crate::tracking::probe::{Probe, ProbeShape};
 
-    /// Mean 1, few echoes to a cell, as wide as asked: 1.8 times the lateral length of the point spread.
+    /// Mean 1, few echoes per cell, with the expected width: 1.8 times the lateral length of the point spread.
     #[test]
     fn clutter_is_sparse_and_as_wide_as_sound() {
         let probe = Probe::new(ProbeShape::Linear { width_mm: 120.0 }, 60.0).unwrap();
@@ -149,7 +149,7 @@ mod tests {
         for seed in 0..SEEDS {
             let power = table(&grid, &spread, seed, |_| 1.0);
             mean += power.iter().map(|&power| f64::from(power)).sum::<f64>() / power.len() as f64;
-            // Of single depths, without the bands.
+            // At single depths, without the bands.
             for sample in (0..grid.samples()).step_by(8) {
                 let row: Vec<f64> = (0..grid.lines())
                     .map(|line| f64::from(power[line * grid.samples() + sample]))

@@ -1,10 +1,11 @@
-//! Aperture: bone, gas and needles hide a place from part of the aperture alone, so that the edges of their shadows open with depth.
+//! Aperture: bone, gas and needles shade a point from only part of the aperture, so that the edges of their shadows widen with
+//! depth.
 //!
-//! A scanner receives a place at depth `z` with elements as far as `z / (2 F)` to either side, of f-number `F`. Rays from
-//! [`RAYS`] of them run straight to each place; the wave is the mean of what they let through (O. Mattausch and O. Goksel,
-//! Eurographics Workshop on Visual Computing for Biology and Medicine, 2016, cast such rays at random). A ray from an element leans by the same angle wherever on it the place
-//! is, so that the losses down one ray serve all places on it: they add up in one scan an element and an angle. Elements beyond
-//! the ends of the array send none. The attenuation of soft tissue is that of the scanline.
+//! A scanner receives from a point at depth `z` with elements up to `z / (2 F)` to either side, of f-number `F`. Rays from [`RAYS`] of them run
+//! straight to each point; the wave is the mean of their transmittances (O. Mattausch and O. Goksel, Eurographics Workshop on Visual Computing for
+//! Biology and Medicine, 2016, cast such rays at random). A ray from an element has the same angle for all points on it, so that the losses down one
+//! ray serve all of them: they are accumulated in one scan per element and angle. Elements beyond the ends of the array are ignored. The attenuation
+//! of soft tissue is that of the scanline.
 
 use std::ops::Range;
 
@@ -17,14 +18,14 @@ use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use crate::tracking::probe::BeamGrid;
 
-/// Rays to a place, the middle one down its scanline.
+/// Number of rays to a point, the middle one down its scanline.
 pub const RAYS: usize = 5;
-/// Those to either side.
+/// Number of rays to either side.
 const SIDE: usize = RAYS / 2;
 
 impl Shadow {
-    /// Of each ray beside the middle, from the inside outwards, a row over the samples: scanlines between the place and the element. Empty
-    /// where shadows do not open.
+    /// For each off-centre ray, from the inside outwards, a row over the samples: scanlines between the point and the element. Empty if
+    /// shadows do not widen.
     pub fn shifts(&self, grid: &BeamGrid) -> Vec<u32> {
         if self.f_number > 0.0 {
             shifts(self.f_number, grid)
@@ -37,7 +38,7 @@ impl Shadow {
 fn shifts(f_number: f64, grid: &BeamGrid) -> Vec<u32> {
     let mut shifts = Vec::with_capacity(SIDE * grid.samples());
     for ray in 1..=SIDE {
-        // Rays stand for equal parts of the aperture.
+        // Rays represent equal parts of the aperture.
         let slope = ray as f64 / RAYS as f64 / f_number;
         let mut lines = 0.0;
         for sample in 0..grid.samples() {
@@ -50,7 +51,7 @@ fn shifts(f_number: f64, grid: &BeamGrid) -> Vec<u32> {
     shifts
 }
 
-/// Ranges of samples on which rays keep their scanlines.
+/// Ranges of samples on which rays stay on their scanlines.
 pub fn runs(shifts: &[u32], samples: usize) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     if shifts.is_empty() {
@@ -66,7 +67,7 @@ pub fn runs(shifts: &[u32], samples: usize) -> Vec<Range<usize>> {
     runs
 }
 
-/// The scanline where the ray of an element is at a sample; none beside the image.
+/// Scanline of an element's ray at a sample; `None` outside the image.
 pub fn line_at(shifts: &[u32], samples: usize, [ray, element, sample]: [usize; 3], lines: usize) -> Option<usize> {
     let shift = |row: usize| shifts[row * samples + sample] as usize;
     match ray {
@@ -76,12 +77,12 @@ pub fn line_at(shifts: &[u32], samples: usize, [ray, element, sample]: [usize; 3
     }
 }
 
-/// The element whose ray is at a scanline at a sample; none beside the array.
+/// Element whose ray crosses a scanline at a sample; `None` outside the array.
 pub fn element_at(shifts: &[u32], samples: usize, [ray, line, sample]: [usize; 3], lines: usize) -> Option<usize> {
     line_at(shifts, samples, [RAYS - 1 - ray, line, sample], lines)
 }
 
-/// Loss of each label that occludes; nothing for others.
+/// Loss of each occluding label; 0 for others.
 fn occluding(tables: &Tables) -> [u32; 256] {
     let opaque = penumbra::opaque_units(tables.sample_mm());
     std::array::from_fn(|label| {
@@ -90,7 +91,7 @@ fn occluding(tables: &Tables) -> [u32; 256] {
     })
 }
 
-/// What each ray of each element lets through one way, down to each sample.
+/// One-way transmittance of each ray of each element, down to each sample.
 pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
@@ -128,7 +129,7 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Takes of the one-way transmittance of each sample what the rays to it let through, on the mean.
+/// Multiplies the one-way transmittance of each sample by the mean transmittance of its rays.
 pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());

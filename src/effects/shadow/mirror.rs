@@ -1,9 +1,9 @@
 //! Mirror image: gas and lung reflect the beam into the tissue above them; its echoes return along the same path and appear beyond the surface.
 //!
-//! The beam of a scanline is reflected at the first gas or lung by the law of reflection, within the scan plane and at the tilt that
-//! [`reverberation`] estimates. A sample beyond the surface receives the echo at the same path length along the reflected beam, multiplied by
-//! [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra path, at the mean rate down to the surface. The artefact: M. K. Feldman et al.,
-//! RadioGraphics 29 (2009) 1179.
+//! The beam of a scanline is reflected at the first gas or lung by the law of reflection, within the scan plane and at the tilt estimated by
+//! [`reverberation`]. A sample beyond the surface receives the echo at the same path length along the reflected beam, multiplied by
+//! [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra path, at the mean rate down to the surface. The artefact: M. K.
+//! Feldman et al., RadioGraphics 29 (2009) 1179.
 
 use rayon::prelude::*;
 
@@ -13,7 +13,7 @@ use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::{LabelRow, Tables};
 
-/// Impedance below which something opaque is gas or lung and not bone, MRayl.
+/// Impedance below which an opaque tissue is gas or lung rather than bone, MRayl.
 pub const GAS_MRAYL: f32 = 1.0;
 
 /// Whether there are mirror images: the volume holds gas or lung.

@@ -1,10 +1,10 @@
-//! Penumbra: a shadow's edge is as soft as the beam is wide.
+//! Penumbra: shadow edges as soft as the beam is wide.
 //!
-//! What lies in the way shades the part of the aperture that looks past it. The wave that reaches a depth is the mean over
-//! the aperture of what each part lets through, and the echo comes back through the same aperture: with `t` the one-way
-//! transmittance down each scanline, the echo is left with `(sum w t)^2`, where `w` are Gaussian weights across scanlines of
-//! the width of the beam. At the edge of a half plane that is a quarter of the amplitude. A sample inside an opaque
-//! tissue is seen only by the part of the beam that its own scanline stands for, or bone would glow where the beam passes it.
+//! An obstacle shades part of the aperture. The wave that reaches a depth is the mean over the aperture of what each part
+//! transmits, and the echo returns through the same aperture: with `t` the one-way transmittance down each scanline, the echo
+//! is multiplied by `(sum w t)^2`, where `w` are Gaussian weights across scanlines of the width of the beam. At the edge of a
+//! half plane that is a quarter of the amplitude. A sample inside an opaque tissue is seen only by the part of the beam that
+//! its own scanline represents, otherwise bone would appear bright where the beam passes it.
 
 use rayon::prelude::*;
 
@@ -16,11 +16,10 @@ use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::tracking::probe::BeamGrid;
 
-/// Loss from which a tissue is opaque, dB per mm: above that of soft tissue and below that of bone, gas and
-/// lung.
+/// Loss above which a tissue is opaque, dB per mm: above that of soft tissue and below that of bone, gas and lung.
 const OPAQUE_DB_MM: f64 = 6.0;
 
-/// Loss of a sample from which its tissue is opaque, units.
+/// Loss per sample above which a tissue is opaque, units.
 pub fn opaque_units(sample_mm: f64) -> u32 {
     units(OPAQUE_DB_MM * sample_mm)
 }
@@ -36,7 +35,8 @@ impl Shadow {
     }
 }
 
-/// Leaves of each echo what the beam lets through, from the one-way transmittance of each sample in `amplitude_next`.
+/// Attenuates each echo by the transmittance of the beam, from the one-way transmittance of each sample in
+/// `amplitude_next`.
 pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
@@ -61,7 +61,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// One shaded scanline.
+/// A shaded scanline.
 struct Scanline<'a, T> {
     kernel: &'a LateralKernel,
     through: &'a [T],

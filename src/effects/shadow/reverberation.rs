@@ -1,9 +1,10 @@
-//! Reverberation: echoes that run once more between the first bone, gas or lung of a scanline and the face of the array.
+//! Reverberation: repeated echoes between the first bone, gas or lung of a scanline and the face of the array.
 //!
 //! An echo from depth z appears again at z + d, z + 2 d, ..., where d is the depth of the reflector: the A-lines of lung, and the haze of tissue
 //! above it in the shadow of gas. Each repeat is attenuated over the path to the reflector and back, multiplied by [`Shadow::reverberation`], by the
-//! reflection coefficient of the reflector (0.99 for gas, 0.65 for bone) and, for a reflector tilted by theta, by cos^4 theta (the law of [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array).
-//! Powers add up, as the phases of so long a way are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
+//! reflection coefficient of the reflector (0.99 for gas, 0.65 for bone) and, for a reflector tilted by theta, by cos^4 theta (the law of
+//! [`interface`](crate::effects::interface)) and cos^4 2 theta (the angle at which it returns to the array). Powers are added, as the phases over
+//! such long paths are random. A lung's A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
 
 use rayon::prelude::*;
 
@@ -13,10 +14,10 @@ use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Scanlines to either side from which the tilt of a reflector is estimated.
+/// Number of scanlines to either side from which the tilt of a reflector is estimated.
 pub const SIDE: usize = 6;
 
-/// Whether echoes are repeated: the volume holds something opaque.
+/// Whether echoes are repeated: the volume contains an opaque tissue.
 pub fn repeats(tables: &Tables) -> bool {
     let shadow = tables.settings.effects.shadow.as_ref();
     let opaque = penumbra::opaque_units(tables.sample_mm());
@@ -25,7 +26,7 @@ pub fn repeats(tables: &Tables) -> bool {
         && rows.any(|(index, row)| row.loss >= opaque && tables.volume.holds(index))
 }
 
-/// Distance between scanlines at the array and what it grows by from sample to sample, in sample distances.
+/// Distance between scanlines at the array and its growth per sample, in sample distances.
 pub fn spacing(tables: &Tables) -> [f64; 2] {
     let grid = &tables.grid;
     let at = |sample: usize| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / tables.sample_mm();
@@ -35,7 +36,7 @@ pub fn spacing(tables: &Tables) -> [f64; 2] {
     ]
 }
 
-/// The first opaque sample of a scanline below others; the number of samples where there is none.
+/// First opaque sample of a scanline below non-opaque ones; the number of samples if there is none.
 pub fn top(labels: &[u8], is_opaque: impl Fn(u8) -> bool) -> u32 {
     let first = labels
         .iter()

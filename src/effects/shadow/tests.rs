@@ -2,7 +2,7 @@ use super::*;
 
 #[test]
 fn layers_follow_beer_and_lambert() {
-    // 30 mm at 1 dB/mm, then 20 mm at 0.25 dB/mm, sampled ever finer; the last sample's middle lies half a step short.
+    // 30 mm at 1 dB/mm, then 20 mm at 0.25 dB/mm, sampled ever finer; the last sample's centre lies half a step short.
     for samples in [50usize, 500, 5000] {
         let step = 50.0 / samples as f64;
         let mut down_to = vec![0; samples];

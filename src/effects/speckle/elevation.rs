@@ -1,9 +1,9 @@
-//! The elevational point spread: how many sub-planes the scatterers are gathered from, how far apart, with which weights.
+//! Elevational point spread: number, distance and weights of the sub-planes from which scatterers are gathered.
 
 use super::power::lattice_correlation;
 use super::tables::MAX_PLANES;
 
-/// Sub-planes and their distance.
+/// Weights and distance of the sub-planes.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Elevation {
     /// Distance between sub-planes, lattice steps.
@@ -12,17 +12,17 @@ pub(super) struct Elevation {
     pub weights: Vec<f64>,
 }
 
-/// Fewest sub-planes: two can only be weighted alike.
+/// Minimum number of sub-planes: two can only have equal weights.
 const FEWEST: usize = 3;
 
-/// Standard deviation of the weights, sub-planes to one: the outermost of any number of them then weigh a third to three
-/// quarters of the middle.
+/// Standard deviation of the weights, as number of sub-planes per sigma: the outermost of any number of them then weigh
+/// a third to three quarters of the middle.
 const PLANES_PER_SIGMA: f64 = 2.5;
 
-/// Distances between sub-planes to choose from, lattice steps, and the number of sub-planes from which on. Where they are
-/// multiples of a lattice step, or near it, sub-planes parallel to the lattice all lie between lattice points in the same
-/// way, and the power of the whole rises and falls with the place of the scan plane: by 2.8 dB at one step, by less than
-/// 0.7 dB at these distances. Wider ones leave a shoulder in the correlation, below one half for fewer than four.
+/// Candidate ranges of the distance between sub-planes, lattice steps, with the minimum number of sub-planes for each. At
+/// multiples of a lattice step, or near them, sub-planes parallel to the lattice all have the same fractional position
+/// between lattice points, and the total power varies with the position of the scan plane: by 2.8 dB at one step, by less
+/// than 0.7 dB at these distances. Wider ones leave a shoulder in the correlation, below one half for fewer than four.
 const DISTANCES: [(usize, [f64; 2]); 4] = [
     (3, [0.55, 0.66]),
     (4, [1.25, 1.4]),
@@ -30,15 +30,15 @@ const DISTANCES: [(usize, [f64; 2]); 4] = [
     (8, [0.72, 0.86]),
 ];
 
-/// Step between the distances tried.
+/// Step between the distances tried, lattice steps.
 const STEP: f64 = 0.01;
 
-/// How far the width may be off before more sub-planes are taken.
+/// Relative error of the width above which more sub-planes are used.
 const TOLERANCE: f64 = 0.03;
 
 impl Elevation {
-    /// The fewest sub-planes whose echo intensity has a correlation of full width at half maximum `width` lattice steps; the
-    /// nearest to it where no number has it.
+    /// Smallest number of sub-planes whose echo intensity has a correlation of full width at half maximum `width` lattice
+    /// steps; the closest one if none has it.
     pub fn of_width(width: f64) -> Self {
         let mut best = (f64::INFINITY, Self::spaced(FEWEST, DISTANCES[0].1[0]));
         for count in FEWEST..=MAX_PLANES {
@@ -68,7 +68,7 @@ impl Elevation {
         }
     }
 
-    /// Correlation of the intensity at an elevational distance in lattice steps: for echoes of normal distribution the
+    /// Correlation of the intensity at an elevational distance in lattice steps: for normally distributed echoes the
     /// square of that of the field.
     fn correlation(&self, distance: f64) -> f64 {
         let field = |distance: f64| -> f64 {
@@ -85,7 +85,7 @@ impl Elevation {
 
     /// Full width at half maximum of [`Self::correlation`], lattice steps.
     fn width(&self) -> f64 {
-        // Beyond the spread of all sub-planes and the reach of the interpolation nothing is left.
+        // Beyond the spread of all sub-planes and the reach of the interpolation the correlation vanishes.
         let (mut inside, mut outside) = (0.0, self.weights.len() as f64 * self.apart + 2.0);
         for _ in 0..40 {
             let middle = 0.5 * (inside + outside);
@@ -136,7 +136,7 @@ mod tests {
         for tenths in 15..=62 {
             let elevation = Elevation::of_width(f64::from(tenths) / 10.0);
             let powers = (0..50).map(|phase| {
-                // Weights of the lattice points that planes parallel to the lattice interpolate between.
+                // Weights of the lattice points between which planes parallel to the lattice interpolate.
                 let mut lattice = [0.0; 40];
                 for (plane, weight) in elevation.weights.iter().enumerate() {
                     let place = 10.0 + f64::from(phase) / 50.0 + plane as f64 * elevation.apart;

@@ -1,8 +1,9 @@
-//! Mean power of weighted sums of scatterers, which the linear interpolation of their lattice correlates.
+//! Mean power of weighted sums of scatterers, which are correlated by the linear interpolation of their lattice.
 
 use std::sync::LazyLock;
 
-/// Correlation of the interpolated lattice at a distance in lattice steps along one of its axes, over all places in it.
+/// Correlation of the interpolated lattice at a distance in lattice steps along one of its axes, averaged over all
+/// positions.
 ///
 /// With weights `1 - f` and `f` scaled to unit power everywhere it is a little wider than the cubic B-spline that the
 /// unscaled ones would give. Tabulated, with an error below 1e-4.
@@ -24,7 +25,7 @@ pub fn lattice_correlation(steps: f64) -> f64 {
 
 fn averaged_correlation(steps: f64) -> f64 {
     const PLACES: usize = 512;
-    // The two lattice points around a place, and their weights.
+    // The two lattice points around a position, and their weights.
     let weights = |place: f64| {
         let share = place.fract();
         let norm = share.hypot(1.0 - share);
@@ -55,7 +56,8 @@ pub(super) fn power(weights: &[f64], correlation: impl Fn(f64) -> f64) -> f64 {
     weights.iter().enumerate().map(|(i, w)| w * row(i)).sum()
 }
 
-/// What keeps the mean power of a kernel of unit power at `place` of `count`, where nothing lies beyond either end.
+/// Factor that restores the mean power of a kernel of unit power at index `place` of `count`, truncated at both
+/// ends.
 pub(super) fn restored(weights: &[f64], place: usize, count: usize, correlation: impl Fn(f64) -> f64) -> f64 {
     let reach = weights.len() / 2;
     let first = reach.saturating_sub(place);

@@ -29,7 +29,7 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
         .states
         .as_ref()
         .map(|states| (states.deformed(), &store.element[..]));
-    // A fine scanline holds its real parts, then its imaginary parts.
+    // A fine scanline stores its real parts, then its imaginary parts.
     store
         .scatter
         .par_chunks_mut(2 * samples)
@@ -59,7 +59,8 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Adds the echoes of surfaces and needles, linear between scanlines, by the factor that keeps those of surfaces.
+/// Adds the echoes of surfaces and needles, interpolated linearly between scanlines and scaled to preserve those of
+/// surfaces.
 pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let Some(own) = &tables.speckle else { return };
@@ -83,13 +84,12 @@ pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Echoes of one fine scanline, which lies a share of the way from one scanline to the next: its real parts, then its
-/// imaginary parts.
+/// Echoes of one fine scanline between two scanlines: its real parts, then its imaginary parts.
 struct FineScanline<'a, T> {
     lattice: &'a Lattice<T>,
     between: [&'a [[T; 4]]; 2],
     part: T,
-    /// From one sub-plane to the next in the world, mm.
+    /// Step from one sub-plane to the next in the world, mm.
     step: [T; 3],
     /// The deformed mesh, and the element of each sample of the nearest scanline.
     deformed: Option<(&'a Locator<T>, &'a [u32])>,
@@ -139,7 +139,7 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
     }
 }
 
-/// The scatterers, seen across the plane.
+/// Lattice of scatterers, gathered across the plane.
 pub struct Lattice<T> {
     /// Seed.
     pub seed: [u32; 2],
@@ -147,7 +147,7 @@ pub struct Lattice<T> {
     pub per_mm: T,
     /// Weights of the sub-planes.
     pub planes: [T; MAX_PLANES],
-    /// Sub-planes.
+    /// Number of sub-planes.
     pub count: usize,
 }
 
@@ -215,7 +215,7 @@ pub fn scatterers<T: Real, const N: usize>(p: &[[T; N]; 3], seed: [u32; 2]) -> (
     (re, im)
 }
 
-/// Two uniform numbers of width 65,536 as the parts of a complex number of unit power: sqrt(12 / 2) / 65,536.
+/// Scale of two uniform numbers of width 65,536 to a complex number of unit power: sqrt(12 / 2) / 65,536.
 const UNIFORM_TO_UNIT: f64 = 2.449_489_742_783_178 / 65_536.0;
 
 /// Upper half of a word, centred on zero.

@@ -1,4 +1,4 @@
-//! The point spread in the beam frame: along the beam, then across scanlines, and the modulus.
+//! Point spread in the beam frame: axial and lateral convolution, and the modulus.
 
 use rayon::prelude::*;
 
@@ -27,7 +27,7 @@ pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Convolution along a scanline; nothing lies beyond its ends, and what is left there is raised to keep its power.
+/// Convolution along a scanline, truncated at its ends and rescaled there to preserve its power.
 struct Along<'a, T> {
     input: &'a [T],
     weights: &'a [T],
@@ -95,8 +95,8 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
         });
 }
 
-/// Modulus of the lateral convolution at one fine scanline. Where the kernel reaches past the array, what is left of it is
-/// raised to keep its power.
+/// Modulus of the lateral convolution at one fine scanline. Where the kernel extends past the array, the remainder is
+/// rescaled to preserve its power.
 struct Envelope<'a, T> {
     input: &'a [T],
     centre: usize,

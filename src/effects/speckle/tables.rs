@@ -1,4 +1,4 @@
-//! Lattice, kernels and factors of the speckle of one probe at one setting.
+//! Lattice, kernels and factors of the speckle of a probe at given settings.
 
 use rayon::prelude::*;
 
@@ -9,14 +9,14 @@ use crate::effects::point_spread::PointSpread;
 use crate::real::Numbers;
 use crate::tracking::probe::BeamGrid;
 
-/// What the speckle of a probe at one setting needs.
+/// Precomputed speckle data of a probe at given settings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SpeckleTables {
-    /// The point spread.
+    /// Point spread.
     pub spread: PointSpread,
     /// Distance between lattice points, mm.
     pub lattice_mm: f64,
-    /// Fine scanlines to each scanline.
+    /// Number of fine scanlines per scanline.
     pub oversampling: usize,
     /// Distance between sub-planes, mm.
     pub plane_mm: f64,
@@ -24,31 +24,31 @@ pub struct SpeckleTables {
     pub planes: Vec<f64>,
     /// Weights along the beam.
     pub axial: Numbers,
-    /// Share of the axial length asked that the point spread has: below 1 where its kernel would reach too far.
+    /// Ratio of the actual to the requested axial length: below 1 if its kernel would exceed the maximum reach.
     pub axial_share: f64,
-    /// Per sample: factor that makes up for what the axial kernel finds nothing to weigh, near the ends of a scanline.
+    /// Per sample: factor that compensates for the truncation of the axial kernel at the ends of a scanline.
     pub ends: Numbers,
-    /// Per sample: factor by which a surface square to the beam keeps its echo through both kernels, the step between two samples being
-    /// shared by them.
+    /// Per sample: factor by which a surface perpendicular to the beam preserves its echo through both kernels, the step between two
+    /// samples being shared by them.
     pub specular: Numbers,
     /// Weights across fine scanlines.
     pub lateral: LateralKernel,
-    /// Factors that make up for what the lateral kernel finds nothing to weigh beyond the outermost scanlines: from either
-    /// side inwards, a scanline after the other, each a row over the sample depths.
+    /// Factors that compensate for the truncation of the lateral kernel at the outermost scanlines: from either side
+    /// inwards, scanline by scanline, each a row over the sample depths.
     pub edges: Numbers,
 }
 
 /// Lattice points per shortest standard deviation of the point spread: at 1.5 the linear interpolation between points
-/// takes 3/8 of the spread's variance (h^2 / 6), which the kernels then leave out.
+/// contributes 3/8 of the spread's variance (h^2 / 6), which is subtracted from the kernels.
 const LATTICE_PER_SIGMA: f64 = 1.5;
 
-/// Most sub-planes that the parameter block holds.
+/// Maximum number of sub-planes in the parameter block.
 pub(super) const MAX_PLANES: usize = 8;
 
-/// Most fine scanlines to a scanline.
+/// Maximum number of fine scanlines per scanline.
 const MAX_OVERSAMPLING: usize = 4;
 
-/// Scanlines further apart than this many lattice distances are refined.
+/// Distance of scanlines above which they are refined, in lattice distances.
 const COARSEST: f64 = 1.4;
 
 impl SpeckleTables {
@@ -57,7 +57,7 @@ impl SpeckleTables {
         let shortest = spread.axial_mm.min(spread.lateral_mm).min(spread.elevational_mm) / FWHM_PER_SIGMA;
         let lattice_mm = LATTICE_PER_SIGMA * shortest;
         let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
-        // What is left for a kernel once the interpolation of the lattice has had its share of the variance.
+        // Remaining width for a kernel after subtracting the variance of the lattice interpolation.
         let left = |length_mm: f64| {
             let sigma = length_mm / FWHM_PER_SIGMA;
             (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
@@ -122,8 +122,8 @@ impl SpeckleTables {
         }
     }
 
-    /// By how much an echo of the depth of `reach_mm` to either side, sampled every `sample_mm`, comes out of the axial kernel louder than
-    /// that of a surface.
+    /// Gain of the axial kernel for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`, relative to that of a
+    /// surface.
     pub fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
         let axial = self.axial.of::<f64>();
         let middle = (axial.len() / 2) as f64;
@@ -134,12 +134,12 @@ impl SpeckleTables {
         (inside.map(|(_, weight)| weight).sum::<f64>() / step_weight(axial)).max(1.0)
     }
 
-    /// Fine scanlines.
+    /// Number of fine scanlines.
     pub fn fine_lines(&self, lines: usize) -> usize {
         (lines - 1) * self.oversampling + 1
     }
 
-    /// Place of a scanline's row of [`SpeckleTables::edges`], if the lateral kernel reaches past the array there.
+    /// Row of a scanline in [`SpeckleTables::edges`], if the lateral kernel extends past the array there.
     pub fn edge(&self, line: usize, lines: usize) -> Option<usize> {
         let from_side = line.min(lines - 1 - line);
         (from_side * self.oversampling < self.lateral.reach).then_some(from_side)
@@ -150,7 +150,7 @@ impl SpeckleTables {
     }
 }
 
-/// What the axial kernel makes of a step whose echo two samples share.
+/// Response of the axial kernel to a step whose echo is shared by two samples.
 fn step_weight(axial: &[f64]) -> f64 {
     let middle = axial.len() / 2;
     0.5 * (axial[middle] + axial.get(middle + 1).copied().unwrap_or(0.0))

@@ -1,16 +1,16 @@
-//! Automatic gain: what a scanner's one-touch button does to the time-gain compensation, in every frame.
+//! Automatic gain: frame-by-frame equivalent of a scanner's one-touch time-gain compensation.
 //!
-//! The depth of the image is cut into [`BANDS`], as by the sliders of a scanner. In each the level of tissue is measured over all
-//! scanlines, and a share of its departure from the usual one is taken out; between the middles of bands the gain runs in a straight line.
+//! The depth of the image is divided into [`BANDS`], as by the sliders of a scanner. In each band the level of tissue is measured over all
+//! scanlines, and a fraction of its deviation from the usual one is removed; between the centres of bands the gain is interpolated linearly.
 //! (Zones of depth and the mean of what is tissue in them: US patent 5,579,768, 1996; masks of what is tissue: R. Moshavegh et al., Proc. SPIE
 //! 9419 (2015) 941904.)
 //!
-//! The level is a mean of amplitudes with weights: none below [`SILENT`], so that fluid and shadows do not count and are not lifted, rising
-//! to 1 at [`HEARD`], and what is louder than [`MOST`] counts as that. A prior of usual tissue stands in where little is heard, so that
-//! nothing is lifted by more than 12.6 dB. Weight times amplitude is a continuous function of the amplitude with a slope of at most 2.5, and the
-//! divisor is never near 0: a small error of the echoes makes a small one of the gain, which a percentile of a histogram does not promise.
+//! The level is a weighted mean of amplitudes: the weight is 0 below [`SILENT`], so that fluid and shadows do not count and are not amplified,
+//! rises to 1 at [`HEARD`], and amplitudes above [`MOST`] are clamped. A prior of usual tissue replaces missing echoes, so that the gain never
+//! exceeds 12.6 dB. Weight times amplitude is a continuous function of the amplitude with a slope of at most 2.5, and the divisor is never near
+//! 0: a small error of the echoes causes a small one of the gain, which a percentile of a histogram does not guarantee.
 //!
-//! Noise is never lifted above [`super::NOISE_GREY`].
+//! Noise is never amplified above [`super::NOISE_GREY`].
 
 use std::ops::Range;
 
@@ -23,35 +23,35 @@ use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 
-/// Bands of depth.
+/// Number of bands of depth.
 pub const BANDS: usize = 16;
 /// Usual level of tissue after compensation, dB relative to the echo of liver: median of the bands of frames of livers, kidneys and the abdomen
 /// phantom behind a body wall, which attenuates more than the average tissue that is compensated for.
 pub const USUAL_DB: f64 = -5.0;
 /// Amplitude up to which echoes do not count, relative to usual tissue: -20 dB.
 pub const SILENT: f64 = 0.1;
-/// Amplitude from which on they count fully.
+/// Amplitude from which echoes count fully, relative to usual tissue.
 pub const HEARD: f64 = 0.3;
-/// Amplitude that louder echoes count as: 24 dB.
+/// Amplitude to which larger ones are clamped, relative to usual tissue: 24 dB.
 pub const MOST: f64 = 16.0;
-/// Samples of usual tissue that are added, as a share of those of the band.
+/// Weight of the prior of usual tissue, relative to the number of samples of the band.
 pub const PRIOR: f64 = 0.03;
-/// The array rings: samples of this part of the depth do not count.
+/// Samples in the first 1/64 of the depth do not count, because the array rings there.
 pub const NEAR: usize = 64;
 
-/// What the scene says of it.
+/// Parameters of automatic gain in a scene.
 #[derive(Clone, Copy, Debug)]
 pub struct AutoGain {
-    /// Factor on the amplitude after gain that makes usual tissue 1.
+    /// Factor on the amplitude after gain that maps usual tissue to 1.
     pub scale: f64,
-    /// Share of the departure that is taken out.
+    /// Fraction of the deviation that is removed.
     pub share: f64,
-    /// Octaves of gain at which noise is shown at [`NOISE_GREY`]; large where there is none.
+    /// Gain at which noise is shown at [`NOISE_GREY`], octaves; large if there is no noise.
     pub ceiling: f64,
 }
 
 impl AutoGain {
-    /// What the scene says; none if it does without.
+    /// Parameters of the scene; `None` without automatic gain.
     pub fn of(tables: &Tables) -> Option<Self> {
         let effects = &tables.settings.effects;
         let tone = effects.tone.as_ref().filter(|tone| tone.auto_gain > 0.0)?;
@@ -64,13 +64,13 @@ impl AutoGain {
     }
 }
 
-/// Samples of a band that count.
+/// Range of the samples of a band that count.
 pub fn range(band: usize, samples: usize) -> Range<usize> {
     let end = (band + 1) * samples / BANDS;
     (band * samples / BANDS).max(samples / NEAR).min(end)..end
 }
 
-/// The sample in the middle of a band.
+/// Sample at the centre of a band.
 pub fn middle(band: usize, samples: usize) -> usize {
     ((2 * band + 1) * samples / (2 * BANDS)).min(samples - 1)
 }
@@ -96,7 +96,7 @@ pub fn gains<T: Real>(own: &AutoGain, gain: &[T], amplitude: &[T]) -> [T; BANDS]
     octaves
 }
 
-/// Automatic gain at a sample, octaves: between the middles of the bands.
+/// Automatic gain at a sample, octaves: interpolated between the centres of the bands.
 pub fn at<T: Real>(octaves: &[T; BANDS], sample: usize, samples: usize) -> T {
     let half = T::of(0.5);
     let place = (T::from_signed(sample as i32) + half) * (T::of(BANDS as f64) / T::from_signed(samples as i32)) - half;
@@ -105,7 +105,7 @@ pub fn at<T: Real>(octaves: &[T; BANDS], sample: usize, samples: usize) -> T {
     octaves[band] + (place - T::from_signed(band as i32)) * (octaves[band + 1] - octaves[band])
 }
 
-/// Samples worked on together.
+/// Number of samples processed together.
 const BLOCK: usize = 64;
 
 /// Sum of the weights of a band, and of weights times amplitudes.
@@ -178,13 +178,13 @@ mod tests {
     #[test]
     fn a_share_of_the_departure_is_taken_out() {
         for level in [0.4, 1.0, 3.0, 15.0] {
-            // The prior of usual tissue holds back a little.
+            // The prior of usual tissue reduces the gain a little.
             let mean = (level + PRIOR) / (1.0 + PRIOR);
             for octaves in of(&OWN, |_, _| level) {
                 assert!((octaves + 0.75 * mean.log2()).abs() < 0.01, "{level}: {octaves}");
             }
         }
-        // Bands are told apart, and what is louder than 24 dB counts as that.
+        // Bands are independent, and amplitudes above 24 dB are clamped.
         let octaves = of(&OWN, |_, sample| if sample < 80 { 1.0 } else { 1e6 });
         assert!(
             octaves[7].abs() < 1e-9 && (octaves[8] + 0.75 * 16f64.log2()).abs() < 0.1,

@@ -1,4 +1,4 @@
-//! The anatomy at rest as a needle meets it: regions in space, and the interaction of each with the needle.
+//! Anatomy at rest as seen by a needle: regions in space and their interactions with the needle.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -11,18 +11,18 @@ use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 
 /// Regions of the body and their interactions with a needle, independent of any mesh.
 pub trait Anatomy: Send + Sync + Debug {
-    /// The region at a point of the undeformed body (mm); none outside the body.
+    /// Returns the region at a point of the undeformed body (mm), or `None` outside the body.
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32>;
 
-    /// The interaction of a region with a needle. Numbers that fail [`Interaction::check`] count as the default.
+    /// Returns the interaction of a region with a needle. One that fails [`Interaction::check`] is replaced by the default.
     fn interaction(&self, region: i32) -> Interaction;
 }
 
-/// Least distance in the tissue at rest between two crossings of a border, mm: a tip that wanders along one
-/// crosses it once. Bone and critical regions are entered at once.
+/// Least distance in the tissue at rest between two crossings of a boundary, mm: a tip that wanders along a boundary crosses
+/// it once. Bone and critical regions are entered at once.
 pub(super) const BORDER_MM: f64 = 0.5;
 
-/// The interaction of a region with a needle; none outside.
+/// Returns the interaction of a region with a needle, the default (no force) outside the body.
 pub(super) fn interaction(anatomy: &dyn Anatomy, region: Option<i32>) -> Interaction {
     region
         .map(|region| anatomy.interaction(region))
@@ -40,7 +40,7 @@ impl<T: Anatomy + ?Sized> Anatomy for Arc<T> {
     }
 }
 
-/// The regions of the elements of a mesh before any node of it was moved.
+/// Regions of the elements of a mesh, before any of its nodes was moved.
 #[derive(Debug)]
 pub struct MeshRegions {
     mesh: Arc<TetMesh>,
@@ -49,7 +49,7 @@ pub struct MeshRegions {
 }
 
 impl MeshRegions {
-    /// Regions of a mesh with their interactions; one that is not listed exerts no force.
+    /// Takes the regions of a mesh with their interactions; a region that is not listed exerts no force.
     pub fn new(mesh: &Arc<TetMesh>, interactions: &[(i32, Interaction)]) -> MeshRegions {
         MeshRegions::located(mesh, Arc::new(Locator::new(mesh)), interactions)
     }

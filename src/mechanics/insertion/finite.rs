@@ -1,7 +1,6 @@
-//! Insertion into tissue of finite elements: contacts with stick and slip, remeshing at the tip, a probe that presses
-//! (Goksel et al. 2011, sections III to V).
+//! Finite element insertion: stick-slip contacts, remeshing at the tip, and a pressing probe (Goksel et al. 2011, sections
+//! III to V).
 
-mod ahead;
 mod channel;
 mod contact;
 mod entry;
@@ -11,20 +10,21 @@ mod friction;
 mod imager;
 mod joint;
 mod level;
+mod location;
 mod nearby;
-mod part;
 mod path;
 mod place;
-mod press;
+mod prediction;
+mod probe_contact;
 mod reduced;
 mod saved;
 mod settle;
 mod setup;
 mod slider;
+mod substep;
 #[cfg(test)]
 mod tests;
 mod tip;
-mod walk;
 
 use std::sync::Arc;
 
@@ -37,51 +37,50 @@ use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::{Adaptation, Level, Maker, Precision, Source};
-use ahead::Outlook;
 use channel::Channel;
 use contact::Contact;
 use imager::FiniteImager;
 use joint::{Joint, Yielding};
 use nearby::Nearby;
-use part::advance;
-use press::Press;
+use prediction::Outlook;
+use probe_contact::ProbeNodes;
 pub use setup::{InvalidSetup, Options, Setup};
 use slider::Slider;
+use substep::advance;
 use tip::Tip;
 
-/// Finite elements with a needle in them.
+/// Finite element model of tissue with a needle in it.
 pub struct Finite {
     mesh: Arc<TetMesh>,
     locator: Arc<Locator<f64>>,
-    /// Elements at the faces of the surface at rest, and the centres of these (mm).
+    /// Elements at the surface faces at rest, with the face centres (mm).
     surface: Vec<(u32, Point3<f64>)>,
-    /// Nodes on that surface.
+    /// Whether each node is on the surface.
     on_surface: Vec<bool>,
     factor: Arc<Factor>,
-    /// The dense inverse, once a level has needed it.
+    /// Dense inverse, once a level has needed it.
     dense: Option<Source>,
-    /// Precision of the dense inverse.
     precision: Precision,
     adaptation: Adaptation,
     anatomy: Arc<dyn Anatomy>,
     needle: Box<dyn Needle>,
-    press: Option<Press>,
+    press: Option<ProbeNodes>,
     options: Options,
 
     steps: u64,
     time_s: f64,
-    /// Where the hand had the base at the end of the last step.
+    /// Pose of the base given by the hand at the end of the last step.
     base: Option<Isometry3<f64>>,
     line: CentreLine,
     entry: Option<Entry>,
-    /// The hole that the needle runs through, mm.
+    /// Guide hole of the needle, mm.
     guide: Option<Point3<f64>>,
     contacts: Vec<Contact>,
-    /// On the tissue at each contact, at the tip and on the guide, N.
+    /// Forces on the tissue at the contacts, at the tip, on the guide, and of fading loads, N.
     forces: Vec<Vector3<f64>>,
-    /// Whether the last two are there.
+    /// Whether `forces` has entries for tip and guide.
     laid: [bool; 2],
-    /// Where nodes that have come off still act on the needle, mm; their forces stand behind the others.
+    /// Arcs of released contacts that still load the needle, mm; their forces are last in `forces`.
     fading: Vec<f64>,
     tip: Tip,
     channel: Channel,
@@ -89,20 +88,20 @@ pub struct Finite {
     outcome: Outcome,
 
     joint: Joint,
-    /// Changes with the contacts or the mesh.
+    /// Counter of changes to the contacts or the mesh.
     version: u64,
-    /// Of the compliance that the joint has taken in.
+    /// Version of the compliance that the joint holds.
     condensed: Option<u64>,
     nearby: Nearby,
     carried: Vec<(usize, f64)>,
-    /// Of the needle where forces act.
+    /// Linearised response of the needle where forces act.
     yielding: Yielding,
-    /// For what the remesher was last told to expect a change.
+    /// Inputs of the last remesh prediction given to the remesher.
     outlook: Option<Outlook>,
     memory: Memory,
 }
 
-/// Kept from step to step so that nothing is allocated.
+/// Buffers kept from step to step, to avoid allocation.
 #[derive(Debug, Default)]
 struct Memory {
     starts: Vec<f64>,
@@ -117,19 +116,19 @@ struct Memory {
     dofs: Vec<usize>,
 }
 
-/// What an attempt begins with.
+/// State at the beginning of an attempt.
 #[derive(Debug, Default)]
 struct Kept {
     base: Option<Isometry3<f64>>,
     line: CentreLine,
     forces: Vec<Vector3<f64>>,
-    /// Arcs and states.
+    /// Arcs and sliders.
     contacts: Vec<(f64, Slider)>,
     tip: Option<Slider>,
 }
 
 impl Finite {
-    /// The tissue at rest, no instrument near.
+    /// Builds a model of the tissue at rest, with no instrument near.
     ///
     /// # Errors
     /// [`InvalidSetup`].
@@ -137,8 +136,8 @@ impl Finite {
         setup.build(None, progress)
     }
 
-    /// As [`Finite::new`], with remeshers from `maker`, here and at every change of level. Should a device of theirs fail, the
-    /// processor goes on, and the outcome has an event of it.
+    /// Builds a model as [`Finite::new`] does, with remeshers from `maker`, here and at every change of level. If one of
+    /// their devices fails, the model continues on the CPU, and the outcome contains an event.
     ///
     /// # Errors
     /// [`InvalidSetup`].
@@ -150,36 +149,36 @@ impl Finite {
         setup.build(Some(maker), progress)
     }
 
-    /// The mesh at rest.
+    /// Returns the mesh at rest.
     pub fn mesh(&self) -> &Arc<TetMesh> {
         &self.mesh
     }
 
-    /// The mesh and its remesher.
+    /// Returns the mesh with its remesher.
     pub fn adaptation(&self) -> &Adaptation {
         &self.adaptation
     }
 
-    /// Free degrees of freedom around moved nodes (|S|): what an exact remesh costs grows with it.
+    /// Returns the number of free degrees of freedom around moved nodes (|S|), with which the cost of an exact remesh grows.
     pub fn held(&self) -> usize {
         self.adaptation.mesh().support().count()
     }
 
-    /// Nodes on the needle, base first: node, arc from the base (mm), and the force on the tissue (N, world axes).
+    /// Returns the nodes on the needle, base first: node, arc from the base (mm), and force on the tissue (N, world axes).
     pub fn contact_forces(&self) -> impl Iterator<Item = (u32, f64, Vector3<f64>)> + '_ {
         let pairs = self.contacts.iter().zip(&self.forces);
         pairs.map(|(contact, force)| (contact.node, contact.arc, *force))
     }
 
-    /// Nodes on the needle, base first, and whether each sticks to it.
+    /// Returns the nodes on the needle, base first, and whether each of them sticks to it.
     pub fn contact_states(&self) -> impl Iterator<Item = (u32, bool)> + '_ {
         let contacts = self.contacts.iter();
         contacts.map(|contact| (contact.node, contact.slider.is_stuck()))
     }
 
-    /// Computes ahead what remeshing along a path will read: a path of `length_mm` from `from` along `direction` that strays up to
-    /// `aside_mm` in the tissue at rest, because the needle bends or a probe moves the tissue. Without a dense inverse each node in
-    /// its way otherwise costs some milliseconds when the tip comes near.
+    /// Computes in advance the compliance columns that remeshing along a path will read: a path of `length_mm` from `from`
+    /// along `direction` that deviates by up to `aside_mm` in the tissue at rest, because the needle bends or a probe moves
+    /// the tissue. Without a dense inverse, each node on the path otherwise costs some milliseconds when the tip comes near.
     pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
         self.fetch_along(from, direction, length_mm, aside_mm);
     }
@@ -193,7 +192,7 @@ impl Finite {
         });
     }
 
-    /// Forces by degree of freedom on all contacts: those of the probe, then those of the needle.
+    /// Gathers the forces by degree of freedom on all contacts: those of the probe, then those of the needle.
     fn carry(&mut self) {
         let forces = &mut self.memory.contact_forces;
         forces.clear();
@@ -243,7 +242,7 @@ impl Finite {
             }
             on_probe = Some(wrench);
         }
-        // The straight needle as it is measured, its bevel included; at bone it stays behind the hand.
+        // The straight needle as measured, its bevel included; at bone it lags behind the hand.
         let measured = self.tip.held(base);
         self.needle.place(&measured, None, &[], &[], &mut self.memory.before);
         let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
@@ -259,11 +258,11 @@ impl Finite {
         outcome.inserted_mm = (end - first).max(bare);
         outcome.contacts = self.contacts.len();
         outcome.stuck = self.contacts.iter().filter(|contact| contact.slider.is_stuck()).count();
-        outcome.probe_contacts = self.press.as_ref().map_or(0, Press::touching);
+        outcome.probe_contacts = self.press.as_ref().map_or(0, ProbeNodes::touching);
     }
 }
 
-/// A value of a step, checked.
+/// Checks that the values of a step are finite.
 fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(), StepError> {
     match values.into_iter().find(|value| !value.is_finite()) {
         None => Ok(()),
@@ -275,7 +274,7 @@ fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(
     }
 }
 
-/// All numbers of a pose.
+/// Returns all numbers of a pose.
 fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
     pose.to_homogeneous().data.0.into_iter().flatten()
 }
@@ -315,7 +314,7 @@ impl Model for Finite {
         }
         self.conclude(&instruments.base, instruments.probe.as_ref());
         if self.outcome.remeshes == 0 {
-            self.look_ahead(advance < 0.0);
+            self.predict_remesh(advance < 0.0);
             if self.adaptation.tend().is_some() {
                 self.version += 1;
             }

@@ -1,4 +1,4 @@
-//! What a tissue does to a needle in it.
+//! Interaction of a tissue with the needle in it.
 
 use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -8,32 +8,33 @@ use super::anatomy::{Anatomy, interaction};
 /// Distance between samples around the tip, mm.
 const AROUND_MM: f64 = 0.25;
 
-/// The force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
-/// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from the tip it is
-/// [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters of the tissue that it lies in, so that the force is
-/// continuous where the tip crosses from one tissue into another.
+/// Force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
+/// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from
+/// the tip it is [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters of the tissue that surrounds
+/// it, so that the force is continuous where the tip crosses from one tissue into another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Peak {
-    /// Force per length within `width_mm` of the tip while the needle cuts, in place of the friction there, N/mm (0 or more).
+    /// Force per length within `width_mm` of the tip while the needle cuts, in place of the friction there, N/mm (0 or
+    /// more).
     pub density_n_per_mm: f64,
-    /// mm (above 0).
+    /// Length from the tip over which the peak acts, mm (above 0).
     pub width_mm: f64,
 }
 
-/// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The tip comes no deeper than
-/// `penetration_mm`: from there on the needle stays behind the hand, and the force stays at its limit,
+/// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The depth of the tip is
+/// limited to `penetration_mm`: from there on the needle lags behind the hand, and the force stays at its limit,
 /// `stiffness_n_per_mm` x `penetration_mm`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bone {
-    /// Force for each mm of depth, N/mm (above 0).
+    /// Force per mm of depth, N/mm (above 0).
     pub stiffness_n_per_mm: f64,
-    /// The depth that the tip comes to at most, mm (above 0). At the end of the step in which bone is met, masses and springs may
-    /// have it deeper by what it goes on in one part of that step.
+    /// Maximum depth of the tip, mm (above 0). At the end of the step in which bone is met, the mass-spring model may exceed
+    /// it by the advance in one substep.
     pub penetration_mm: f64,
 }
 
 impl Bone {
-    /// The size of the penalty where the hand would have the tip `asked_mm` deep, N.
+    /// Returns the magnitude of the penalty where the hand demands a depth of the tip of `asked_mm`, N.
     pub(super) fn force_n(&self, asked_mm: f64) -> f64 {
         self.stiffness_n_per_mm * asked_mm.clamp(0.0, self.penetration_mm)
     }
@@ -44,12 +45,13 @@ impl Bone {
         penetration_mm: 0.0,
     };
 
-    /// True of bone that holds.
+    /// Returns whether the bone exerts a force.
     pub(super) fn holds(&self) -> bool {
         self.stiffness_n_per_mm > 0.0
     }
 
-    /// True if bone lies along `direction` in the tissue at rest, from 0.25 mm behind a point to 0.25 mm beyond the largest penetration.
+    /// Returns whether bone lies along `direction` in the tissue at rest, from 0.25 mm behind a point to 0.25 mm beyond the
+    /// largest penetration.
     pub(super) fn is_ahead(&self, anatomy: &dyn Anatomy, at_rest: &Point3<f64>, direction: &Vector3<f64>) -> bool {
         let samples = ((self.penetration_mm + 2.0 * AROUND_MM) / AROUND_MM).ceil() as usize;
         (0..=samples).any(|at| {
@@ -58,34 +60,34 @@ impl Bone {
         })
     }
 
-    /// How far the needle then stays behind the hand, mm.
+    /// Returns the lag of the needle behind the hand at a demanded depth of `asked_mm`, mm.
     pub(super) fn behind_mm(&self, asked_mm: f64) -> f64 {
         (asked_mm - self.penetration_mm).max(0.0)
     }
 }
 
-/// How a needle and one tissue act on each other (Goksel et al. 2011, section III-A).
+/// Interaction between a needle and one tissue (Goksel et al. 2011, section III-A).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Interaction {
-    /// Sliding friction for each length of shaft, N/mm (0 or more).
+    /// Sliding friction per length of shaft, N/mm (0 or more).
     pub friction_n_per_mm: f64,
-    /// Static over sliding friction (1 or more).
+    /// Ratio of static to sliding friction (1 or more).
     pub static_ratio: f64,
-    /// Force that cuts the tissue at the advancing tip, N (0 or more).
+    /// Cutting force at the advancing tip, N (0 or more).
     pub cutting_n: f64,
-    /// Force at the tip that breaks the surface of this tissue, N: where it is more than `cutting_n`, tissue is pushed ahead
-    /// until it is reached.
+    /// Force at the tip that breaks the surface of this tissue, N: where it is more than `cutting_n`, the tip pushes the
+    /// tissue until this force is reached.
     pub puncture_n: f64,
-    /// Another force along the shaft near the advancing tip.
+    /// Force density along the shaft near the advancing tip, in place of the friction there.
     pub peak: Option<Peak>,
-    /// The tissue is bone.
+    /// Properties of bone, if the tissue is bone.
     pub bone: Option<Bone>,
-    /// The tissue must not be hit: that is told.
+    /// Whether the tissue must not be hit; a hit is reported as an event.
     pub critical: bool,
 }
 
 impl Default for Interaction {
-    /// Slides without friction, cuts without force.
+    /// Returns an interaction without friction and cutting force.
     fn default() -> Self {
         Interaction {
             friction_n_per_mm: 0.0,
@@ -103,17 +105,17 @@ impl Default for Interaction {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("`{key}` is {found}; expected {expected}")]
 pub struct InvalidInteraction {
-    /// The field.
+    /// Name of the field.
     pub key: &'static str,
-    /// As given.
+    /// The rejected value.
     pub found: f64,
-    /// Its range.
+    /// Permitted range.
     pub expected: &'static str,
 }
 
 impl Interaction {
-    /// Sliding force on a length of shaft in this tissue that lies from `near_mm` to `far_mm` behind the tip, N. Of the last
-    /// `cut_mm` that the tip has cut, the part near it has the density of the peak.
+    /// Returns the sliding force on a length of shaft in this tissue from `near_mm` to `far_mm` behind the tip, N. Of the
+    /// last `cut_mm` cut by the tip, the part near it has the density of the peak.
     pub(super) fn shaft_n(&self, [near_mm, far_mm]: [f64; 2], cut_mm: f64) -> f64 {
         let peak = self.peak.map_or([0.0; 2], |peak| {
             let within = (far_mm.min(peak.width_mm).min(cut_mm) - near_mm).max(0.0);
@@ -165,7 +167,7 @@ impl Interaction {
 mod tests {
     use super::*;
 
-    /// Depth and force are limited, what the needle stays behind is not.
+    /// Depth and force are limited, the lag of the needle is not.
     #[test]
     fn bone_pushes_back_up_to_a_limit() {
         let bone = Bone {

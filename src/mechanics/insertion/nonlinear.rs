@@ -1,24 +1,27 @@
-//! A needle that goes straight into tissue that stiffens with strain, and perhaps creeps: it pushes, punctures and cuts.
+//! Insertion of a straight needle into tissue that stiffens with strain and may creep: it pushes, punctures and cuts.
 //!
 //! The tissue is that of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010 ([`crate::mechanics::tissue::nonlinear`]), over
-//! tetrahedra; what the needle does is that of [`pushing`](super::pushing), and quasi-static. The mesh stays as it is: the force at the
-//! tip acts on the corners of the element around it, so that how far tissue gives way there depends on the size of elements.
+//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010 ([`crate::mechanics::tissue::nonlinear`]),
+//! over tetrahedra; the needle is that of [`pushing`](super::pushing), and quasi-static. The mesh is not remeshed: the force
+//! at the tip acts on the corners of the element around it, so that the displacement of the tissue there depends on the
+//! element size.
 //!
-//! The needle is rigid and goes along its axis as long as it is in tissue; sideways moves are refused then. Outside it goes where it
-//! likes, and the next time it comes in along another line, through tissue that is whole. Layers along a line are what its elements
-//! belong to: each begins with a membrane that bears the `puncture_n` of its region (or `cutting_n`, if that is more).
+//! The needle is rigid and moves along its axis while it is in tissue; sideways motion is refused then. Outside it moves
+//! freely, and enters the next time along another line, through intact tissue. The layers along a line follow from the
+//! regions of its elements: each begins with a membrane that bears the `puncture_n` of its region (or `cutting_n`, if that
+//! is more).
 //!
-//! A step is cut into parts, in none of which the tip goes farther than [`Options::part_mm`] in tissue. A part that cannot be solved is
-//! cut into halves; where that does not help either, tissue stays behind until the next step, which is told.
+//! A step is cut into substeps, in each of which the tip advances by at most [`Options::part_mm`] in tissue. A substep that
+//! cannot be solved is bisected; where that does not help either, the tissue lags behind until the next step, which is
+//! reported.
 
 mod imager;
+mod needle_line;
 mod outcome;
 mod saved;
 mod setup;
 #[cfg(test)]
 mod tests;
-mod way;
 
 use std::sync::Arc;
 
@@ -30,35 +33,35 @@ use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Save
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
 use imager::Unchanging;
+use needle_line::NeedleLine;
+pub use needle_line::{in_body, obstacle};
 pub use setup::{InvalidSetup, Options, Setup, Viscosity};
-use way::Way;
-pub use way::{in_body, obstacle};
 
-/// How far beside the line that it went in along a needle may be, mm: rounding of poses, and hands that are nearly still.
+/// Maximum distance of a needle from its line of insertion, mm: rounding of poses, and hands that are nearly still.
 const BESIDE_MM: f64 = 0.05;
 
-/// Halvings of a part of a step that cannot be solved.
+/// Maximum number of bisections of a substep that cannot be solved.
 const HALVINGS: u32 = 6;
 
-/// The model.
+/// Model of a straight needle in stiffening tissue.
 #[derive(Debug)]
 pub struct Nonlinear {
     mesh: Arc<TetMesh>,
     anatomy: Arc<dyn Anatomy>,
     shaft: Shaft,
     options: Options,
-    /// What all that is fixed about the model says, to tell saved states of others.
+    /// Fingerprint of all fixed inputs of the model, to recognise saved states of others.
     name: String,
     needle: Pushing<3, 4>,
-    /// The line that the needle is on, with what it meets, once it has been seen.
-    way: Option<Way>,
+    /// Line of the needle with its layers, once found.
+    way: Option<NeedleLine>,
     steps: u64,
     time_s: f64,
-    /// Time that tissue is behind, s.
+    /// Time by which the tissue lags behind, s.
     behind_s: f64,
-    /// How far the tip was beyond the entry, mm.
+    /// Last position of the tip beyond the entry, mm.
     travel_mm: f64,
-    /// The region that the tip is in.
+    /// Region of the tip.
     region: Option<i32>,
     line: CentreLine,
     seeds: Vec<Point3<f64>>,
@@ -66,14 +69,14 @@ pub struct Nonlinear {
 }
 
 impl Nonlinear {
-    /// How far the tip is beyond the entry, on the line that it is on: found anew while the needle is outside.
+    /// Returns the position of the tip beyond the entry on its line, which is renewed while the needle is outside.
     fn on_line(&mut self, base: &Isometry3<f64>) -> Result<f64, StepError> {
         let tip = base * Point3::new(0.0, 0.0, self.shaft.length_mm);
         let direction = base.rotation * Vector3::z_axis();
         if let Some(way) = &self.way {
             let hub = Point3::from(base.translation.vector);
             let beside = way.beside_mm(&tip).max(way.beside_mm(&hub));
-            // Where a needle starts anew counts by rounding only.
+            // For a needle that may start on a new line, only rounding counts as being on it.
             let most = if self.needle.is_outside() { 1e-9 } else { BESIDE_MM };
             if beside <= most && way.direction.dot(&direction) > 0.0 {
                 return Ok(way.travel_mm(&tip));
@@ -89,19 +92,19 @@ impl Nonlinear {
         self.aim(&tip, &direction);
         let way = self.way.as_ref();
         let travel = way.map_or(0.0, |way| way.travel_mm(&tip));
-        // A needle that is first seen in tissue has been pushed in along itself.
+        // A needle first seen in tissue has been pushed in along its axis.
         self.travel_mm = travel.min(0.0);
         Ok(travel)
     }
 
-    /// Finds the way of a needle outside.
+    /// Finds the line of a needle outside.
     fn aim(&mut self, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) {
         let body = Arc::clone(self.needle.body());
-        self.way = Some(Way::find(&body, self.anatomy.as_ref(), tip, direction));
+        self.way = Some(NeedleLine::find(&body, self.anatomy.as_ref(), tip, direction));
         self.take_way();
     }
 
-    /// Puts the needle on its way.
+    /// Aims the needle along its line.
     fn take_way(&mut self) {
         let anatomy = self.anatomy.as_ref();
         let of = |region: i32| interaction(anatomy, Some(region));
@@ -115,9 +118,9 @@ impl Nonlinear {
         }
     }
 
-    /// Brings the tip to `travel_mm`, in parts.
+    /// Moves the tip to `travel_mm`, in substeps.
     fn travel(&mut self, travel_mm: f64, dt_s: f64) {
-        // Before the surface a needle meets nothing; tissue that bulges there is met within one part.
+        // Outside, a needle meets nothing; tissue that bulges there is met within one substep.
         let from = self.travel_mm;
         let [low, high] = [from, travel_mm].map(|travel| travel.max(-self.options.part_mm));
         let parts = ((high - low).abs() / self.options.part_mm).ceil().max(1.0);
@@ -144,7 +147,7 @@ impl Nonlinear {
         }
     }
 
-    /// One part; returns the time that it could not go through.
+    /// Makes one substep; returns the time that could not be simulated, s.
     fn part(&mut self, to_mm: f64, time_s: f64, halvings: u32) -> f64 {
         let (was_outside, was_through) = (self.needle.is_outside(), self.needle.is_through());
         let was_inside = self.needle.depth_mm() > 0.0;
@@ -190,12 +193,12 @@ impl Nonlinear {
         }
     }
 
-    /// The first region on the way.
+    /// Returns the first region on the line.
     fn entered(&self) -> Option<i32> {
         self.way.as_ref().and_then(|way| way.region(0))
     }
 
-    /// The region that the tip is in, not one whose membrane it still pushes.
+    /// Returns the region of the tip, not one whose membrane it still pushes.
     fn tip_region(&self) -> Option<i32> {
         let layer = self.needle.tip_layer()?;
         self.way.as_ref().and_then(|way| way.region(layer))

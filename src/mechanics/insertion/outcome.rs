@@ -1,13 +1,13 @@
-//! What a step answers.
+//! Outcome of a step: forces, state of the needle, and events.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 /// A force and a torque about a point.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Wrench {
-    /// N, world axes.
+    /// Force, N, world axes.
     pub force_n: Vector3<f64>,
-    /// N mm, world axes.
+    /// Torque, N mm, world axes.
     pub torque_nmm: Vector3<f64>,
 }
 
@@ -18,7 +18,7 @@ impl Wrench {
         self.torque_nmm += (at - about).cross(&force_n);
     }
 
-    /// The same in the axes of a frame (to world).
+    /// Returns the wrench in the axes of a frame (to world).
     pub fn in_frame(&self, frame: &Isometry3<f64>) -> Wrench {
         Wrench {
             force_n: frame.rotation.inverse_transform_vector(&self.force_n),
@@ -27,46 +27,46 @@ impl Wrench {
     }
 }
 
-/// What a step found.
+/// Outcome of a step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outcome {
-    /// What the needle does to the hand that holds its base, about the base: pushing the needle in, the hand feels a force
-    /// out of the body.
+    /// Wrench of the needle on the hand at its base, about the base: as the needle is pushed in, the force points out of the
+    /// body.
     pub on_hand: Wrench,
-    /// What the tissue does to the probe, about the probe's origin.
+    /// Wrench of the tissue on the probe, about the probe's origin.
     pub on_probe: Option<Wrench>,
-    /// The tip, mm.
+    /// Position of the tip, mm.
     pub tip_mm: Point3<f64>,
-    /// Where the tissue at the tip is at rest, mm; none outside.
+    /// Position of the tissue at the tip at rest, mm; `None` outside.
     pub tip_at_rest_mm: Option<Point3<f64>>,
-    /// Distance of the tip from that of the measured needle, mm: straight from its base, bevel included, unloaded. At bone, a rigid
-    /// needle's from where it was stopped; that of one that bends grows as the hand goes on.
+    /// Distance of the tip from that of the measured needle, mm: straight from its base, bevel included, unloaded. At bone,
+    /// that of a rigid needle counts from where it was stopped; that of a flexible needle grows as the hand moves on.
     pub tip_deflection_mm: f64,
     /// Length of the needle in the tissue, mm: 0 outside.
     pub inserted_mm: f64,
-    /// Needle contacts.
+    /// Number of needle contacts.
     pub contacts: usize,
-    /// Those of them that stick.
+    /// Number of needle contacts that stick.
     pub stuck: usize,
-    /// Nodes in contact with the probe.
+    /// Number of nodes in contact with the probe.
     pub probe_contacts: usize,
-    /// Nodes moved to the tip, or back, in this step.
+    /// Number of nodes moved to the tip, or back, in this step.
     pub remeshes: usize,
-    /// Parts that the step was cut into.
+    /// Number of substeps.
     pub substeps: usize,
-    /// Iterations over states and needle shape, all parts together.
+    /// Iterations over contact states and needle shape, summed over all substeps.
     pub iterations: usize,
-    /// Whether the last of them changed less than the tolerance, in every part.
+    /// Whether the last iteration changed less than the tolerance, in every substep.
     pub converged: bool,
-    /// Inverted elements that the model came upon around the needle: tissue is crushed there. [`Tissue`](super::Tissue) counts those of
-    /// the whole mesh.
+    /// Number of inverted elements found around the needle: tissue is crushed there. [`Tissue`](super::Tissue) counts those
+    /// of the entire mesh.
     pub crushed: usize,
-    /// What happened.
+    /// Events of the step.
     pub events: Vec<Event>,
 }
 
 impl Outcome {
-    /// Forgets what the last step counted and found.
+    /// Resets the counts and events of the last step.
     pub(super) fn begin(&mut self) {
         self.remeshes = 0;
         self.substeps = 0;
@@ -77,20 +77,20 @@ impl Outcome {
     }
 }
 
-/// Something that happened in a step.
+/// An event in a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Event {
-    /// What.
+    /// Kind of event.
     pub kind: EventKind,
     /// Simulated time at the end of the step, s.
     pub time_s: f64,
-    /// Where, mm.
+    /// Position, mm.
     pub at_mm: Point3<f64>,
-    /// The region that was met, entered or left, if it is one's.
+    /// Region met, entered or left, if the event concerns one.
     pub region: Option<i32>,
 }
 
-/// What can happen.
+/// Kinds of events.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum EventKind {
     /// The tip touches the surface of the body.
@@ -103,23 +103,23 @@ pub enum EventKind {
     Bone,
     /// The tip enters a region that must not be hit.
     Critical,
-    /// The tip has left the body, drawn out or on another side.
+    /// The tip has left the body, withdrawn or on another side.
     Out,
-    /// A seed is left.
+    /// A seed is left at the tip.
     Seed,
-    /// The mesh could not follow the tip: no node could be moved there without spoiling an element. The needle goes on, held by the nodes
-    /// before and after.
+    /// The mesh could not follow the tip: no node could be moved there without spoiling an element. The needle continues
+    /// with the contacts before and after.
     NotRemeshed,
-    /// The step is not converged.
+    /// The step has not converged.
     NotConverged,
     /// Elements are inverted.
     Crushed,
-    /// The device that held the compliance has failed, and the processor goes on.
+    /// The device that held the compliance has failed, and the CPU continues.
     DeviceLost,
 }
 
 impl EventKind {
-    /// As reports write it.
+    /// Returns the name used in reports.
     pub fn name(self) -> &'static str {
         match self {
             EventKind::Skin => "surface",

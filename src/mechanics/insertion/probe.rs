@@ -1,36 +1,37 @@
-//! The probe as a rigid cylinder that tissue slides along (Goksel et al. 2011, section IV).
+//! Probe contact: a rigid cylinder along which tissue slides (Goksel et al. 2011, section IV).
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::Wrench;
 
-/// Thickness of a ring of candidates as a share of their spacing: rings of a lattice are a whole spacing apart.
+/// Thickness of a ring of candidates as a share of their spacing: rings of a lattice are a full spacing apart.
 const RING: f64 = 0.9;
 
-/// A probe in contact. Its frame: origin at the end of the cylinder that goes first, z along the axis into the body.
+/// A probe in contact. Its frame: origin at the leading end of the cylinder, z along the axis into the body.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ProbeContact {
     /// Probe frame to world when the tissue is at rest.
     pub nominal: Isometry3<f64>,
     /// Length of the cylinder behind its end, mm: nodes along it are in contact.
     pub length_mm: f64,
-    /// Nodes that the probe can touch, known beforehand.
+    /// Nodes that the probe may touch, known beforehand.
     pub candidates: Vec<u32>,
-    /// Two points of the axis that drive it, mm behind the end: the force is split between them. None: the whole at the origin.
+    /// Two points on the axis at which the probe is driven, mm behind the end: the force is split between them. `None`: the
+    /// entire force acts at the origin.
     pub driven_at_mm: Option<[f64; 2]>,
 }
 
 impl ProbeContact {
-    /// The force of the tissue on the probe, split between its two driving points: each force on the axis between them linearly, as a
-    /// lever does, so that their sum and their torque across the axis are those of `wrench` (about the origin of the probe at
-    /// `pose`). None without driving points.
+    /// Splits the force of the tissue on the probe between its two driving points: linearly along the axis, by the law of
+    /// the lever, so that their sum and their torque across the axis are those of `wrench` (about the origin of the probe at
+    /// `pose`). Returns `None` without driving points.
     pub fn split(&self, wrench: &Wrench, pose: &Isometry3<f64>) -> Option<[Vector3<f64>; 2]> {
         Some(lever(self.driven_at_mm?, wrench, pose))
     }
 
-    /// Keeps every n-th ring of candidates along the axis, from the back to the end that goes first; with 1, all. A ring is what lies
-    /// within 0.9 of the median distance from a candidate to its nearest neighbour: of a lattice its planes, of other meshes
-    /// slices one node thick. `nodes` are those of the mesh at rest, mm.
+    /// Keeps every n-th ring of candidates along the axis, from the back to the leading end; with 1, all. A ring is what
+    /// lies within 0.9 of the median distance from a candidate to its nearest neighbour: the planes of a lattice, in other
+    /// meshes slices one node thick. `nodes` are those of the mesh at rest, mm.
     pub fn thin(&mut self, nodes: &[[f64; 3]], every: usize) {
         if every <= 1 {
             return;
@@ -51,14 +52,14 @@ impl ProbeContact {
     }
 }
 
-/// A rotation taken along by the shortest one that brings its z axis to `along`, of unit length: about no axis but one across.
+/// Returns a rotation turned by the shortest rotation that brings its z axis to the unit vector `along`, without roll.
 pub(crate) fn pointed(rotation: &UnitQuaternion<f64>, along: &Vector3<f64>) -> UnitQuaternion<f64> {
     let turn = UnitQuaternion::rotation_between(&(rotation * Vector3::z()), along)
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&(rotation * Vector3::x_axis()), std::f64::consts::PI));
     turn * rotation
 }
 
-/// See [`ProbeContact::split`]; `at_mm` are two different places behind the probe's origin.
+/// Splits a wrench as [`ProbeContact::split`] does; `at_mm` are two different positions behind the probe's origin.
 pub(crate) fn lever([first, second]: [f64; 2], wrench: &Wrench, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
     let axis = pose.rotation * Vector3::z();
     // The torque of forces f at -b along the axis is -b axis x f: (axis x torque) gives back the sum of b f across.
@@ -69,7 +70,8 @@ pub(crate) fn lever([first, second]: [f64; 2], wrench: &Wrench, pose: &Isometry3
     [across - share + along * 0.5, share + along * 0.5]
 }
 
-/// The median distance from a place to its nearest neighbour, mm; infinite of one alone. Places ascend along z.
+/// Returns the median distance from a point to its nearest neighbour, mm; infinite for a single point. Points ascend along
+/// z.
 fn spacing(places: &[(Point3<f64>, u32)]) -> f64 {
     let nearest = |at: usize| {
         let place = places[at].0;
@@ -97,7 +99,7 @@ mod tests {
     use crate::random::{hash3, seed_words, unit};
     use nalgebra::Translation3;
 
-    /// 20 rings of 16 places, 4 mm apart along a slanted axis, shaken by a share of that.
+    /// 20 rings of 16 points, 4 mm apart along a slanted axis, perturbed by a share of that.
     fn cylinder(shaken: f64) -> (ProbeContact, Vec<[f64; 3]>) {
         let nominal = Isometry3::from_parts(
             Translation3::new(5.0, -70.0, 31.0),
@@ -140,7 +142,7 @@ mod tests {
         }
     }
 
-    /// About a third is left, along all of the axis and all around it.
+    /// About a third remains, along the entire axis and all around it.
     #[test]
     fn an_irregular_surface_is_thinned_evenly() {
         let kept = thinned(0.6, 3);

@@ -1,22 +1,24 @@
-//! A needle that pushes before it punctures, in tissue that stiffens.
+//! Straight needle that pushes, punctures and cuts stiffening tissue.
 //!
-//! Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and deformation simulation",
-//! Computerized Medical Imaging and Graphics 34, 2010, section 4.3.2 and figure 12: the tissue does not answer with a constant
-//! force; the needle first pushes it, with a force that rises faster than its way, and then punctures at once. Their simulation ends
-//! at the first puncture; this one goes on.
+//! Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and deformation
+//! simulation", Computerized Medical Imaging and Graphics 34, 2010, section 4.3.2 and figure 12: the force of the tissue is
+//! not constant; the needle first pushes it, with a force that rises faster than its travel, and then punctures abruptly.
+//! Their simulation ends at the first puncture; this one continues.
 //!
-//! The needle goes straight along a line through the body, in the reference state too. What it meets there is a list of
-//! [`Layer`]s, each behind a membrane. At a membrane the tip *pushes*: the point of the body there is held at the tip. When the
-//! force of that passes what the membrane bears it is punctured, and the tip *cuts*: it is where the deformed tissue has come to
-//! it, under the force of cutting, and the shaft behind drags along what it passed by friction, for each mm of tissue. Then the
-//! next membrane is reached. All is quasi-static: inertia has no part.
+//! The needle moves along a straight line through the body, in the reference state too. Along the line there is a list of
+//! [`Layer`]s, each behind a membrane. At a membrane the tip *pushes*: the point of the body there is held at the tip. When
+//! the force exceeds the strength of the membrane it is punctured, and the tip *cuts*: it is where the deformed tissue meets
+//! it under the cutting force, and the shaft behind drags the surrounding tissue along by friction per mm of tissue. Then
+//! the next membrane is reached. The model is quasi-static, without inertia.
 //!
-//! A needle that stops or turns back is *held* by its friction: tissue along the shaft goes with it, as one, each piece under its
-//! share of the force. When that comes to friction outwards the needle slides out through the channel that it has cut; when it
-//! comes to what it was inwards, it goes on as before. In the channel there is nothing to cut. Held or not is decided at the end of
-//! a step, so that a force may go beyond its bound by what one step adds.
+//! A needle that stops or turns back is *held* by its friction: tissue along the shaft moves with it as one, each piece
+//! under its share of the force. When the force reaches the outward friction, the needle slides out through the channel that
+//! it has cut; when it reaches its earlier inward value, cutting continues as before. In the channel there is nothing to
+//! cut. Whether the needle is held is decided at the end of a step, so that a force may exceed its bound by the change in
+//! one step.
 //!
-//! Where the tip is in the tissue is taken from the displacements of the step before: steps should be small against the elements.
+//! The position of the tip in the tissue follows from the displacements of the previous step: steps should be small against
+//! the elements.
 
 mod layer;
 mod line;
@@ -31,39 +33,39 @@ use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
 use layer::check;
 pub use layer::{InvalidWay, Layer};
 use line::Line;
-pub use line::{Crossing, crossings};
+pub use line::crossings;
 pub(super) use slide::At;
 
-/// What the tip does.
+/// Phase of the tip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Phase {
-    /// It touches nothing: outside, or in a channel that is cut already.
+    /// The tip touches nothing: it is outside, or in a channel that is cut already.
     #[default]
     Free,
-    /// It pushes the membrane of this layer.
+    /// The tip pushes the membrane of this layer.
     Pushing(usize),
-    /// It cuts through this layer.
+    /// The tip cuts through this layer.
     Cutting(usize),
-    /// The needle has stopped or turned back, and tissue goes with it.
+    /// The needle has stopped or turned back, and tissue moves with it.
     Held,
 }
 
-/// What a step comes to.
+/// Outcome of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pushed {
-    /// Force on the needle against its way, N.
+    /// Force on the needle against its direction, N.
     pub force_n: f64,
-    /// What of it acts at the tip, N.
+    /// Part of the force that acts at the tip, N.
     pub tip_n: f64,
-    /// How deep the tip is in the tissue, in the reference state, mm.
+    /// Depth of the tip in the tissue, in the reference state, mm.
     pub depth_mm: f64,
-    /// What the tip does now.
+    /// Current phase of the tip.
     pub phase: Phase,
-    /// The layer whose membrane was punctured in this step.
+    /// Layer whose membrane was punctured in this step.
     pub punctured: Option<usize>,
 }
 
-/// A body with a needle on its way through.
+/// A body with a needle on a line through it.
 #[derive(Clone, Debug)]
 pub struct Pushing<const D: usize, const N: usize> {
     structure: Structure<D, N>,
@@ -75,11 +77,11 @@ pub struct Pushing<const D: usize, const N: usize> {
 }
 
 impl<const D: usize, const N: usize> Pushing<D, N> {
-    /// A needle whose tip is at `entry` (mm, on the surface of the body) and which will go along `direction`, through `layers`.
-    /// Prescribed displacements of the body stay 0.
+    /// Builds a needle whose tip is at `entry` (mm, on the surface of the body) and which moves along `direction`, through
+    /// `layers`. Prescribed displacements of the body stay 0.
     ///
     /// # Errors
-    /// [`InvalidWay`], with the number that is wrong.
+    /// [`InvalidWay`], with the invalid number.
     pub fn new(
         structure: Structure<D, N>,
         entry: [f64; D],
@@ -91,7 +93,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         Ok(needle)
     }
 
-    /// A body that no needle comes near before it is [aimed](Self::aim).
+    /// Builds a body without a needle until it is [aimed](Self::aim).
     pub fn away(structure: Structure<D, N>) -> Self {
         let supports = structure.solver().supports();
         Pushing {
@@ -104,10 +106,11 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         }
     }
 
-    /// Puts the needle to another entry, as [`new`](Self::new). Tissue goes on from where it is; what was cut has healed.
+    /// Moves the needle to another entry, as [`new`](Self::new) does. The tissue continues from its current state; what was
+    /// cut has healed.
     ///
     /// # Errors
-    /// [`InvalidWay`]; the needle is then as before.
+    /// [`InvalidWay`]; the needle is then unchanged.
     pub fn aim(&mut self, entry: [f64; D], direction: [f64; D], layers: Vec<Layer>) -> Result<(), InvalidWay> {
         check(&layers)?;
         self.line = Line::new(self.body(), entry, direction)?;
@@ -116,53 +119,53 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         Ok(())
     }
 
-    /// Takes the needle away from all tissue, until it is aimed again.
+    /// Removes the needle from all tissue, until it is aimed again.
     pub fn withdraw(&mut self) {
         (self.line, self.at) = (Line::nowhere(), At::default());
         self.layers.clear();
     }
 
-    /// The body.
+    /// Returns the body.
     pub fn body(&self) -> &Arc<Body<D, N>> {
         self.structure.solver().body()
     }
 
-    /// The body with its state.
+    /// Returns the body with its state.
     pub fn structure(&self) -> &Structure<D, N> {
         &self.structure
     }
 
-    /// Elements that the needle's way runs through.
+    /// Returns the elements on the line of the needle.
     pub fn elements(&self) -> &[u32] {
         self.line.elements()
     }
 
-    /// What the tip does.
+    /// Returns the phase of the tip.
     pub fn phase(&self) -> Phase {
         self.at.phase
     }
 
-    /// How deep the tip is in the tissue, in the reference state, mm.
+    /// Returns the depth of the tip in the tissue, in the reference state, mm.
     pub fn depth_mm(&self) -> f64 {
         self.at.depth_mm
     }
 
-    /// Whether no part of the needle is in tissue or touches it.
+    /// Returns whether the needle is outside and touches no tissue.
     pub fn is_outside(&self) -> bool {
         self.at.phase == Phase::Free && self.at.depth_mm == 0.0
     }
 
-    /// Points of the shaft that are in tissue.
+    /// Returns the number of shaft points in tissue.
     pub fn pieces(&self) -> usize {
         self.line.pieces(self.at.depth_mm).count()
     }
 
-    /// Whether the tip has come out on the far side.
+    /// Returns whether the tip has come out on the far side.
     pub fn is_through(&self) -> bool {
         self.at.whole == Phase::Free && self.at.depth_mm > 0.0 && self.at.depth_mm >= self.at.cut_mm
     }
 
-    /// The layer that the tip is in, not one whose membrane is whole; none outside.
+    /// Returns the layer of the tip, not one whose membrane is intact; `None` outside.
     pub fn tip_layer(&self) -> Option<usize> {
         let at = &self.at;
         match (at.phase, at.whole) {
@@ -174,14 +177,14 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         }
     }
 
-    /// How far tissue at a depth on the needle's way is displaced along it, mm.
+    /// Returns the displacement along the line of the tissue at a depth, mm.
     pub fn along(&self, depth_mm: f64) -> f64 {
         self.line
             .contact(self.body(), depth_mm, 0.0)
             .along(self.structure.displacement())
     }
 
-    /// Where the needle is and the state of the body, as [`Structure::put_state`].
+    /// Returns the state of the needle and of the body, as [`Structure::put_state`] does.
     ///
     /// # Errors
     /// [`CreepError`] where the stiffness cannot be factored.
@@ -189,20 +192,20 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         Ok((self.at, self.structure.put_state()?))
     }
 
-    /// Where the needle is.
+    /// Returns the state of the needle.
     pub(super) fn at(&self) -> At {
         self.at
     }
 
-    /// Puts the needle where it was on the way that it is aimed at.
+    /// Restores the state of the needle on the line at which it is aimed.
     pub(super) fn put_at(&mut self, at: At) {
         self.at = at;
     }
 
-    /// Takes over a state, of a needle that is aimed as this one is.
+    /// Restores a state of a needle with the same aim.
     ///
     /// # Errors
-    /// [`CreepError`] for numbers that are not of such a body.
+    /// [`CreepError`] for numbers that do not fit the body.
     pub(super) fn take_state(&mut self, at: At, state: [&[f64]; 2]) -> Result<(), CreepError> {
         self.structure.take_state(state)?;
         self.at = at;
@@ -212,7 +215,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Moves the tip to `travel_mm` beyond the entry (below 0: before it), in `step_s` seconds.
     ///
     /// # Errors
-    /// [`CreepError`]; the needle is then as before.
+    /// [`CreepError`]; the needle is then unchanged.
     pub fn step(&mut self, travel_mm: f64, step_s: f64) -> Result<Pushed, CreepError> {
         let mut next = self.advance(travel_mm);
         let contact = match next.phase {
@@ -252,7 +255,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
                     next.phase = Phase::Cutting(layer);
                     next.whole = next.phase;
                 } else if next.tip_n < 0.0 {
-                    // A needle does not pull: what holds the point back lets it go in the next step.
+                    // The tip cannot pull: a point under tension is released in the next step.
                     next.phase = Phase::Free;
                 }
             }
@@ -265,7 +268,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 }
 
-/// Pieces of the shaft down to a depth: their points, their friction when they slide, and what holds them at rest, N.
+/// Returns the pieces of the shaft down to a depth: their points, sliding friction, and static friction, N.
 fn frictions<'a, const D: usize>(
     line: &'a Line<D>,
     layers: &'a [Layer],

@@ -1,28 +1,29 @@
-//! Tissue as masses and springs in a cylinder around the path of the needle: the light alternative to finite elements of the
-//! Zhu et al. 2007 (section 2.2).
+//! Mass-spring model of tissue in a cylinder around the path of the needle: the light alternative to finite elements of Zhu
+//! et al. 2007 (section 2.2).
 //!
-//! Before the needle breaks the skin there is no mesh but an [`Anatomy`]: what lies where. The elements of the cylinder are
-//! made with the model and never change; where it lies follows when the tip comes into the body: from the point of entry along
-//! the needle. Until then it lies before the tip of the first step, at rest, so that an image made from it shows the tissue
-//! as it is. Every entry from outside puts it anew, at rest; after the needle has come out it stays until then. Its side and
-//! its far end are fixed. Tissue is one material throughout; regions differ in what they do to the needle. Bone alone is met
-//! where it lies in the undeformed body: it does not yield.
+//! Before the needle breaks the skin there is no mesh but an [`Anatomy`], which gives the regions. The elements of the
+//! cylinder are made with the model and never change; its position is set when the tip enters the body: from the point of
+//! entry along the needle. Until then it lies in front of the tip of the first step, at rest, so that an image made from it
+//! shows the undeformed tissue. Every entry from outside places it again, at rest; after the needle has come out it stays
+//! until then. Its side and its far end are fixed. Tissue is one material throughout; regions differ in their interaction
+//! with the needle. Only bone is met where it lies in the undeformed body: it does not yield.
 //!
-//! Nodes on the shaft are a stack; its last node is held at the tip until it is penetrated: when the far face of the element
-//! before the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to the needle is moved to
-//! the tip and is the tip node. Drawing the needle back empties the tip, and nodes that come off the needle go home, last
-//! first. The tip pushes its node ahead with the tissue's `cutting_n` at most (`puncture_n` where a surface is met): a node
-//! that needs more slides back along the shaft under that force. With a large `cutting_n` Zhu et al.'s rule alone decides.
+//! Nodes on the shaft form a stack; its last node is held at the tip until it is penetrated: when the far face of the
+//! element in front of the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to the
+//! needle is moved to the tip and becomes the tip node. Withdrawing the needle empties the tip, and nodes that come off the
+//! needle return home, last first. The tip pushes its node with at most the tissue's `cutting_n` (`puncture_n` where a
+//! surface is met): a node that needs more slides back along the shaft under that force. With a large `cutting_n`, the rule
+//! of Zhu et al. alone decides.
 //!
-//! A step is cut into equal parts: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]), up to
-//! [`Parameters::most_substeps`], and that in none of them base or tip goes farther than half of what the rule of penetration
-//! looks ahead, up to [`MOST_PARTS`]. A part that would still be too long for stability lets the tissue live through the
-//! longest time that is stable: it is then slower on its way to equilibrium than it would be, and goes to the same place. A
-//! step that would need more than `MOST_PARTS` is reported as not converged. In each part the needle's shape is found once,
-//! from the forces of the part before; a needle that bends is then brought together with the tissue by its flexibility (one
-//! linear solve), which is as good as iterated while the needle turns little in a part.
+//! A step is cut into equal substeps: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]), up to
+//! [`Parameters::most_substeps`], and that in none of them base or tip moves farther than half the range of the penetration
+//! rule, up to [`MOST_PARTS`]. If a substep is still too long for stability, the tissue is simulated for the longest stable
+//! time instead: it then approaches equilibrium more slowly, but reaches the same one. A step that would need more than
+//! `MOST_PARTS` is reported as not converged. In each substep the needle's shape is computed once, from the forces of the
+//! substep before; a flexible needle is then coupled to the tissue by its flexibility (one linear solve), which is as good
+//! as iterated while the needle turns little in a substep.
 //!
-//! What the hand feels is the mean over the parts of a step.
+//! The force on the hand is the mean over the substeps of a step.
 
 mod body;
 mod bone;
@@ -30,13 +31,13 @@ mod contacts;
 mod cylinder;
 mod geometry;
 mod imager;
-mod meeting;
 mod network;
 mod parameters;
 mod saving;
 mod state;
 mod step;
 mod tip;
+mod tip_events;
 mod topology;
 
 #[cfg(test)]
@@ -52,12 +53,12 @@ use body::Body;
 use contacts::Contacts;
 use cylinder::Cylinder;
 use network::Network;
-pub use parameters::{InvalidParameters, LEAST_DIHEDRAL_DEG, MOST_NODES, Parameters};
+pub use parameters::{InvalidParameters, Parameters};
 
-/// The most parts that a step is cut into.
+/// Maximum number of substeps.
 pub const MOST_PARTS: usize = 4096;
 
-/// The model.
+/// Mass-spring model of tissue with a needle.
 #[derive(Debug)]
 pub struct MassSpring {
     parameters: Parameters,
@@ -67,19 +68,19 @@ pub struct MassSpring {
     contacts: Contacts,
     body: Body,
     outcome: Outcome,
-    /// Of the cylinder, to world.
+    /// Frame of the cylinder to world.
     frame: Isometry3<f64>,
     loads: Vec<Load>,
-    /// The straight needle as it is measured at its base, its bevel included.
+    /// The straight needle as measured at its base, its bevel included.
     measured: CentreLine,
     skin_nodes: usize,
     least_dihedral_deg: f64,
-    /// The shortest edge at home, mm.
+    /// Length of the shortest edge at home, mm.
     spacing_mm: f64,
 }
 
 impl MassSpring {
-    /// A model at rest. `anatomy` is what the needle is moved into.
+    /// Builds a model at rest. `anatomy` is the body that the needle enters.
     ///
     /// # Errors
     /// [`InvalidParameters`].
@@ -109,27 +110,28 @@ impl MassSpring {
         })
     }
 
-    /// The least angle between two faces of an element at home, degrees.
+    /// Returns the least angle between two faces of an element at home, degrees.
     pub fn least_dihedral_deg(&self) -> f64 {
         self.least_dihedral_deg
     }
 
-    /// The longest part of a step that is stable while every node is at home, s.
+    /// Returns the longest stable substep while every node is at home, s.
     pub fn explicit_limit_s(&self) -> f64 {
         self.network.limit_s
     }
 
-    /// Energy of tissue, elastic and of motion, N mm.
+    /// Returns the elastic and kinetic energy of the tissue, N mm.
     pub fn energy_nmm(&self) -> f64 {
         self.network.energy()
     }
 
-    /// Whether tissue moves, or may: one that has come to rest without a needle in it costs nothing.
+    /// Returns whether tissue moves, or may: at rest without a needle, it costs nothing.
     pub fn is_awake(&self) -> bool {
         self.body.awake
     }
 
-    /// Pose of the base before the first step: a needle that begins in the body has been pushed in along its axis.
+    /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along its
+    /// axis.
     fn begin(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
         self.needle.place(base, None, &[], &[], &mut self.body.line);
         let inside = self.anatomy.region(&self.body.line.tip()).is_some();
@@ -137,7 +139,7 @@ impl MassSpring {
         let from = base * Translation3::new(0.0, 0.0, -back);
         self.needle.place(&from, None, &[], &[], &mut self.body.line);
         let tip = self.tip();
-        self.put(&meeting::frame_at(&tip.point_mm, &tip.tangent));
+        self.put(&tip_events::frame_at(&tip.point_mm, &tip.tangent));
         from
     }
 
@@ -146,7 +148,7 @@ impl MassSpring {
         self.network.place(frame);
     }
 
-    /// How many parts a step is cut into, and whether they are as many as they should be.
+    /// Returns the number of substeps, and whether it is as large as required.
     fn parts(&self, from: &Isometry3<f64>, to: &Isometry3<f64>, dt_s: f64) -> (usize, bool) {
         let for_stability = match self.body.awake {
             true => (dt_s / self.network.limit_s).ceil(),
@@ -162,7 +164,7 @@ impl MassSpring {
         (parts as usize, for_motion <= MOST_PARTS as f64)
     }
 
-    /// Fills in what is known only at the end of a step.
+    /// Fills in the results known only at the end of a step.
     fn conclude(&mut self, instruments: &Instruments, parts: usize) {
         let tip = self.body.line.tip();
         let length = self.body.line.length_mm();

@@ -1,11 +1,11 @@
-//! Which elements meet in a face.
+//! Face adjacency of elements.
 
 use super::{InvalidMesh, NONE};
 
 /// Local corners of the face opposite each corner.
 const OPPOSITE: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
 
-/// For each element and corner the element across the opposite face, or [`NONE`].
+/// Returns, for each element and corner, the element across the opposite face, or [`NONE`].
 pub(super) fn neighbours(elements: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, InvalidMesh> {
     let mut faces: Vec<([u32; 3], u32, u8)> = Vec::with_capacity(4 * elements.len());
     for (element, corners) in elements.iter().enumerate() {
@@ -37,7 +37,7 @@ pub(super) fn neighbours(elements: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, Invalid
     Ok(neighbours)
 }
 
-/// The fault of two of these elements having the same corners, if they have.
+/// Returns the error for two of these elements having the same corners, if any.
 fn repeated(elements: &[[u32; 4]], among: [u32; 3]) -> Option<InvalidMesh> {
     let corners = among.map(|element| {
         let mut corners = elements[element as usize];

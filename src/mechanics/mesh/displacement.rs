@@ -1,13 +1,13 @@
-//! Analytic displacement fields: closed forms that move a mesh without any mechanics.
+//! Analytic displacement fields, which deform a mesh without any mechanics.
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Volume of the image of a cube, as a share of the product of its edges, below which an affine map flattens tissue.
+/// Volume of the image of a cube, as a share of the product of its edges, below which an affine map counts as singular.
 const SINGULAR: f64 = 1e-9;
 
-/// A displacement of every point of space, from reference position (mm) to displacement (mm).
+/// Displacement field: a map from reference position (mm) to displacement (mm).
 ///
 /// Directions and axes need not have unit length; they must not be zero.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -15,9 +15,9 @@ const SINGULAR: f64 = 1e-9;
 pub enum Displacement {
     /// Uniform compression along a direction with lateral expansion: the uniaxial solution of linear elasticity.
     Compression {
-        /// A point that stays where it is, mm.
+        /// A fixed point, mm.
         fixed_mm: [f64; 3],
-        /// Direction along which the tissue is pressed (its sign does not matter).
+        /// Direction of compression; its sign has no effect.
         direction: [f64; 3],
         /// Shortening as a fraction of length along the direction, below 1; negative stretches.
         strain: f64,
@@ -25,12 +25,12 @@ pub enum Displacement {
         #[serde(default = "incompressible")]
         poisson: f64,
     },
-    /// A press as by a probe: a Gaussian bump of displacement `depth exp(-|p - centre|^2 / (2 radius^2))` along a direction.
-    /// It folds no tissue while the depth stays below `sqrt(e)` (1.65) radii.
+    /// Indentation as by a probe: a Gaussian bump of displacement `depth exp(-|p - centre|^2 / (2 radius^2))` along a
+    /// direction. It folds no tissue while the depth stays below `sqrt(e)` (1.65) radii.
     Indentation {
-        /// Where the press is deepest, mm.
+        /// Point of greatest indentation, mm.
         centre_mm: [f64; 3],
-        /// Direction of the press, into the tissue.
+        /// Direction of the indentation, into the tissue.
         direction: [f64; 3],
         /// Displacement at the centre, mm.
         depth_mm: f64,
@@ -39,11 +39,11 @@ pub enum Displacement {
     },
     /// Simple shear: planes across the normal slide along the direction.
     Shear {
-        /// A point of the plane that stays where it is, mm.
+        /// A point of the fixed plane, mm.
         fixed_mm: [f64; 3],
         /// Direction of sliding.
         direction: [f64; 3],
-        /// Normal of the sliding planes; only its part across the direction counts.
+        /// Normal of the sliding planes; only its component across the direction counts.
         normal: [f64; 3],
         /// Sliding per distance from the fixed plane (tangent of the shear angle).
         amount: f64,
@@ -80,22 +80,22 @@ fn incompressible() -> f64 {
     0.5
 }
 
-/// A parameter of a displacement field that is out of its range.
+/// A parameter of a displacement field out of range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("displacement `{kind}`: {key} is {found}; it must be {expected}")]
 pub struct InvalidDisplacement {
-    /// The field's `kind`.
+    /// The `kind` of the field.
     pub kind: &'static str,
-    /// The key at fault.
+    /// The invalid key.
     pub key: &'static str,
-    /// What it held.
+    /// The rejected value.
     pub found: String,
-    /// What is allowed.
+    /// Permitted values.
     pub expected: &'static str,
 }
 
 impl Displacement {
-    /// The `kind` of the field as files name it.
+    /// Returns the `kind` of the field in files.
     pub fn kind(&self) -> &'static str {
         match self {
             Displacement::Compression { .. } => "compression",
@@ -214,13 +214,14 @@ impl Displacement {
         }
     }
 
-    /// The displacement (mm) of the point with reference position `p` (mm). A field that [`Displacement::validate`] refuses
-    /// for a direction without length displaces nothing.
+    /// Returns the displacement (mm) of the point with reference position `p` (mm): zero for a field that
+    /// [`Displacement::validate`] rejects for a zero direction.
     pub fn apply(&self, p: [f64; 3]) -> [f64; 3] {
         self.field(Vector3::from(p)).unwrap_or_else(Vector3::zeros).into()
     }
 
-    /// Writes the current positions (mm) of nodes at the reference positions `nodes` (mm) into `current`, reusing its memory.
+    /// Writes the current positions (mm) of nodes at the reference positions `nodes` (mm) into `current`, reusing its
+    /// memory.
     pub fn displace(&self, nodes: &[[f64; 3]], current: &mut Vec<[f64; 3]>) {
         current.clear();
         current.extend(nodes.iter().map(|&node| {
@@ -281,7 +282,7 @@ fn unit(direction: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
     Unit::try_new(Vector3::from(*direction), 0.0).filter(|unit| finite && unit.norm() > 0.5)
 }
 
-/// The unit vector of the part of `normal` across `direction`.
+/// Returns the unit vector of the component of `normal` across `direction`.
 fn across(normal: &[f64; 3], direction: &[f64; 3]) -> Option<Unit<Vector3<f64>>> {
     let (n, d) = (unit(normal)?, unit(direction)?);
     Unit::try_new(n.into_inner() - d.into_inner() * d.dot(&n), 1e-9)

@@ -1,65 +1,66 @@
-//! What point location keeps of one element, prepared from its current and reference corners.
+//! Barycentric data of one element for point location, prepared from its current and reference corners.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::real::Real;
 
-/// World to barycentric coordinates, sixteen scalars: `[origin, slack]`, `[row 1, clear]`, `[row 2, inverted]`, `[row 3, 0]`.
+/// Map from world to barycentric coordinates, sixteen scalars: `[origin, slack]`, `[row 1, clear]`, `[row 2, inverted]`,
+/// `[row 3, 0]`.
 ///
-/// With `d = p - origin` (the current position of corner 0), coordinate `i` is `row i . d` and coordinate 0 is what they
-/// leave of 1: near the element `d` is small, so nothing cancels however far from the world's origin it lies. `slack` is
-/// the rounding error of the coordinates, -1 in an element that is never hit; `clear` is the margin beyond which no other
-/// element of an unfolded mesh can hold the point; `inverted` is 1 or 0.
+/// With `d = p - origin` (the current position of corner 0), coordinate `i` is `row i . d` and coordinate 0 is 1 minus the
+/// others: near the element `d` is small, so nothing cancels however far from the world's origin it lies. `slack` is the
+/// rounding error of the coordinates, -1 in an element that is never hit; `clear` is the margin beyond which no other
+/// element of an unfolded mesh can contain the point; `inverted` is 1 or 0.
 pub(super) type Frame<T> = [[T; 4]; 4];
 
-/// World to reference: row `k` holds the gradient of reference coordinate `k` over `d` and the reference corner 0.
+/// Map from world to reference: row `k` holds the gradient of reference coordinate `k` over `d` and the reference corner 0.
 pub(super) type Carry<T> = [[T; 4]; 3];
 
-/// A bound on the rounding error of a barycentric coordinate, in machine epsilons per (1 + aspect), where aspect is the
-/// element's diameter over its least height. Rounding a row, `d` and the dot product costs at most 5 half epsilons of
-/// `|row| |d|`; coordinate 0 adds up three such errors and its own: below 8. Twice that leaves room for fused or reordered
+/// Bound on the rounding error of a barycentric coordinate, in machine epsilons per (1 + aspect), where aspect is the
+/// element's diameter over its least height. Rounding a row, `d` and the dot product costs at most 5 half epsilons of `|row|
+/// |d|`; coordinate 0 adds up three such errors and its own: below 8. Twice that leaves room for fused or reordered
 /// arithmetic on other backends.
 const SLACK_EPSILONS: f64 = 16.0;
-/// Rounding the point itself moves it by at most 0.9 epsilons of its largest coordinate: a point meant to lie on a face is
-/// held by both sides of it, and on the surface of the mesh it is not lost.
+/// Bound on the rounding error of the point, in epsilons of its largest coordinate; rounding moves it by at most 0.9: a
+/// point meant to lie on a face belongs to both of its sides, and one on the surface of the mesh is not lost.
 const POINT_EPSILONS: f64 = 2.0;
-/// The slack of elements so thin that the bound above says nothing any more.
+/// Slack of elements so thin that the bound above is meaningless.
 const SLACK_MAX: f64 = 1.0 / 64.0;
-/// An element flatter than this many epsilons of its largest coordinate has no orientation that the scalar resolves.
+/// Flatness in epsilons of its largest coordinate below which an element has no orientation resolved by the scalar.
 const FLAT_EPSILONS: f64 = 4.0;
 
-/// What an element is, in the current state.
+/// Kind of an element in the current state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Kind {
     #[default]
     Sound,
     Inverted,
-    /// Without volume, or thinner than the scalar resolves.
+    /// No volume, or thinner than the scalar resolves.
     Flat,
-    /// A corner is NaN or infinite, now or in the reference state.
+    /// A corner is NaN or infinite, in the current or the reference state.
     NotFinite,
 }
 
-/// What the grid and the margins need of an element.
+/// Properties of an element used by the grid and the margins.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Outline<T> {
     /// Axis-aligned box of all points that can test as inside: low corner, high corner; low above high if it is never hit.
     pub bounds: [[T; 3]; 2],
-    /// No point farther than this from the element tests as inside (mm).
+    /// Maximum distance from the element of points that test as inside, mm.
     pub reach: T,
-    /// Without its sign, mm^3; 0 if it is never hit.
+    /// Absolute volume, mm^3; 0 if the element is never hit.
     pub volume: f64,
     pub kind: Kind,
 }
 
-/// Edge vectors from corner 0 as columns.
+/// Returns the edge vectors from corner 0 as columns.
 pub(super) fn edges(corners: &[[f64; 3]; 4]) -> Matrix3<f64> {
     let origin = Vector3::from(corners[0]);
     Matrix3::from_columns(&[1, 2, 3].map(|corner: usize| Vector3::from(corners[corner]) - origin))
 }
 
-/// Prepares the element with these corners. The current corners are those that `T` holds, so that neighbours agree exactly
-/// on the face between them.
+/// Prepares the element with these corners. The current corners are in the precision of `T`, so that neighbours agree
+/// exactly on their common face.
 pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Frame<T>, Carry<T>, Outline<T>) {
     let corners = current.map(|corner| corner.map(T::wide));
     if corners.iter().chain(reference).flatten().any(|x| !x.is_finite()) {
@@ -85,8 +86,8 @@ pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) 
     let aspect = diameter * widest / volume.abs();
     let errors = SLACK_EPSILONS * (1.0 + aspect) + POINT_EPSILONS * largest * widest / volume.abs();
     let slack = (errors * T::epsilon().wide()).min(SLACK_MAX);
-    // Coordinates of at least -s are the element grown about its centroid by 1 + 4 s; no corner moves by more than 3 s
-    // diameters. Twice that, since the coordinates that are tested carry an error of up to s themselves.
+    // Coordinates of at least -s are the element scaled about its centroid by 1 + 4 s; no corner moves by more than 3 s
+    // diameters. Twice that, since the tested coordinates carry an error of up to s themselves.
     let reach = 6.0 * slack * diameter;
     let inverted = volume < 0.0;
 
@@ -137,7 +138,7 @@ pub(super) fn set_clear<T: Real>(frame: &mut Frame<T>, reach: T) {
     frame[1][3] = frame[0][3] + reach * frame[1][3];
 }
 
-/// Barycentric coordinates of `p`.
+/// Returns the barycentric coordinates of `p`.
 #[inline(always)]
 pub(super) fn barycentric<T: Real>(frame: &Frame<T>, p: [T; 3]) -> [T; 4] {
     let d = [p[0] - frame[0][0], p[1] - frame[0][1], p[2] - frame[0][2]];
@@ -147,7 +148,7 @@ pub(super) fn barycentric<T: Real>(frame: &Frame<T>, p: [T; 3]) -> [T; 4] {
     [T::one() - b1 - b2 - b3, b1, b2, b3]
 }
 
-/// The place and value of the least coordinate; the first of equals.
+/// Returns the index and value of the least coordinate; of ties the first.
 #[inline(always)]
 pub(super) fn least<T: Real>(coordinates: &[T; 4]) -> (usize, T) {
     let mut place = 0;
@@ -176,7 +177,7 @@ pub(super) fn is_inverted<T: Real>(frame: &Frame<T>) -> bool {
     frame[2][3] != T::zero()
 }
 
-/// The reference position of `p` under the affine map of one element.
+/// Returns the reference position of `p` under the affine map of one element.
 #[inline(always)]
 pub(super) fn carry_to_reference<T: Real>(frame: &Frame<T>, carry: &Carry<T>, p: [T; 3]) -> [T; 3] {
     let d = [p[0] - frame[0][0], p[1] - frame[0][1], p[2] - frame[0][2]];
@@ -196,7 +197,7 @@ fn diameter(edges: &Matrix3<f64>) -> f64 {
     squares.iter().fold(0.0f64, |a, b| a.max(*b)).sqrt()
 }
 
-/// Never hit: the coordinates come out as (1, 0, 0, 0), and none below 1 passes a slack of -1.
+/// Returns an element that is never hit: its coordinates are (1, 0, 0, 0), and none below 1 passes a slack of -1.
 fn excluded<T: Real>(kind: Kind) -> (Frame<T>, Carry<T>, Outline<T>) {
     let mut frame = [[T::zero(); 4]; 4];
     frame[0][3] = -T::one();

@@ -1,6 +1,7 @@
-//! Tetrahedral meshes in files. The format is told by the contents; coordinates are millimetres unless another [`Unit`] is given.
+//! Tetrahedral mesh files. The format is recognised from the contents; coordinates are millimetres unless another [`Unit`]
+//! is given.
 //!
-//! | module | what it reads and writes |
+//! | module | formats |
 //! |---|---|
 //! | `gmsh` | Gmsh meshes (`.msh`), read only |
 //! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
@@ -22,13 +23,13 @@ pub use error::MeshFileError;
 use error::{Fault, quote};
 pub use vtk::{Values, write_pvd, write_vtu, write_vtu_with};
 
-/// The point array that is taken for the displacement where no other is named.
+/// Default name of the point array with the displacements.
 pub const DISPLACEMENT: &str = "displacement";
 
-/// Memory for an element of a mesh and what is found out about it, beside its part of the file, about.
+/// Approximate memory per element for a mesh and its derived data, in addition to its part of the file, bytes.
 const BYTES_PER_ELEMENT: u64 = 256;
 
-/// The length that a coordinate of 1 stands for.
+/// Unit of length of the coordinates.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
 #[serde(rename_all = "lowercase")]
 pub enum Unit {
@@ -42,7 +43,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Millimetres in it.
+    /// Returns the unit in millimetres.
     const fn mm(self) -> f64 {
         match self {
             Unit::Mm => 1.0,
@@ -52,41 +53,41 @@ impl Unit {
     }
 }
 
-/// Longest side of a mesh in millimetres below which it is taken for one in metres, mm.
+/// Longest side of a mesh, read as millimetres, below which it is assumed to be in metres, mm.
 const METRES: f64 = 1.0;
 
-/// Which arrays to read.
+/// Names of the arrays to read, and the unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ReadOptions<'a> {
-    /// Name of the point array with the displacements (mm, three components). It must be there. Without a name, the array
+    /// Name of the point array with the displacements (mm, three components), which must exist. Without a name, the array
     /// [`DISPLACEMENT`] is read if the file has one.
     pub displacement: Option<&'a str>,
-    /// Name of the cell array with the region numbers. It must be there. Without a name, the first of `region`, `label`,
-    /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` is read if the file has one; else all regions are 0.
-    /// Of a Gmsh file the names are `gmsh:physical` (the first physical group, and the volume where there is none; also taken
-    /// without a name) and `gmsh:geometrical` (the volume).
+    /// Name of the cell array with the region numbers, which must exist. Without a name, the first of `region`, `label`,
+    /// `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` in the file is read; without any, all regions are 0. In
+    /// a Gmsh file the names are `gmsh:physical` (the first physical group, or the volume where there is none; also the
+    /// default) and `gmsh:geometrical` (the volume).
     pub region: Option<&'a str>,
-    /// The unit of coordinates and displacements.
+    /// Unit of coordinates and displacements.
     pub unit: Unit,
 }
 
-/// What a mesh file holds.
+/// Contents of a mesh file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshFile {
-    /// The mesh at the positions in the file: its reference state.
+    /// The mesh with the node positions of the file: its reference state.
     pub mesh: TetMesh,
-    /// A displacement for each node, mm.
+    /// Displacement of each node, mm.
     pub displacements: Option<Vec<[f64; 3]>>,
-    /// Cells of lower dimension (vertices, lines, surfaces) that were left out.
+    /// Number of ignored cells of lower dimension (vertices, lines, surfaces).
     pub skipped_cells: usize,
     /// Names of regions, where the file has any (physical groups of Gmsh).
     pub region_names: BTreeMap<i32, String>,
-    /// What the user should know: where regions are not what they may seem.
+    /// Warnings for the user: where regions differ from what might be expected.
     pub warnings: Vec<String>,
 }
 
 impl MeshFile {
-    /// Current positions of the nodes (mm): reference plus displacement.
+    /// Returns the current positions of the nodes (mm): reference plus displacement.
     pub fn current(&self) -> Vec<[f64; 3]> {
         let nodes = self.mesh.nodes();
         match &self.displacements {
@@ -112,10 +113,10 @@ struct Parts {
     warnings: Vec<String>,
 }
 
-/// Reads a tetrahedral mesh, with its displacements if it carries any.
+/// Reads a tetrahedral mesh, with its displacements if there are any.
 ///
 /// # Errors
-/// [`MeshFileError`], with the line and byte offset where the contents break the format.
+/// [`MeshFileError`], with the line and byte offset where the contents violate the format.
 pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
     let bytes = read::whole(path, read::MESH).map_err(|source| MeshFileError::Read {
         path: path.to_owned(),
@@ -124,7 +125,7 @@ pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFil
     read_mesh_bytes(&bytes, path, options)
 }
 
-/// As [`read_mesh`], from memory; `path` is only named in errors.
+/// Reads a mesh from memory as [`read_mesh`] does; `path` is used only in errors.
 ///
 /// # Errors
 /// As [`read_mesh`].
@@ -160,7 +161,7 @@ pub fn read_mesh_bytes(bytes: &[u8], path: &Path, options: &ReadOptions) -> Resu
     })
 }
 
-/// A warning about a mesh whose coordinates seem to be metres.
+/// Returns a warning about a mesh whose coordinates seem to be metres.
 fn small(mesh: &TetMesh) -> Option<String> {
     let [low, high] = mesh.bounds();
     let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);

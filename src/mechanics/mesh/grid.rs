@@ -1,30 +1,30 @@
-//! A uniform grid over the elements: for each cell, ascending, the elements whose boxes touch it.
+//! Uniform grid over the elements, with the elements whose boxes touch each cell, ascending.
 //!
-//! The cell of a point is a monotone function of its coordinates in the scalar of the locator, and the boxes go through the
-//! same function: a point inside a box always finds the element in its cell, whatever the rounding. Cells at the border
-//! stretch to infinity, so a few far nodes do not coarsen the grid for all others.
+//! The cell of a point is a monotone function of its coordinates in the scalar of the locator, and the same function is
+//! applied to the boxes: a point inside a box always finds the element in its cell, regardless of rounding. Cells at the
+//! border extend to infinity, so a few distant nodes do not coarsen the grid for all others.
 
 use super::element::{Kind, Outline};
 use crate::real::Real;
 
-/// Marks, in the start of a cell's list, a cell that an inverted element touches.
+/// Flag, in the start of a cell's list, of a cell that an inverted element touches.
 pub(super) const TANGLED: u32 = 1 << 31;
-/// Cells aimed at for each element within the volume of the mesh: more make the update dearer, fewer the scans.
+/// Target number of cells per element within the volume of the mesh: more make the update slower, fewer the scans.
 const CELLS_PER_ELEMENT: f64 = 0.25;
-/// Cells that are kept room for, per element: a mesh of scattered parts fills only part of the grid.
+/// Capacity in cells per element: a mesh of scattered parts fills only part of the grid.
 const CELL_CAPACITY_PER_ELEMENT: usize = 4;
-/// List entries that are kept room for, per element; the grid is coarsened where boxes would need more.
+/// Capacity in list entries per element; the grid is coarsened where boxes would need more.
 const ENTRIES_PER_ELEMENT: usize = 32;
-/// Nodes that the extent of the grid is estimated from.
+/// Number of nodes from which the extent of the grid is estimated.
 const EXTENT_SAMPLES: usize = 1024;
-/// The extent leaves out this fraction of the nodes at either end of each axis, then widens by `EXTENT_MARGIN` of itself.
+/// Fraction of the nodes at either end of each axis that the extent excludes; it then widens by `EXTENT_MARGIN` of itself.
 const EXTENT_TAIL: f64 = 0.01;
 const EXTENT_MARGIN: f64 = 0.05;
 
-/// The range of cells of an element that is never hit.
+/// Cell range of an element that is never hit.
 const NOWHERE: [[u32; 3]; 2] = [[1; 3], [0; 3]];
 
-/// The grid. All lists keep their memory between updates.
+/// Grid of cells. All lists keep their memory between updates.
 #[derive(Clone, Debug)]
 pub(super) struct CellGrid<T> {
     pub origin: [T; 3],
@@ -34,9 +34,9 @@ pub(super) struct CellGrid<T> {
     /// Bounds of all elements' boxes.
     pub low: [T; 3],
     pub high: [T; 3],
-    /// Whether any cell is marked as tangled.
+    /// Whether any cell is flagged as tangled.
     pub any_tangled: bool,
-    /// Where each cell's list starts, with [`TANGLED`]; one more than there are cells.
+    /// Start of each cell's list, with [`TANGLED`]; one more than there are cells.
     pub starts: Vec<u32>,
     pub lists: Vec<u32>,
     ranges: Vec<[[u32; 3]; 2]>,
@@ -59,7 +59,7 @@ impl<T: Real> CellGrid<T> {
         }
     }
 
-    /// The most starts and list entries that the grid can come to hold.
+    /// Returns the maximum numbers of starts and list entries of the grid.
     pub fn capacities(elements: usize) -> (usize, usize) {
         (cell_capacity(elements) + 1, entry_capacity(elements))
     }
@@ -90,7 +90,7 @@ impl<T: Real> CellGrid<T> {
         self.mark(outlines);
     }
 
-    /// The cell of a point that is not NaN.
+    /// Returns the cell of a point that is not NaN.
     #[inline(always)]
     fn cell(&self, p: [T; 3]) -> [u32; 3] {
         std::array::from_fn(|axis| {
@@ -100,8 +100,8 @@ impl<T: Real> CellGrid<T> {
         })
     }
 
-    /// The elements whose boxes touch the cell of `p`, ascending, and whether one of them is inverted. Empty outside the
-    /// bounds of all boxes.
+    /// Returns the elements whose boxes touch the cell of `p`, ascending, and whether one of them is inverted. Empty outside
+    /// the bounds of all boxes.
     #[inline(always)]
     pub fn around(&self, p: [T; 3]) -> (&[u32], bool) {
         if (0..3).any(|axis| p[axis] < self.low[axis] || p[axis] > self.high[axis]) {
@@ -136,7 +136,7 @@ impl<T: Real> CellGrid<T> {
             (self.origin, self.per_mm, self.cells) = ([T::zero(); 3], T::one(), [1; 3]);
             return;
         }
-        // A few elements drawn out over a distance would make the cells too large for all others.
+        // A few elements stretched over a distance would make the cells too large for all others.
         let whole: f64 = extent.iter().map(|e| e.max(1e-6 * longest)).product();
         let volume = outlines.iter().map(|outline| outline.volume).sum::<f64>().min(whole);
         let elements = outlines.len();
@@ -152,7 +152,7 @@ impl<T: Real> CellGrid<T> {
         self.cells = cells.map(|n| n as u32);
     }
 
-    /// The interval on one axis that holds nearly all finite nodes.
+    /// Returns the interval on one axis that contains nearly all finite nodes.
     fn core(&mut self, nodes: &[[T; 3]], axis: usize) -> (f64, f64) {
         self.samples.clear();
         let step = nodes.len().div_ceil(EXTENT_SAMPLES).max(1);
@@ -173,7 +173,7 @@ impl<T: Real> CellGrid<T> {
         (self.samples[tail].wide(), self.samples[last - tail].wide())
     }
 
-    /// Doubles the cell size, exactly: a cell's number halves. Returns the entries that are then needed.
+    /// Doubles the cell size, exactly: cell numbers halve. Returns the number of entries then needed.
     fn coarsen(&mut self) -> usize {
         self.per_mm *= T::of(0.5);
         self.cells = self.cells.map(|n| n.div_ceil(2));
@@ -187,7 +187,7 @@ impl<T: Real> CellGrid<T> {
         entries
     }
 
-    /// Counting sort of the elements into their cells; elements come in ascending order, so each list is ascending.
+    /// Sorts the elements into their cells by counting; elements come in ascending order, so each list is ascending.
     fn fill(&mut self, entries: usize) {
         let cells = self.cells.iter().map(|n| *n as usize).product::<usize>();
         self.starts.clear();
@@ -214,7 +214,7 @@ impl<T: Real> CellGrid<T> {
                 }
             });
         }
-        // Each cursor now stands where the next cell's list starts.
+        // Each cursor is now at the start of the next cell's list.
         starts.copy_within(0..cells, 1);
         starts[0] = 0;
     }
@@ -248,7 +248,7 @@ fn size([low, high]: &[[u32; 3]; 2]) -> usize {
         .product()
 }
 
-/// The runs of consecutive cells in a range of cells.
+/// Visits the runs of consecutive cells in a range of cells.
 #[inline(always)]
 fn rows([low, high]: &[[u32; 3]; 2], nx: usize, ny: usize, mut each: impl FnMut(std::ops::Range<usize>)) {
     for k in low[2]..=high[2] {

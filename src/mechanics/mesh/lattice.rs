@@ -1,14 +1,14 @@
-//! Meshes made over a box: a lattice of cells, each split into six tetrahedra along its main diagonal.
+//! Lattice meshes over a box: cells split into six tetrahedra along their main diagonals.
 //!
 //! The split (H. Freudenthal, "Simplizialzerlegungen von beschraenkter Flachheit", 1942; H. W. Kuhn, 1960) is the same in
-//! every cell and meets itself across cell faces, so the mesh conforms without any bookkeeping.
+//! every cell and matches across cell faces, so the mesh conforms without any bookkeeping.
 
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::{InvalidMesh, TetMesh};
 
-/// The orders in which a walk along the cell's edges from its first to its last corner can take the three axes, each with
-/// the sign of the permutation.
+/// Orders in which a walk along the cell's edges from its first to its last corner can take the three axes, each with the
+/// sign of the permutation.
 const WALKS: [([usize; 3], bool); 6] = [
     ([0, 1, 2], true),
     ([0, 2, 1], false),
@@ -19,8 +19,8 @@ const WALKS: [([usize; 3], bool); 6] = [
 ];
 
 impl TetMesh {
-    /// A mesh over the world-aligned box from `min` to `max` (mm) with about `target_nodes` nodes (at least 8), its cells as
-    /// near to cubes as whole numbers of them allow.
+    /// Builds a mesh over the world-aligned box from `min` to `max` (mm) with about `target_nodes` nodes (at least 8), with
+    /// cells as close to cubes as whole numbers of them allow.
     ///
     /// # Errors
     /// [`InvalidMesh::Box`] where the box has no volume or is not finite.
@@ -33,7 +33,8 @@ impl TetMesh {
         TetMesh::over_affine_box(&box_to_world, target_nodes)
     }
 
-    /// A mesh over the image of the unit cube under `box_to_world` (affine, mm) with about `target_nodes` nodes (at least 8).
+    /// Builds a mesh over the image of the unit cube under `box_to_world` (affine, mm) with about `target_nodes` nodes (at
+    /// least 8).
     ///
     /// # Errors
     /// [`InvalidMesh::Box`] where the box has no volume or is not finite.
@@ -42,7 +43,8 @@ impl TetMesh {
         TetMesh::lattice(cells_for(lengths, target_nodes), box_to_world)
     }
 
-    /// A mesh of exactly `cells` lattice cells along the three edges of the image of the unit cube under `box_to_world`.
+    /// Builds a mesh of exactly `cells` lattice cells along the three edges of the image of the unit cube under
+    /// `box_to_world`.
     ///
     /// # Errors
     /// [`InvalidMesh::Box`] where the box has no volume or is not finite, [`InvalidMesh::Cells`] for an axis without cells,
@@ -51,8 +53,9 @@ impl TetMesh {
         over_cells(cells, box_to_world, false)
     }
 
-    /// As [`TetMesh::lattice`], but each cell is the mirror image of its neighbours: the planes between cells are planes of
-    /// symmetry, of which a lattice of equal cells has none. Nothing in the mesh draws what goes along them aside.
+    /// Builds a mesh as [`TetMesh::lattice`] does, but with each cell the mirror image of its neighbours: the planes between
+    /// cells are planes of symmetry, of which a lattice of equal cells has none, so that motion along them is not deflected
+    /// by the mesh.
     ///
     /// # Errors
     /// As [`TetMesh::lattice`].
@@ -142,14 +145,13 @@ fn elements(cells: [usize; 3], points: [usize; 3], right_handed: bool, mirrored:
     elements
 }
 
-/// Whole numbers of near-cubic cells whose lattice has about `target` points.
+/// Returns whole numbers of near-cubic cells whose lattice has about `target` points.
 fn cells_for(lengths: [f64; 3], target: usize) -> [usize; 3] {
     let target = target.max(8) as f64;
     let cells = |edge: f64| lengths.map(|length| (length / edge).round().max(1.0));
     let points = |edge: f64| cells(edge).iter().map(|n| n + 1.0).product::<f64>();
     let longest = lengths.iter().fold(0.0f64, |a, b| a.max(*b));
-    // The point count falls as the edge grows: halve the interval between far too many and the fewest, then take the nearer
-    // side.
+    // The point count falls as the edge grows: bisect between far too many and the fewest, then take the closer side.
     let (mut fine, mut coarse) = (longest / target, longest);
     for _ in 0..64 {
         let middle = 0.5 * (fine + coarse);

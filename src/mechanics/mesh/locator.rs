@@ -1,16 +1,16 @@
 //! Point location in a tetrahedral mesh, in its reference or its deformed state.
 //!
 //! A query walks from a starting element towards the point, each time through the face that the point lies farthest beyond,
-//! as the search of Goksel and Salcudean 2009 does from the element of the last frame. Where the walk cannot decide (no start,
-//! the surface in the way, an element that is never hit, a point within rounding of a face, a fold nearby) the list of the
-//! point's grid cell decides: the lowest element that holds the point.
+//! as the search of Goksel and Salcudean 2009 does from the element of the last frame. Where the walk cannot decide (no
+//! start, the surface in the way, an element that is never hit, a point within rounding of a face, a fold nearby), the list
+//! of the point's grid cell decides: the lowest element that contains the point.
 //!
-//! # The start does not matter
+//! # Independence of the start
 //! In an unfolded mesh the answer is a function of the point alone. The walk answers only where the point lies so deep in an
-//! element that no other can hold it, counting the rounding of both; everything else is left to the list. In a mesh with
-//! inverted elements the cells they touch are always answered from the list, and a hit is `folded` where an inverted element
-//! holds the point. A mesh that overlaps itself without any inverted element (two separate parts pushed into each other) is
-//! not noticed: each of the overlapping elements is a valid answer there.
+//! element that no other can contain it, allowing for the rounding of both; everything else is left to the list. In a mesh
+//! with inverted elements, queries in the cells that they touch are always answered from the list, and a hit is `folded`
+//! where an inverted element contains the point. A mesh that overlaps itself without any inverted element (two separate
+//! parts pushed into each other) is not detected: each of the overlapping elements is a valid answer there.
 
 mod node_count;
 
@@ -23,39 +23,39 @@ use super::element::{self, Carry, Frame, Kind, Outline};
 use super::grid::CellGrid;
 use crate::real::Real;
 
-/// No element.
+/// Index that denotes no element.
 pub const NONE: u32 = u32::MAX;
 
-/// Elements that a walk visits at most before the grid takes over. Samples move by a few elements from frame to frame, and a
-/// grid look-up costs about as much as this many steps.
+/// Maximum number of elements that a walk visits before the grid takes over. Samples move by a few elements from frame to
+/// frame, and a grid look-up costs about as much as this many steps.
 pub const MAX_WALK: u32 = 16;
 
-/// Elements that one task of the update prepares.
+/// Number of elements that one task of the update prepares.
 const UPDATE_CHUNK: usize = 2048;
 
-/// The answer to a query.
+/// Result of a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit<T> {
-    /// The element that holds the point, or [`NONE`].
+    /// Element that contains the point, or [`NONE`].
     pub element: u32,
-    /// Its barycentric coordinates, one a corner; 0 where there is no element.
+    /// Barycentric coordinates in the element, one per corner; 0 where there is no element.
     pub bary: [T; 4],
-    /// Whether an inverted element holds the point too (or alone): the tissue is folded there.
+    /// Whether an inverted element contains the point too (or alone): the tissue is folded there.
     pub folded: bool,
 }
 
-/// What an update found, in elements.
+/// Counts of unsound elements in an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LocatorReport {
-    /// Of negative volume. They are hit, and the hits flagged.
+    /// Elements of negative volume. They are hit, and the hits flagged.
     pub inverted: usize,
-    /// Without volume, or thinner than four roundings of their coordinates. Never hit.
+    /// Elements without volume, or thinner than four roundings of their coordinates. Never hit.
     pub flat: usize,
-    /// With a corner that is NaN or infinite in either state. Never hit.
+    /// Elements with a corner that is NaN or infinite in either state. Never hit.
     pub not_finite: usize,
 }
 
-/// Locates points among the elements of a mesh whose nodes move.
+/// Point locator for the elements of a mesh whose nodes move.
 ///
 /// `T` is `f32` (twin of the shader) or `f64` (gold standard). Updates allocate nothing after construction.
 #[derive(Clone, Debug)]
@@ -73,7 +73,7 @@ pub struct Locator<T> {
 }
 
 impl<T: Real> Locator<T> {
-    /// A locator for `mesh` in its reference state.
+    /// Builds a locator for `mesh` in its reference state.
     pub fn new(mesh: &TetMesh) -> Locator<T> {
         let count = mesh.elements().len();
         let mut locator = Locator {
@@ -92,20 +92,20 @@ impl<T: Real> Locator<T> {
         locator
     }
 
-    /// Moves the nodes to `current` (mm, in the order of the mesh) and prepares the elements anew. NaN and infinite
-    /// positions are allowed: their elements are left out and counted.
+    /// Moves the nodes to `current` (mm, in the order of the mesh) and prepares the elements again. NaN and infinite
+    /// positions are permitted: their elements are excluded and counted.
     ///
     /// # Errors
-    /// [`NodeCount`] where the number of positions is not that of the mesh; the locator is then as it was.
+    /// [`NodeCount`] where the number of positions is not that of the mesh; the locator is then unchanged.
     pub fn update(&mut self, current: &[[f64; 3]]) -> Result<LocatorReport, NodeCount> {
         self.update_states(Some(current), None)
     }
 
-    /// As [`Locator::update`], and moves the nodes of the reference state, which remeshing does: `reference` is what points
-    /// are carried to from then on. Where either is none, those nodes stay where they are.
+    /// Moves the nodes of the current state as [`Locator::update`] does, and those of the reference state, as remeshing
+    /// requires: points are then carried to `reference`. `None` leaves the nodes of a state unchanged.
     ///
     /// # Errors
-    /// As [`Locator::update`], for either.
+    /// As [`Locator::update`], for either state.
     pub fn update_states(
         &mut self,
         current: Option<&[[f64; 3]]>,
@@ -124,18 +124,18 @@ impl<T: Real> Locator<T> {
         Ok(self.report)
     }
 
-    /// Nodes of the reference state, mm.
+    /// Returns the nodes of the reference state, mm.
     pub fn reference(&self) -> &[[f64; 3]] {
         &self.reference
     }
 
-    /// What the last update (or the reference state) holds.
+    /// Returns the counts of the last update (or of the reference state).
     pub fn report(&self) -> LocatorReport {
         self.report
     }
 
-    /// The element that holds `p` (mm), walking from `start` (any element, or [`NONE`] to use the grid at once). A `p` that is
-    /// NaN or infinite lies in no element.
+    /// Returns the element that contains `p` (mm), walking from `start` (any element, or [`NONE`] to use the grid at once).
+    /// A `p` that is NaN or infinite lies in no element.
     pub fn locate(&self, p: [T; 3], start: u32) -> Hit<T> {
         if !p.iter().all(|x| x.is_finite()) {
             return Hit {
@@ -147,7 +147,7 @@ impl<T: Real> Locator<T> {
         self.walk(p, start).unwrap_or_else(|| self.scan(p))
     }
 
-    /// The reference position (mm) of `p` as a point of `element`, by the element's affine map.
+    /// Returns the reference position (mm) of `p` as a point of `element`, by the element's affine map.
     ///
     /// # Panics
     /// If there is no such element.
@@ -157,7 +157,7 @@ impl<T: Real> Locator<T> {
         element::carry_to_reference(&self.frames[index], &self.carries[index], p)
     }
 
-    /// The direction (mm) in the reference state of what is `direction` (mm) in this state, inside `element`.
+    /// Transforms a direction (mm) in this state into the reference state, inside `element`.
     ///
     /// # Panics
     /// If there is no such element.
@@ -166,7 +166,7 @@ impl<T: Real> Locator<T> {
         self.carries[element as usize].map(|row| row[0] * x + row[1] * y + row[2] * z)
     }
 
-    /// An answer that holds whatever the start, or none.
+    /// Returns an answer that does not depend on the start, or `None`.
     #[inline]
     fn walk(&self, p: [T; 3], start: u32) -> Option<Hit<T>> {
         let mut element = start;
@@ -189,7 +189,7 @@ impl<T: Real> Locator<T> {
         None
     }
 
-    /// The lowest element that holds `p`, from the list of its cell.
+    /// Returns the lowest element that contains `p`, from the list of its cell.
     fn scan(&self, p: [T; 3]) -> Hit<T> {
         let (list, tangled) = self.grid.around(p);
         let mut hit = Hit {
@@ -248,8 +248,8 @@ impl<T: Real> Locator<T> {
         }
     }
 
-    /// A point is clear of all other elements where it is farther from the faces of its own than any element that shares a
-    /// node with it can reach.
+    /// Sets the margins of all elements: a point is clear of all others where it is farther from the faces of its own than
+    /// any element that shares a node with it can reach.
     fn set_margins(&mut self) {
         self.node_reaches.fill(T::zero());
         for (corners, outline) in self.elements.iter().zip(&self.outlines) {

@@ -1,10 +1,10 @@
-//! From the world back to the reference state, a scanline at a time.
+//! Map from the world to the reference state, one scanline at a time.
 //!
-//! | a sample lies in | its position becomes | its flag (`w`) |
+//! | location of a sample | position after the map | flag (`w`) |
 //! |---|---|---|
 //! | the deformed mesh | the reference position of the same tissue | [`MAPPED`], or [`FOLDED`] in a fold |
-//! | the reference mesh only | as it was: its tissue has moved away | [`BACKGROUND`] |
-//! | neither | as it was | [`OUTSIDE`] |
+//! | the reference mesh only | unchanged: its tissue has moved away | [`BACKGROUND`] |
+//! | neither | unchanged | [`OUTSIDE`] |
 
 mod states;
 
@@ -15,20 +15,20 @@ pub use states::{Moved, States};
 use super::locator::{Locator, NONE};
 use crate::real::Real;
 
-/// The sample lies in the deformed mesh; its position is now a reference position.
+/// Flag of a sample in the deformed mesh; its position is now a reference position.
 pub const MAPPED: u32 = 0;
-/// The tissue that was here has moved away: the sample is background.
+/// Flag of a sample whose tissue has moved away: it is background.
 pub const BACKGROUND: u32 = 1;
-/// As [`MAPPED`], where the mesh is folded: one of several valid answers.
+/// Flag of a sample where the mesh is folded: its reference position is one of several valid ones.
 pub const FOLDED: u32 = 2;
-/// The sample lies outside the mesh in both states; reference and world are the same there.
+/// Flag of a sample outside the mesh in both states; reference and world are the same there.
 pub const OUTSIDE: u32 = 3;
 
 /// Maps the samples of one scanline.
 ///
-/// `positions` holds world positions (mm) in x, y, z; each comes back as the table above says, its flag as a number in w.
-/// `elements` holds the element of each sample in the last frame (or [`NONE`]) and comes back with that of this one.
-/// `reference` is a locator of the same mesh in its reference state.
+/// `positions` contains world positions (mm) in x, y, z; each is replaced as in the table of the [module](self), with its
+/// flag as a number in w. `elements` contains the element of each sample in the last frame (or [`NONE`]) and receives that
+/// of this one. `reference` is a locator of the same mesh in its reference state.
 ///
 /// # Panics
 /// If the slices differ in length.
@@ -59,8 +59,8 @@ pub fn map_line<T: Real>(
     }
 }
 
-/// Maps all scanlines of a frame, `samples` to a line, in parallel; a line at a time, so the result does not depend on the
-/// number of threads.
+/// Maps all scanlines of a frame, with `samples` per line, in parallel; a line at a time, so the result does not depend on
+/// the number of threads.
 ///
 /// # Panics
 /// If the slices differ in length.

@@ -1,8 +1,8 @@
-//! Two locators as the buffers of `shaders/warp.wgsl`.
+//! Packing of two locators into the buffers of `shaders/warp.wgsl`.
 //!
-//! The arrays of the reference locator come first in each buffer and those of the deformed one behind them, each at a place
-//! of its own whatever the other holds: a frame rewrites what belongs to the state that moved. The parameter block says where each
-//! begins.
+//! The arrays of the reference locator come first in each buffer, followed by those of the deformed one, each at a place
+//! that does not depend on the other's size: a frame rewrites only the data of the state that moved. The parameter block
+//! contains the start of each.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -11,7 +11,7 @@ use super::grid::CellGrid;
 use super::locator::Locator;
 use super::map::States;
 
-/// One grid in the shader's parameter block.
+/// Parameters of one grid in the shader's parameter block.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct GridParams {
@@ -21,49 +21,49 @@ pub struct GridParams {
     pub per_mm: f32,
     /// Lowest coordinates that any element reaches, mm.
     pub low: [f32; 3],
-    /// Where this grid's cell starts begin in their buffer.
+    /// Start of this grid's cell starts in their buffer.
     pub starts_at: u32,
     /// Highest coordinates that any element reaches, mm.
     pub high: [f32; 3],
-    /// Where this grid's element lists begin in their buffer; cell starts count from here.
+    /// Start of this grid's element lists in their buffer; cell starts count from here.
     pub lists_at: u32,
-    /// Cells along each axis.
+    /// Number of cells along each axis.
     pub cells: [u32; 3],
-    /// Where the element frames begin in their buffer, in vec4.
+    /// Start of the element frames in their buffer, in vec4.
     pub frames_at: u32,
 }
 
-/// The parameter block of `shaders/warp.wgsl`.
+/// Parameter block of `shaders/warp.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct WarpParams {
-    /// Scanlines of one plane.
+    /// Number of scanlines of one plane.
     pub lines: u32,
-    /// Samples along a scanline.
+    /// Number of samples along a scanline.
     pub samples: u32,
-    /// Planes across the elevation (1 unless the slice has a thickness).
+    /// Number of planes across the elevation (1 unless the slice has a thickness).
     pub planes: u32,
-    /// Elements of the mesh.
+    /// Number of elements of the mesh.
     pub elements: u32,
-    /// Where the world-to-reference maps of the deformed elements begin in the buffer of frames, in vec4.
+    /// Start of the world-to-reference maps of the deformed elements in the buffer of frames, in vec4.
     pub carries_at: u32,
     /// 1 where the deformed mesh has inverted elements, else 0.
     pub tangled: u32,
-    /// Not read.
+    /// Unused padding.
     pub padding: [u32; 2],
-    /// The grid over the deformed mesh.
+    /// Grid over the deformed mesh.
     pub deformed: GridParams,
-    /// The grid over the reference mesh.
+    /// Grid over the reference mesh.
     pub reference: GridParams,
 }
 
-/// A buffer of the shader.
+/// Buffers of the shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WarpBuffer {
-    /// Per element four vec4 from world to barycentric coordinates (reference, then deformed), then per deformed element
-    /// three vec4 from world to reference.
+    /// Four vec4 per element from world to barycentric coordinates (reference, then deformed), then three vec4 per deformed
+    /// element from world to reference.
     Frames,
-    /// Per element the neighbours across the faces opposite its corners.
+    /// Neighbours of each element across the faces opposite its corners.
     Neighbours,
     /// Cell starts of the reference grid, and those of the deformed one.
     Starts,
@@ -74,29 +74,29 @@ pub enum WarpBuffer {
 /// A part of a buffer's contents.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece<'a> {
-    /// Which buffer.
+    /// Buffer that contains the piece.
     pub buffer: WarpBuffer,
-    /// Where in it the piece begins, in bytes; a multiple of 4.
+    /// Offset of the piece in the buffer, bytes; a multiple of 4.
     pub at: u64,
-    /// What stands there.
+    /// Contents of the piece.
     pub bytes: &'a [u8],
 }
 
-/// The most that each buffer can come to hold, in its own items, wherever the nodes of either state are.
+/// Maximum size of each buffer, in its own items, for any node positions of either state.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WarpCapacities {
-    /// Of [`WarpBuffer::Frames`] (16 bytes each).
+    /// Capacity of [`WarpBuffer::Frames`], in items of 16 bytes.
     pub frames: usize,
-    /// Of [`WarpBuffer::Neighbours`] (16 bytes each).
+    /// Capacity of [`WarpBuffer::Neighbours`], in items of 16 bytes.
     pub neighbours: usize,
-    /// Of [`WarpBuffer::Starts`] (4 bytes each).
+    /// Capacity of [`WarpBuffer::Starts`], in items of 4 bytes.
     pub starts: usize,
-    /// Of [`WarpBuffer::Lists`] (4 bytes each).
+    /// Capacity of [`WarpBuffer::Lists`], in items of 4 bytes.
     pub lists: usize,
 }
 
 impl WarpCapacities {
-    /// The capacities of a mesh.
+    /// Returns the capacities for a mesh.
     pub fn of(mesh: &TetMesh) -> WarpCapacities {
         let count = mesh.elements().len();
         let (starts, lists) = CellGrid::<f32>::capacities(count);
@@ -109,7 +109,7 @@ impl WarpCapacities {
     }
 }
 
-/// The parameter block of a mesh in its two states; `lines`, `samples` and `planes` are the caller's to set.
+/// Returns the parameter block of a mesh in its two states; the caller sets `lines`, `samples` and `planes`.
 pub fn params(states: &States<f32>) -> WarpParams {
     let (deformed, reference) = (states.deformed(), states.reference());
     let places = Places::of(deformed);
@@ -126,17 +126,17 @@ pub fn params(states: &States<f32>) -> WarpParams {
     }
 }
 
-/// What never changes.
+/// Returns the data that never changes.
 pub fn topology(states: &States<f32>) -> Piece<'_> {
     piece(WarpBuffer::Neighbours, 0, &states.deformed().neighbours)
 }
 
-/// What changes with the reference state, beside [`deformed`].
+/// Returns the data that changes with the reference state, in addition to [`deformed`].
 pub fn reference(states: &States<f32>) -> [Piece<'_>; 3] {
     located(states.reference(), &Places::default())
 }
 
-/// What changes with either state.
+/// Returns the data that changes with either state.
 pub fn deformed(states: &States<f32>) -> [Piece<'_>; 4] {
     let locator = states.deformed();
     let places = Places::of(locator);
@@ -145,7 +145,8 @@ pub fn deformed(states: &States<f32>) -> [Piece<'_>; 4] {
     [frames, starts, lists, carries]
 }
 
-/// Where the arrays of a locator begin, in items of their buffers; by default those of the reference one, which come first.
+/// Starts of the arrays of a locator, in items of their buffers; by default those of the reference locator, which come
+/// first.
 #[derive(Default)]
 struct Places {
     frames: usize,
@@ -155,7 +156,7 @@ struct Places {
 }
 
 impl Places {
-    /// Those of the deformed locator: behind all that the reference one can come to hold.
+    /// Returns the starts of the deformed locator: after the capacity of the reference one.
     fn of(deformed: &Locator<f32>) -> Self {
         let count = deformed.elements.len();
         let (starts, lists) = CellGrid::<f32>::capacities(count);
@@ -201,7 +202,8 @@ fn grid(grid: &CellGrid<f32>, at: &Places) -> GridParams {
     }
 }
 
-/// Shaders may take infinities for anything; the bounds of a mesh without a single sound element hold them.
+/// Clamps to finite numbers: shaders may evaluate infinities arbitrarily, and the bounds of a mesh without a single sound
+/// element contain them.
 fn finite(corner: [f32; 3]) -> [f32; 3] {
     corner.map(|x| x.clamp(f32::MIN, f32::MAX))
 }

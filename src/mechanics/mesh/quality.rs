@@ -1,4 +1,4 @@
-//! How good a mesh is to calculate on: the shape of its elements, and whether it hangs together.
+//! Mesh quality for computation: the shape of the elements, and their connectivity.
 
 mod nodes;
 mod parts;
@@ -15,41 +15,41 @@ pub use shape::{Shape, jacobian_condition};
 pub use spread::Spread;
 pub use verdict::UnusableMesh;
 
-/// The greatest [`jacobian_condition`] of an element to calculate on, `1 / sqrt(f64::EPSILON)`: beyond it an element is so
-/// thin that rounding its corners leaves less than half the digits of its height, and of the stiffness it gives.
+/// Limit of the [`jacobian_condition`] of a usable element, `1 / sqrt(f64::EPSILON)`: beyond it an element is so thin that
+/// rounding its corners leaves less than half the digits of its height, and of its stiffness.
 pub const CONDITION_LIMIT: f64 = 67_108_864.0;
 
-/// What a mesh is like with its nodes at given positions. Lists are of indices from 0, ascending.
+/// Quality of a mesh with its nodes at given positions. Lists contain indices from 0, ascending.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Quality {
-    /// The shape of each element.
+    /// Shape of each element.
     pub shapes: Vec<Shape>,
     /// Signed volumes, mm^3, in orders of magnitude.
     pub volume_mm3: Spread,
-    /// The least dihedral angle of each element, degrees (70.53 in a regular one).
+    /// Least dihedral angle of each element, degrees (70.53 in a regular one).
     pub min_dihedral_deg: Spread,
-    /// The greatest dihedral angle of each element, degrees (70.53 in a regular one).
+    /// Greatest dihedral angle of each element, degrees (70.53 in a regular one).
     pub max_dihedral_deg: Spread,
-    /// The [`jacobian_condition`] of each element.
+    /// [`jacobian_condition`] of each element.
     pub condition: Spread,
     /// Elements of negative volume.
     pub inverted: Vec<u32>,
-    /// Elements whose volume is nothing but rounding.
+    /// Elements whose volume is within rounding of 0.
     pub flat: Vec<u32>,
     /// Elements with a corner that is NaN or infinite.
     pub not_finite: Vec<u32>,
     /// Elements with a volume whose condition exceeds [`CONDITION_LIMIT`].
     pub slivers: Vec<u32>,
-    /// Elements with the corners of an earlier one: that one, and the element.
+    /// Duplicated elements: the earlier element with the same corners, and the duplicate.
     pub duplicates: Vec<[u32; 2]>,
-    /// Nodes of no element.
+    /// Nodes without an element.
     pub isolated_nodes: Vec<u32>,
-    /// Nodes in the place of an earlier one (within 1e-9 of the mesh's diagonal): that one, and the node.
+    /// Coincident nodes (within 1e-9 of the mesh's diagonal): the earlier node, and the coincident one.
     pub coincident_nodes: Vec<[u32; 2]>,
-    /// What is connected through common nodes, by first element.
+    /// Parts connected through common nodes, by first element.
     pub parts: Vec<Part>,
-    /// How many parts there would be if only common faces held them together. More than [`Quality::parts`] means that some
-    /// hang on a node or an edge, as on a hinge.
+    /// Number of parts connected through common faces. More than [`Quality::parts`] means that some are attached by a node
+    /// or an edge, as by a hinge.
     pub face_parts: usize,
     /// Regions by number.
     pub regions: Vec<Region>,
@@ -58,9 +58,9 @@ pub struct Quality {
 /// The elements of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Region {
-    /// Its number.
+    /// Region number.
     pub value: i32,
-    /// Its elements.
+    /// Number of its elements.
     pub elements: usize,
     /// Sum of their signed volumes, ml.
     pub volume_ml: f64,
@@ -110,12 +110,12 @@ impl Quality {
         }
     }
 
-    /// Volume of all elements, ml.
+    /// Returns the volume of all elements, ml.
     pub fn volume_ml(&self) -> f64 {
         self.regions.iter().map(|region| region.volume_ml).sum()
     }
 
-    /// Whether the mesh can be calculated on: no element is inverted, flat, a sliver, not finite or there twice.
+    /// Checks that the mesh is usable for computation: no element is inverted, flat, a sliver, not finite or duplicated.
     ///
     /// # Errors
     /// [`UnusableMesh`], which names the elements.

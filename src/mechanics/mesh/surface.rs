@@ -1,22 +1,22 @@
-//! The surface of a mesh: faces that only one tetrahedron has.
+//! Surface of a mesh: faces of only one tetrahedron.
 
 use super::{NONE, TetMesh};
 
 /// A face on the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Face {
-    /// Its nodes.
+    /// Nodes of the face.
     pub nodes: [u32; 3],
-    /// Its tetrahedron.
+    /// Tetrahedron of the face.
     pub element: u32,
-    /// The region of its tetrahedron.
+    /// Region of the tetrahedron.
     pub region: i32,
-    /// Outward normal in the reference state, as long as the face is large, mm^2.
+    /// Outward normal in the reference state, with the area of the face as length, mm^2.
     pub area_mm2: [f64; 3],
 }
 
 impl TetMesh {
-    /// Faces on the surface, by element.
+    /// Returns the faces on the surface, by element.
     pub fn surface(&self) -> impl Iterator<Item = Face> + '_ {
         (0..).zip(&self.neighbours).flat_map(move |(element, neighbours)| {
             let open = (0..4).filter(move |corner| neighbours[*corner] == NONE);
@@ -24,7 +24,7 @@ impl TetMesh {
         })
     }
 
-    /// The face of an element opposite to a corner.
+    /// Returns the face of an element opposite to a corner.
     fn face(&self, element: u32, opposite: usize) -> Face {
         let corners = self.elements[element as usize];
         let nodes = [1, 2, 3].map(|next| corners[(opposite + next) % 4]);

@@ -158,7 +158,8 @@ fn impossible_boxes_are_refused() {
     ));
 }
 
-/// Reflected in a plane between cells, a mirrored lattice is itself: as many tetrahedra, all of the box, over the same nodes.
+/// Reflected in a plane between cells, a mirrored lattice is itself: as many tetrahedra, all of the box, over the same
+/// nodes.
 #[test]
 fn a_mirrored_lattice_is_its_own_mirror_image() {
     let to_world = Matrix4::new_nonuniform_scaling(&nalgebra::Vector3::new(4.0, 2.0, 2.0));

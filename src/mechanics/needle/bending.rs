@@ -1,23 +1,23 @@
-//! How far a needle may bend once it is in the body.
+//! Constraint on the direction of the inserted part of a needle.
 
 use nalgebra::{Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// Holds the inserted part of a needle near the direction in which it entered, since tissue does, while the sensor at
-/// its hub follows the hand.
+/// Keeps the inserted part of a needle near the direction in which it entered, as tissue does, while the sensor at its hub
+/// follows the hand.
 ///
-/// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured
-/// one `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the
-/// training system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al. 2007 give 0.9, 60 and
-/// 0.12 without units: they suit a length in metres, so that bending is free at first and held from about 120 mm on.
-/// Here lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
+/// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured one
+/// `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the training
+/// system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al. 2007 give 0.9, 60 and 0.12
+/// without units: they suit a length in metres, so that bending is free at first and constrained from about 120 mm on. Here
+/// lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BendingConstraint {
     /// Largest weight of the entry direction (0 to 1). Default 0.9.
     pub max_weight: f64,
-    /// How sharply bending becomes constrained, 1/mm (0 to 10). Default 0.06.
+    /// Steepness of the transition to constrained bending, 1/mm (0 to 10). Default 0.06.
     pub alpha_per_mm: f64,
     /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
     pub delta_mm: f64,
@@ -34,7 +34,7 @@ impl Default for BendingConstraint {
 }
 
 impl BendingConstraint {
-    /// Every number with its key, its lowest and its highest value.
+    /// Returns every parameter with its key and its lowest and highest value.
     pub fn ranges(&self) -> [(&'static str, f64, [f64; 2]); 3] {
         [
             ("max_weight", self.max_weight, [0.0, 1.0]),
@@ -43,12 +43,12 @@ impl BendingConstraint {
         ]
     }
 
-    /// Weight of the entry direction at an inserted length, mm.
+    /// Returns the weight of the entry direction at an inserted length, mm.
     pub fn weight(&self, inserted_mm: f64) -> f64 {
         self.max_weight / (1.0 + (-self.alpha_per_mm * (inserted_mm - self.delta_mm)).exp())
     }
 
-    /// The constrained direction of the inserted part. The entry direction where the two are opposite and cancel.
+    /// Returns the constrained direction of the inserted part: the entry direction where the two are opposite and cancel.
     pub fn direction(
         &self,
         entry: &Unit<Vector3<f64>>,
@@ -69,7 +69,7 @@ mod tests {
     fn the_weight_rises_from_free_to_held() {
         let constraint = BendingConstraint::default();
         assert!((constraint.weight(120.0) - 0.45).abs() < 1e-12);
-        // Zhu et al.'s figures in metres: 0.9 / (1 + exp(-60 (0.05 - 0.12))).
+        // The numbers of Zhu et al. in metres: 0.9 / (1 + exp(-60 (0.05 - 0.12))).
         assert!((constraint.weight(50.0) - 0.9 / (1.0 + 4.2f64.exp())).abs() < 1e-12);
         assert!(constraint.weight(0.0) < 1e-3 && constraint.weight(220.0) > 0.89);
     }

@@ -1,4 +1,4 @@
-//! A flexible needle as a beam that its base holds.
+//! Flexible needle as a cantilever beam.
 
 #[cfg(test)]
 mod tests;
@@ -12,33 +12,32 @@ use super::shaft::check;
 use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft, Stiffness};
 use crate::mechanics::ldl::Ldl;
 
-/// Usual length of an element, mm.
+/// Default length of an element, mm.
 pub const ELEMENT_MM: f64 = 5.0;
 
-/// Most elements of a needle.
+/// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1000.0;
 
-/// A needle as an Euler-Bernoulli beam in space: Hermite cubic elements, each in a frame that goes with its chord.
+/// A needle as an Euler-Bernoulli beam in space: Hermite cubic elements, each in a frame that moves with its chord.
 ///
-/// An element of length `h` bends by the moments at its ends, `a1 = -(h/6EI) (2 M1 + M2)` and `a2 = (h/6EI) (M1 + 2 M2)`, the
-/// angles of its ends against its chord. Moments follow from the loads beyond, with their levers on the bent shaft. So at a node
-/// the chords turn by `(h/6EI) (M_before + 4 M + M_beyond)`, at the base by `(h/6EI) (2 M + M_beyond)`: nodes lie where beam
-/// theory has them whatever `h`, as long as forces act at nodes. Between nodes the shaft is its chord, which a force there sees:
-/// that leaves out at most `F h^3/(48 EI)`, 0.0004 mm for 1 N and 5 mm. (Springs, whose joints are the midpoint rule of the same
-/// integrals, are off by `h^2/(4 L^2)` of the deflection.)
+/// An element of length `h` bends by the moments at its ends, `a1 = -(h/6EI) (2 M1 + M2)` and `a2 = (h/6EI) (M1 + 2 M2)`,
+/// the angles of its ends relative to its chord. Moments follow from the loads beyond, with their levers on the bent shaft.
+/// So at a node the chords turn by `(h/6EI) (M_before + 4 M + M_beyond)`, at the base by `(h/6EI) (2 M + M_beyond)`: nodes
+/// lie exactly where beam theory has them for any `h`, as long as forces act at nodes. Between nodes the shaft is its chord,
+/// on which forces there act: that omits at most `F h^3/(48 EI)`, 0.0004 mm for 1 N and 5 mm. (Springs, whose joints are the
+/// midpoint rule of the same integrals, are off by `h^2/(4 L^2)` of the deflection.)
 ///
-/// Rotations of the whole may be large: frames are carried along, levers are those of the bent needle, and lengths stay. Within
-/// an element the chord is as long as the arc, which is off by `a^2/10` of it for ends that turn by `a`; a node turns by at most 45
-/// degrees. There is no torsion, as for the other models. For a needle on a hyperelastic foundation of its own see
-/// [`beam`](super::beam); here tissue acts through the loads.
+/// Rotations of the beam may be large: frames are carried along, levers are those of the bent needle, and lengths are
+/// preserved. Within an element the chord is as long as the arc, which is off by `a^2/10` of it for ends that turn by `a`; a
+/// node turns by at most 45 degrees. There is no torsion, as in the other models. For a needle on a hyperelastic foundation
+/// of its own see [`beam`](super::beam); here tissue acts through the loads.
 #[derive(Clone, Debug)]
 pub struct Cantilever {
     jointed: Jointed,
 }
 
 impl Cantilever {
-    /// A needle of elements about `element_mm` long (above 0, at most the needle, at most 1000 elements): as many as make up its
-    /// length.
+    /// Builds a needle of equal elements about `element_mm` long (above 0, at most the needle, at most 1000 elements).
     ///
     /// # Errors
     /// [`InvalidNeedleModel`].
@@ -57,7 +56,7 @@ impl Cantilever {
         let expected = "above 0, at most the length of the needle, at least a thousandth of it";
         check("element_mm", element_mm, holds, expected)?;
         let part = length / elements;
-        // The base turns too: it is held, but the first chord turns against it.
+        // The base is a joint too: it is clamped, but the first chord turns relative to it.
         let nodes: Vec<f64> = (0..elements as usize).map(|node| part * node as f64).collect();
         let resistance = inverse(nodes.len(), part / (6.0 * stiffness.bending_nmm2()));
         let chain = Chain::new(length, &nodes, bevel.as_ref());
@@ -67,7 +66,8 @@ impl Cantilever {
     }
 }
 
-/// The inverse of what moments at the nodes turn the chords by: `compliance` times 2 and 1 at the base, and 1, 4, 1 beyond.
+/// Returns the inverse of the rotations of the chords by moments at the nodes: `compliance` times 2 and 1 at the base, and
+/// 1, 4, 1 beyond.
 fn inverse(nodes: usize, compliance: f64) -> Vec<f64> {
     let mut ldl = Ldl::default();
     ldl.start(nodes);

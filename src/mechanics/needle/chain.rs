@@ -1,26 +1,27 @@
-//! Rigid links in a row, some joined by joints: the geometry that the models share.
+//! Chain of rigid links and joints: the geometry common to the models.
 
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::{Bevel, CentreLine};
 
-/// Nodes closer than this along the shaft are one, mm.
+/// Distance along the shaft below which two nodes are merged, mm.
 const APART_MM: f64 = 1e-9;
 
 /// Nodes along the undeformed shaft: base, joints, the start of the bevel, tip.
 #[derive(Clone, Debug)]
 pub(super) struct Chain {
     arcs: Vec<f64>,
-    /// The node of each joint.
+    /// Node of each joint.
     joints: Vec<usize>,
-    /// From which node on the shaft is tilted, and its direction there in the frame of the link.
+    /// Node from which the shaft is tilted, and its direction there in the frame of the link.
     tilt: Option<(usize, Vector3<f64>)>,
     nodes: Vec<(f64, Point3<f64>)>,
     turns: Vec<Vector3<f64>>,
 }
 
 impl Chain {
-    /// A shaft with joints at rising arcs (mm) within it, the first of them at the base or not. Bevel and length are checked.
+    /// Builds a shaft with joints at rising arcs (mm) within it, with or without one at the base. Bevel and length must be
+    /// valid.
     pub(super) fn new(length_mm: f64, joints: &[f64], bevel: Option<&Bevel>) -> Self {
         let first = usize::from(joints.first() != Some(&0.0));
         let mut arcs = vec![0.0; first];
@@ -55,25 +56,25 @@ impl Chain {
         self.arcs[self.arcs.len() - 1]
     }
 
-    /// The node of each joint, base first.
+    /// Returns the node of each joint, base first.
     pub(super) fn joints(&self) -> &[usize] {
         &self.joints
     }
 
-    /// How many joints lie before an arc (mm).
+    /// Returns the number of joints before an arc (mm).
     pub(super) fn joints_before(&self, arc_mm: f64) -> usize {
         self.joints.partition_point(|&node| self.arcs[node] < arc_mm)
     }
 
-    /// Whether a line has the nodes and joints of this shaft.
+    /// Returns whether a line has the nodes and joints of this shaft.
     pub(super) fn fits(&self, line: &CentreLine) -> bool {
         let arcs = line.nodes().iter().map(|node| node.0);
         let turns = line.turns().len() == self.joints.len();
         turns && line.nodes().len() == self.arcs.len() && arcs.eq(self.arcs.iter().copied())
     }
 
-    /// Lays the links one behind the other. `turn` gives the rotation (axis times angle, world axes) of each joint for
-    /// the direction of the link before it; frames are carried along by these rotations alone.
+    /// Places the links one after another. `turn` gives the rotation (axis times angle, world axes) of each joint for the
+    /// direction of the link before it; frames are carried along by these rotations alone.
     pub(super) fn place(
         &mut self,
         base: &Isometry3<f64>,
@@ -85,7 +86,7 @@ impl Chain {
             _ => frame * Vector3::z(),
         };
         let mut frame = base.rotation;
-        // Points lie from where the shaft last turned, so that a straight one is straight to the bit.
+        // Points are computed from the last turn of the shaft, so that a straight one is straight to the bit.
         let mut turned = (self.arcs[0], Point3::from(base.translation.vector));
         let mut along = direction(&frame, 0);
         let mut joint = 0;

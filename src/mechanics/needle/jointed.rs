@@ -1,4 +1,4 @@
-//! A needle whose shaft turns at joints that resist: what the flexible models share.
+//! Needle with resisting joints: the solver common to the flexible models.
 
 use std::f64::consts::FRAC_PI_4;
 
@@ -9,20 +9,20 @@ use super::chain::Chain;
 use super::tangent::Tangent;
 use super::{CentreLine, Load, Row};
 
-/// A joint turns by at most this, rad.
+/// Maximum rotation of a joint, rad.
 pub(super) const MAX_TURN: f64 = FRAC_PI_4;
 
-/// What resists the turns of joints.
+/// Resistance of the joints to rotation.
 #[derive(Clone, Debug)]
 pub(super) enum Resistance {
-    /// A spring in each, of so much torque by angle, N mm/rad.
+    /// A spring in each joint, with this torque per angle, N mm/rad.
     Springs(f64),
     /// Torques by angles of all joints, N mm/rad: a symmetric matrix, row by row.
     Coupled(Vec<f64>),
 }
 
 impl Resistance {
-    /// Torque at joint `row` by an angle of joint `column`, of `count` joints.
+    /// Returns the torque at joint `row` per angle of joint `column`, for `count` joints.
     pub fn entry(&self, row: usize, column: usize, count: usize) -> f64 {
         match self {
             Resistance::Springs(kappa) if row == column => *kappa,
@@ -32,7 +32,7 @@ impl Resistance {
     }
 }
 
-/// Links with joints between them. See [`Tangent`] for how the joints find their turns.
+/// Links with joints between them. See [`Tangent`] for the solution of the joint rotations.
 #[derive(Clone, Debug)]
 pub(super) struct Jointed {
     pub chain: Chain,
@@ -59,7 +59,7 @@ impl Jointed {
         self.radius_mm
     }
 
-    /// See [`Needle::place`](super::Needle::place).
+    /// Places the centre line; see [`Needle::place`](super::Needle::place).
     pub fn place(&mut self, base: &Isometry3<f64>, about: &[Load], loads: &[Load], line: &mut CentreLine) {
         if !self.chain.fits(line) {
             self.chain.place(base, line, |_, _| Vector3::zeros());
@@ -73,7 +73,7 @@ impl Jointed {
         });
     }
 
-    /// See [`Needle::linearise`](super::Needle::linearise).
+    /// Linearises the shape; see [`Needle::linearise`](super::Needle::linearise).
     pub fn linearise(
         &mut self,
         line: &CentreLine,
@@ -94,7 +94,7 @@ impl Jointed {
     }
 }
 
-/// At most as far as a joint turns.
+/// Limits a rotation to [`MAX_TURN`].
 fn limited(angle: Vector3<f64>) -> Vector3<f64> {
     let turn = angle.norm();
     if turn > MAX_TURN {

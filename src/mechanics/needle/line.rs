@@ -1,9 +1,9 @@
-//! The centre line of a needle: a polyline from base to tip, by arc length of the undeformed shaft.
+//! Centre line of a needle: a polyline from base to tip, by arc length of the undeformed shaft.
 
 use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// Two directions across a unit vector and each other.
+/// Returns two unit vectors perpendicular to a unit vector and to each other.
 pub(in crate::mechanics) fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let mut aside = Vector3::zeros();
     aside[along.iamin()] = 1.0;
@@ -14,17 +14,17 @@ pub(in crate::mechanics) fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
 /// A point of the shaft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShaftPoint {
-    /// Where it is, mm.
+    /// Position, mm.
     pub point_mm: Point3<f64>,
-    /// The direction of the shaft there, towards the tip.
+    /// Unit tangent of the shaft, towards the tip.
     pub tangent: Unit<Vector3<f64>>,
 }
 
-/// A polyline from base to tip; the link behind the last node goes on beyond the tip, the first one before the base.
+/// A polyline from base to tip; its last link extends beyond the tip, the first one before the base.
 #[derive(Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CentreLine {
     nodes: Vec<(f64, Point3<f64>)>,
-    /// What the joints of the needle that laid it turn by (axis times angle, rad, world axes), base first.
+    /// Rotations of the joints of the needle that placed it (axis times angle, rad, world axes), base first.
     turns: Vec<Vector3<f64>>,
 }
 
@@ -36,7 +36,7 @@ impl Clone for CentreLine {
         }
     }
 
-    /// Keeps its memory.
+    /// Reuses the memory.
     fn clone_from(&mut self, other: &Self) {
         self.nodes.clone_from(&other.nodes);
         self.turns.clone_from(&other.turns);
@@ -44,12 +44,13 @@ impl Clone for CentreLine {
 }
 
 impl CentreLine {
-    /// Takes other nodes: arcs (mm) rising from 0 at the base to the length at the tip, at least two, no two points in one place.
+    /// Replaces the nodes: arcs (mm) rising from 0 at the base to the length at the tip, at least two, no two points
+    /// coinciding.
     pub fn set(&mut self, nodes: impl IntoIterator<Item = (f64, Point3<f64>)>) {
         self.set_turned(nodes, &[]);
     }
 
-    /// The same, of a needle whose joints turn by `turns`.
+    /// Replaces the nodes, for a needle whose joints turn by `turns`.
     pub(in crate::mechanics) fn set_turned(
         &mut self,
         nodes: impl IntoIterator<Item = (f64, Point3<f64>)>,
@@ -62,8 +63,8 @@ impl CentreLine {
         debug_assert!(self.nodes.len() >= 2 && self.nodes.windows(2).all(|pair| pair[0].0 < pair[1].0));
     }
 
-    /// The direction before a node (of unit length): of the link before it, or, at the base, where the first link pointed before the
-    /// joint there turned.
+    /// Returns the unit direction before a node: of the link before it, or, at the base, that of the first link before the
+    /// rotation of the joint there.
     pub(super) fn before(&self, node: usize, turn: &Vector3<f64>) -> Vector3<f64> {
         if node > 0 {
             (self.nodes[node].1 - self.nodes[node - 1].1).normalize()
@@ -72,39 +73,39 @@ impl CentreLine {
         }
     }
 
-    /// Moves all of it.
+    /// Moves the line rigidly.
     pub(in crate::mechanics) fn transform(&mut self, motion: &Isometry3<f64>) {
         self.nodes.iter_mut().for_each(|node| node.1 = motion * node.1);
         self.turns.iter_mut().for_each(|turn| *turn = motion.rotation * *turn);
     }
 
-    /// Arcs (mm) and points, base first. Empty before the needle is first placed.
+    /// Returns arcs (mm) and points, base first; empty before the needle is first placed.
     pub fn nodes(&self) -> &[(f64, Point3<f64>)] {
         &self.nodes
     }
 
-    /// What its joints turn by, rad, world axes, base first. Empty if the needle that laid it has none.
+    /// Returns the rotations of the joints, rad, world axes, base first; empty if the needle that placed the line has none.
     pub(in crate::mechanics) fn turns(&self) -> &[Vector3<f64>] {
         &self.turns
     }
 
-    /// The arc of the tip, mm.
+    /// Returns the arc of the tip, mm.
     pub fn length_mm(&self) -> f64 {
         self.nodes.last().map_or(0.0, |node| node.0)
     }
 
-    /// The tip, mm.
+    /// Returns the position of the tip, mm.
     pub fn tip(&self) -> Point3<f64> {
         self.nodes.last().map_or_else(Point3::origin, |node| node.1)
     }
 
-    /// The point at an arc (mm).
+    /// Returns the point at an arc (mm).
     pub fn at(&self, arc_mm: f64) -> ShaftPoint {
         let after = self.nodes.partition_point(|node| node.0 <= arc_mm);
         self.on_link(after.clamp(1, self.nodes.len() - 1), arc_mm)
     }
 
-    /// The arc (mm) of the point nearest to `point`: below 0 before the base, above the length beyond the tip.
+    /// Returns the arc (mm) of the point nearest to `point`: below 0 before the base, above the length beyond the tip.
     pub fn nearest(&self, point: &Point3<f64>) -> f64 {
         let last = self.nodes.len() - 1;
         let candidates = (1..=last).map(|link| {
@@ -124,7 +125,7 @@ impl CentreLine {
             .map_or(0.0, |found| found.1)
     }
 
-    /// Largest distance (mm) between the nodes of two lines of as many nodes; infinite if they have not.
+    /// Returns the largest distance (mm) between corresponding nodes of two lines; infinite if their node counts differ.
     pub fn distance(&self, other: &CentreLine) -> f64 {
         if self.nodes.len() != other.nodes.len() {
             return f64::INFINITY;

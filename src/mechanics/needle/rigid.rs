@@ -1,4 +1,4 @@
-//! Needles that no force bends.
+//! Rigid needles.
 
 use faer::Mat;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
@@ -7,7 +7,7 @@ use super::chain::Chain;
 use super::shaft::check;
 use super::{BendingConstraint, Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
 
-/// A straight needle, with a bevel or without.
+/// A straight needle, with or without a bevel.
 #[derive(Clone, Debug)]
 pub struct Rigid {
     chain: Chain,
@@ -15,7 +15,7 @@ pub struct Rigid {
 }
 
 impl Rigid {
-    /// A needle of this size.
+    /// Builds a needle of this size.
     ///
     /// # Errors
     /// [`InvalidNeedleModel`].
@@ -52,9 +52,9 @@ impl Needle for Rigid {
     }
 }
 
-/// A straight needle whose inserted part is held near the direction in which it entered (Zhu et al. 2007, section
-/// 2.3): from the base straight to the entry point, from there on along the constrained direction for the length that
-/// remains. Straight along the base as long as it is not in the body, or too short to reach the entry point.
+/// A straight needle whose inserted part is kept near the direction in which it entered (Zhu et al. 2007, section 2.3):
+/// straight from the base to the entry point, then along the constrained direction for the remaining length. Straight along
+/// the base while it is not in the body, or too short to reach the entry point.
 #[derive(Clone, Debug)]
 pub struct Constrained {
     shaft: Shaft,
@@ -62,7 +62,7 @@ pub struct Constrained {
 }
 
 impl Constrained {
-    /// A needle of this size, held like this.
+    /// Builds a needle of this size with this constraint.
     ///
     /// # Errors
     /// [`InvalidNeedleModel`].
@@ -94,7 +94,7 @@ impl Needle for Constrained {
         let outside = entry.map_or(0.0, |entry| (entry.point_mm - hub).norm());
         let inserted = length - outside;
         match entry {
-            // Not with nodes in one place.
+            // Otherwise nodes would coincide.
             Some(entry) if outside > LEAST_MM && inserted > LEAST_MM => {
                 let held = self.constraint.direction(&entry.direction, &measured, inserted);
                 let tip = entry.point_mm + held.scale(inserted);
@@ -110,7 +110,7 @@ impl Needle for Constrained {
     }
 }
 
-/// Parts of the shaft shorter than this have no direction, mm.
+/// Length below which a part of the shaft has no direction, mm.
 const LEAST_MM: f64 = 1e-6;
 
 #[cfg(test)]
@@ -172,7 +172,7 @@ mod tests {
         let held = constraint.direction(&entry.direction, &measured, 200.0 - outside);
         assert!((line.tip() - (entry.point_mm + held.scale(200.0 - outside))).norm() < 1e-12);
         assert!(held.angle(&entry.direction) < held.angle(&measured));
-        // Too short, or held at the entry: straight.
+        // Too short, or with its base at the entry: straight.
         for point in [Point3::new(0.0, 0.0, 200.0), Point3::origin()] {
             let entry = Entry {
                 point_mm: base * point,

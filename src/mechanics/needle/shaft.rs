@@ -1,20 +1,20 @@
-//! The size of a needle and of its bevel.
+//! Dimensions of a needle and its bevel.
 
 use nalgebra::Vector3;
 
-/// A number that no needle can have.
+/// A number out of range in a needle model.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("needle key `{key}` is {found}; expected {expected}")]
 pub struct InvalidNeedleModel {
-    /// The field.
+    /// Name of the field.
     pub key: &'static str,
-    /// As given.
+    /// The rejected value.
     pub found: f64,
-    /// Its range.
+    /// Permitted range.
     pub expected: String,
 }
 
-/// Refuses `found` unless `holds`.
+/// Returns an error with `found` unless `holds`.
 pub(super) fn check(
     key: &'static str,
     found: f64,
@@ -29,13 +29,13 @@ pub(super) fn check(
     }
 }
 
-/// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from the
-/// Goksel et al. 2011, section III-C).
+/// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel et
+/// al. 2011, section III-C).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Shaft {
-    /// From base to tip, mm (0.1 to 1000).
+    /// Length from base to tip, mm (0.1 to 1000).
     pub length_mm: f64,
-    /// mm (0.025 to 5).
+    /// Radius, mm (0.025 to 5).
     pub radius_mm: f64,
 }
 
@@ -60,18 +60,18 @@ impl Shaft {
     }
 }
 
-/// Length of a bevel where none is stated, mm: with r = 0.6 mm it deflects the tip by the 10.4 mm of Goksel et al. 2011 (figure 10c)
-/// in PVC of 20 kPa, 140 mm deep, on cells of 10 mm (9.4 mm on cells of 5 mm).
+/// Default length of a bevel, mm: with r = 0.6 mm it deflects the tip by the 10.4 mm of Goksel et al. 2011 (figure 10c) in
+/// PVC of 20 kPa, 140 mm deep, on cells of 10 mm (9.4 mm on cells of 5 mm).
 pub const BEVEL_MM: f64 = 18.0;
 
 /// The bevel of a needle's tip, as a tilt of the last part of its centre line (Goksel et al. 2011, section III-C).
 ///
-/// Tissue is cut at the edge of the tip, which lies off the centre line. What was cut there then slides onto the centre
-/// line, so it is pulled to one side, away from the edge; its elastic answer pushes the needle the other way, towards
-/// the edge, and a flexible needle follows. The tip is put `r_mm` off the centre line towards +x of the frame of the
-/// last link, which is the side that the needle deflects to: roll of the base steers it, for the shaft has no torsion.
+/// Tissue is cut at the edge of the tip, which lies off the centre line. The cut tissue then slides onto the centre line, so
+/// it is pulled to one side, away from the edge; its elastic response pushes the needle the other way, towards the edge, and
+/// a flexible needle follows. The tip is placed `r_mm` off the centre line towards +x of the frame of the last link, which
+/// is the side to which the needle deflects: roll of the base steers it, for the shaft has no torsion.
 ///
-/// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is no measure of the needle but is
+/// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is not a dimension of the needle but is
 /// fitted: Goksel et al. 2011 find 0.6 mm for a brachytherapy needle of 0.64 mm radius.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bevel {
@@ -95,7 +95,7 @@ impl Bevel {
         check("bevel_r_mm", r, holds, "0 to 5, below the length of the bevel")
     }
 
-    /// The direction of the tilted part in the frame of its link.
+    /// Returns the direction of the tilted part in the frame of its link.
     pub(super) fn direction(&self) -> Vector3<f64> {
         let sine = self.r_mm / self.length_mm;
         Vector3::new(sine, 0.0, (1.0 - sine * sine).sqrt())

@@ -1,4 +1,4 @@
-//! Angular springs: a flexible needle of rigid links.
+//! Flexible needle of rigid links with angular springs.
 
 #[cfg(test)]
 mod tests;
@@ -16,29 +16,29 @@ use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Sha
 /// Length of a link for which Goksel et al. 2011 state the stiffness of its joint, mm.
 pub const LINK_MM: f64 = 10.0;
 
-/// Most links of a needle.
+/// Maximum number of links of a needle.
 const MAX_LINKS: f64 = 1000.0;
 
-/// How hard a needle is to bend.
+/// Bending stiffness of a needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Stiffness {
-    /// Torque by angle of a joint between links of [`LINK_MM`], N mm per degree (1e-6 to 1e12). Joints of links of other
-    /// lengths get the stiffness that bends the needle alike.
+    /// Torque per angle of a joint between links of [`LINK_MM`], N mm per degree (1e-6 to 1e12). Joints of links of other
+    /// lengths get the stiffness that gives the needle the same bending stiffness.
     KappaNmmPerDeg(f64),
     /// Bending stiffness EI of the shaft, N mm^2 (1e-6 to 1e12).
     BendingNmm2(f64),
 }
 
 impl Default for Stiffness {
-    /// A brachytherapy needle: 10.7 N mm per degree (Goksel et al. 2011, section III-B), an EI of 6.13e3 N mm^2.
-    /// That is about a quarter of what a solid steel rod of the same radius has.
+    /// Returns the stiffness of a brachytherapy needle: 10.7 N mm per degree (Goksel et al. 2011, section III-B), an EI of
+    /// 6.13e3 N mm^2. That is about a quarter of that of a solid steel rod of the same radius.
     fn default() -> Self {
         Stiffness::KappaNmmPerDeg(10.7)
     }
 }
 
 impl Stiffness {
-    /// EI, N mm^2.
+    /// Returns EI, N mm^2.
     pub fn bending_nmm2(&self) -> f64 {
         match *self {
             Stiffness::KappaNmmPerDeg(kappa) => kappa * 180.0 / PI * LINK_MM,
@@ -57,19 +57,20 @@ impl Stiffness {
 
 /// A needle of rigid links joined by universal joints with angular springs (Goksel et al. 2011, section III-B).
 ///
-/// Each joint turns by the torque of all forces between it and the tip, without its part along the shaft, over the
-/// stiffness of its spring: `theta_k = P_k sum (x - x_k) x f / kappa`. There is no torsion: frames are carried along
-/// the shaft by these rotations alone.
+/// Each joint turns by the torque of all forces between it and the tip, without its component along the shaft, over the
+/// stiffness of its spring: `theta_k = P_k sum (x - x_k) x f / kappa`. There is no torsion: frames are carried along the
+/// shaft by these rotations alone.
 ///
-/// Goksel et al. 2011 take the levers x - x_k from the shape before and damps what comes out: forces along the shaft multiply what is left
-/// by their share of the one that buckles the needle, and above it nothing settles. Here the shape goes by Newton's method, whose
-/// tangent stiffness knows that levers follow the joints. It ends at Goksel et al.'s equation, in a few steps.
+/// Goksel et al. 2011 take the levers x - x_k from the previous shape and damp the result: forces along the shaft multiply
+/// the remaining error by their share of the buckling force, and above it nothing settles. Here the shape is solved by
+/// Newton's method, whose tangent stiffness accounts for the levers following the joints. It converges to the equation of
+/// Goksel et al. in a few steps.
 ///
-/// The shaft is cut into equal parts of `h`, with a joint of stiffness EI / h in the middle of each, so that links are
-/// `h` long but the first and the last, half of it. This is the midpoint rule for the integrals of beam theory:
-/// deflections differ from those of an Euler-Bernoulli beam by O(h^2), at the tip under a force there by h^2 / (4 L^2)
-/// of the whole (0.06 % for Goksel et al.'s 20 links of 10 mm). Joints between the parts, half as stiff at the base, would
-/// be the trapezoidal rule: of the same order, with twice the error.
+/// The shaft is cut into equal parts of `h`, with a joint of stiffness EI / h in the middle of each, so that links are `h`
+/// long except the first and the last, half of it. This is the midpoint rule for the integrals of beam theory: deflections
+/// differ from those of an Euler-Bernoulli beam by O(h^2), at the tip under a force there by the relative error h^2 / (4
+/// L^2) (0.06 % for the 20 links of 10 mm of Goksel et al.). Joints between the parts, half as stiff at the base, would be
+/// the trapezoidal rule: of the same order, with twice the error.
 ///
 /// A joint turns by at most 45 degrees.
 #[derive(Clone, Debug)]
@@ -78,8 +79,7 @@ pub struct Springs {
 }
 
 impl Springs {
-    /// A needle of links about `link_mm` long (above 0, at most the needle, at most 1000 links): as many as make up its
-    /// length.
+    /// Builds a needle of equal links about `link_mm` long (above 0, at most the needle, at most 1000 links).
     ///
     /// # Errors
     /// [`InvalidNeedleModel`].

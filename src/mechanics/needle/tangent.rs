@@ -1,14 +1,14 @@
-//! How joints turn under forces whose levers follow them: the tangent stiffness of a chain of links.
+//! Tangent stiffness of a chain of links under forces whose levers follow the joints.
 //!
-//! With theta the turns of all joints, `kappa theta = tau(theta)` at rest, tau_k = sum (x - x_k) x f over the forces beyond joint k.
-//! The levers change as joints turn,
+//! With theta the turns of all joints, `kappa theta = tau(theta)` at rest, tau_k = sum (x - x_k) x f over the forces beyond
+//! joint k. The levers change as joints turn,
 //!
 //! ```text
 //! d tau_j / d theta_k = G_jk = N_max(j,k) - tr(N) I,    N_k = sum (x - x_k) f^T over the forces beyond joint k
 //! ```
 //!
-//! for axes of j, the nearer to the base, and k; transposed for the farther. G is the geometric stiffness: `kappa - G` is singular
-//! where the forces buckle the needle.
+//! for axes of j, the nearer to the base, and k; transposed for the farther. G is the geometric stiffness: `kappa - G` is
+//! singular where the forces buckle the needle.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
@@ -19,47 +19,48 @@ use super::{CentreLine, Load, Row, across};
 use crate::mechanics::ldl::Ldl;
 use crate::simd::{Kernel, vectorised};
 
-/// Forces of more than this along an axis count as this, N: so that no product of them overflows.
+/// Limit to which a force along an axis is clamped, N, so that no product of forces overflows.
 const MAX_FORCE_N: f64 = 1e60;
 
-/// Forces between a joint and the tip.
+/// Sums over the forces between a joint and the tip.
 #[derive(Clone, Copy, Debug, Default)]
 struct Beyond {
     force: Vector3<f64>,
-    /// N, N mm.
+    /// N_k of the module documentation, N mm.
     moments: Matrix3<f64>,
 }
 
 impl Beyond {
-    /// sum (x - x_k) x f.
+    /// Returns sum (x - x_k) x f.
     fn torque(&self) -> Vector3<f64> {
         let m = &self.moments;
         Vector3::new(m.m23 - m.m32, m.m31 - m.m13, m.m12 - m.m21)
     }
 
-    /// N - tr(N) I.
+    /// Returns N - tr(N) I.
     fn geometric(&self) -> Matrix3<f64> {
         self.moments - Matrix3::from_diagonal_element(self.moments.trace())
     }
 }
 
-/// The tangent stiffness of the shape that a line has under some loads. The memory is kept.
+/// Tangent stiffness of the shape of a line under some loads. The memory is kept.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tangent {
     beyond: Vec<Beyond>,
-    /// The two axes that each joint turns about, across the link before it.
+    /// The two axes of rotation of each joint, across the link before it.
     axes: Vec<[Vector3<f64>; 2]>,
     /// kappa - G about these axes.
     stiffness: Ldl,
-    /// Sums of other loads.
+    /// Sums of the loads of the last step.
     under: Vec<Beyond>,
     turns: Vec<f64>,
-    /// How far each row moves by a turn about each axis, mm/rad, row by row of axes.
+    /// Displacement of each row by a turn about each axis, mm/rad, row by row of axes.
     moves: Vec<f64>,
 }
 
 impl Tangent {
-    /// Of joints that resist like this. In how many ways the loads would buckle the needle, did nothing else hold it.
+    /// Computes the stiffness for joints of this resistance. Returns the number of modes in which the loads would buckle the
+    /// unsupported needle.
     pub fn set(&mut self, chain: &Chain, line: &CentreLine, resistance: &Resistance, loads: &[Load]) -> usize {
         sum_up(chain, line, loads, &mut self.beyond);
         self.axes.clear();
@@ -88,7 +89,7 @@ impl Tangent {
         self.stiffness.factor().negative
     }
 
-    /// Takes a step of Newton's method from the shape of the line to that under `loads`.
+    /// Makes one Newton step from the shape of the line to that under `loads`.
     pub fn step(&mut self, chain: &Chain, line: &CentreLine, loads: &[Load]) {
         sum_up(chain, line, loads, &mut self.under);
         // (kappa - G) theta = tau - G theta_before: exactly zero without loads.
@@ -110,12 +111,12 @@ impl Tangent {
         self.stiffness.solve(&mut self.turns);
     }
 
-    /// The turn of a joint after the last step.
+    /// Returns the turn of a joint after the last step.
     pub fn turn(&self, joint: usize) -> Vector3<f64> {
         self.axes[joint][0] * self.turns[2 * joint] + self.axes[joint][1] * self.turns[2 * joint + 1]
     }
 
-    /// Writes how far each row moves by a turn of each joint.
+    /// Writes the displacement of each row by a turn of each joint.
     pub fn set_moves(&mut self, chain: &Chain, line: &CentreLine, rows: &[Row]) {
         let (nodes, width) = (line.nodes(), rows.len());
         self.moves.clear();
@@ -132,7 +133,7 @@ impl Tangent {
         }
     }
 
-    /// How far the last step moves each row, linearised, mm.
+    /// Writes the linearised displacement of each row by the last step, mm.
     pub fn drift(&self, line: &CentreLine, out: &mut [f64]) {
         out.fill(0.0);
         let before = line.turns().iter().zip(&self.axes);
@@ -143,7 +144,7 @@ impl Tangent {
         }
     }
 
-    /// Adds the rows' flexibility. Their moves are spent.
+    /// Adds the rows' flexibility. Consumes their displacements.
     pub fn add_flexibility(&mut self, out: &mut Mat<f64>) {
         self.stiffness.forward(&mut self.moves, out.nrows());
         vectorised(AddSquares {
@@ -199,7 +200,7 @@ impl Kernel for AddSquares<'_> {
     }
 }
 
-/// Sums of the loads beyond each joint.
+/// Sums the loads beyond each joint.
 fn sum_up(chain: &Chain, line: &CentreLine, loads: &[Load], sums: &mut Vec<Beyond>) {
     let (nodes, joints) = (line.nodes(), chain.joints());
     sums.clear();

@@ -1,9 +1,8 @@
-//! The stiffness matrix of a mesh: sparse, symmetric, its lower triangle in compressed columns over the free degrees of
-//! freedom.
+//! Sparse stiffness matrix of a mesh: its lower triangle in compressed columns over the free degrees of freedom.
 //!
-//! Assembly takes two steps. The first finds, once for a mesh, where each pair of nodes that share an element meets in the
-//! matrix, and which of these places each element adds to; the second computes the elements and adds them up, and can be
-//! repeated with other reference positions.
+//! Assembly has two steps. The symbolic step, once per mesh, finds the places of all pairs of nodes that share an
+//! element, and the places that each element contributes to. The numeric step computes and sums the elements, and can
+//! be repeated with other reference positions.
 
 mod pattern;
 
@@ -19,7 +18,7 @@ use crate::mechanics::mesh::TetMesh;
 pub(super) use pattern::corners_by_node;
 use pattern::{PAIRS, Pattern};
 
-/// What a stiffness matrix keeps however its nodes move.
+/// Parts of a stiffness matrix that do not depend on node positions.
 #[derive(Debug)]
 struct Structure {
     elements: Vec<[u32; 4]>,
@@ -32,42 +31,42 @@ struct Structure {
 #[derive(Clone, Debug)]
 pub struct Stiffness {
     structure: Arc<Structure>,
-    /// One block for each pair of nodes that share an element, prescribed ones too.
+    /// One block per pair of nodes that share an element, including prescribed nodes.
     blocks: Vec<NodeBlock>,
     /// Entries of the lower triangle over the free degrees of freedom, column by column.
     values: Vec<f64>,
     norm_inf: f64,
 }
 
-/// Why a stiffness matrix cannot be assembled.
+/// Error in assembling a stiffness matrix.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AssemblyError {
     /// A list does not match the mesh.
     #[error("{found} {what}; expected {expected}, as the mesh has")]
     Count {
-        /// What there are too many or too few of.
+        /// Items counted.
         what: &'static str,
-        /// How many were given.
+        /// Number of items given.
         found: usize,
-        /// How many the mesh has.
+        /// Number of items in the mesh.
         expected: usize,
     },
     /// A tetrahedron has no usable volume.
     #[error("tetrahedron {element} (nodes {corners:?}): {cause}{}", more(.others))]
     Element {
-        /// Index of the first such element, from 0.
+        /// Index of the first unusable element, from 0.
         element: usize,
-        /// Its nodes.
+        /// Node indices of the element.
         corners: [u32; 4],
-        /// What is wrong with it.
+        /// Defect of the element.
         cause: DegenerateElement,
-        /// The next elements that are no better, ten at most.
+        /// Indices of the next unusable elements, at most ten.
         others: Vec<usize>,
     },
-    /// The matrix has more entries than 32-bit indices can name.
+    /// The matrix has more entries than 32-bit indices can address.
     #[error("the stiffness matrix has more than {limit} entries")]
     TooLarge {
-        /// The most that indices can name.
+        /// Largest number of entries.
         limit: usize,
     },
 }
@@ -80,7 +79,7 @@ fn more(elements: &[usize]) -> String {
 }
 
 impl Stiffness {
-    /// Assembles the stiffness of a mesh in its reference state, `materials` one an element.
+    /// Assembles the stiffness of a mesh in its reference state, with one material per element.
     ///
     /// # Errors
     /// [`AssemblyError`] where a list does not match the mesh or an element is flat or inverted.
@@ -96,11 +95,11 @@ impl Stiffness {
         Stiffness::fill(Arc::new(structure), mesh.nodes())
     }
 
-    /// The stiffness of the same mesh, materials and degrees of freedom with the reference nodes elsewhere (mm). It has the
-    /// same pattern, so a [`Factor`](super::factor::Factor) of the one can be refactored to the other.
+    /// Returns the stiffness of the same mesh, materials and degrees of freedom at other reference positions (mm). The
+    /// pattern is unchanged, so a [`Factor`](super::factor::Factor) of one can be refactored to the other.
     ///
     /// # Errors
-    /// [`AssemblyError`] where there is not one position a node, or an element is flat or inverted.
+    /// [`AssemblyError`] where there is not one position per node, or an element is flat or inverted.
     pub fn at_nodes(&self, nodes: &[[f64; 3]]) -> Result<Stiffness, AssemblyError> {
         expect("node positions", nodes.len(), self.dofs().nodes())?;
         Stiffness::fill(Arc::clone(&self.structure), nodes)
@@ -128,7 +127,7 @@ impl Stiffness {
         })
     }
 
-    /// The degrees of freedom.
+    /// Degrees of freedom of the mesh.
     pub fn dofs(&self) -> &Dofs {
         &self.structure.dofs
     }
@@ -138,38 +137,39 @@ impl Stiffness {
         &self.structure.elements
     }
 
-    /// The materials, one an element.
+    /// Materials, one per element.
     pub fn materials(&self) -> &[Material] {
         &self.structure.materials
     }
 
-    /// The largest sum of magnitudes in a row, N/mm.
+    /// Infinity norm (largest absolute row sum), N/mm.
     pub fn norm_inf(&self) -> f64 {
         self.norm_inf
     }
 
-    /// The lower triangle, rows ascending in each column.
+    /// Lower triangle, rows ascending in each column.
     pub fn lower(&self) -> SparseColMatRef<'_, u32, f64> {
         SparseColMatRef::new(self.pattern(), &self.values)
     }
 
-    /// Where the lower triangle has entries.
+    /// Sparsity pattern of the lower triangle.
     pub(super) fn pattern(&self) -> SymbolicSparseColMatRef<'_, u32> {
         self.structure.pattern.lower.as_ref()
     }
 
-    /// `y = K x` over the free degrees of freedom (x in mm, y in N).
+    /// Computes `y = K x` over the free degrees of freedom (x in mm, y in N).
     ///
     /// # Panics
-    /// If a slice does not have one entry for each.
+    /// If a slice does not have one entry per free degree of freedom.
     pub fn multiply(&self, x: &[f64], y: &mut [f64]) {
         self.product(x, y);
     }
 
-    /// Forces on all nodes (N) that hold the displacements of all nodes (mm), prescribed ones among them.
+    /// Returns the forces on all nodes (N) that balance given displacements of all nodes (mm), including prescribed
+    /// ones.
     ///
     /// # Panics
-    /// If there is not one displacement a node.
+    /// If there is not one displacement per node.
     pub fn nodal_forces(&self, displacement_mm: &[[f64; 3]]) -> Vec<[f64; 3]> {
         assert_eq!(displacement_mm.len(), self.dofs().nodes(), "one displacement a node");
         let mut forces = vec![[0.0; 3]; displacement_mm.len()];
@@ -190,7 +190,7 @@ impl Stiffness {
 }
 
 impl Structure {
-    /// The blocks of all pairs of nodes with the nodes at these positions.
+    /// Computes the blocks of all node pairs at these node positions (mm).
     fn blocks(&self, nodes: &[[f64; 3]]) -> Result<Vec<NodeBlock>, AssemblyError> {
         let mut blocks = vec![[[0.0; 3]; 3]; self.pattern.pairs()];
         let parts = self.elements.iter().zip(&self.materials).zip(self.pattern.places());

@@ -1,8 +1,8 @@
-//! Columns of K^-1 on demand: solved from the sparse factor when they are first read, and kept while they are used.
+//! Columns of K^-1 on demand: solved from the sparse factor on first use and cached.
 //!
-//! Start-up then costs a factorisation instead of a dense inverse, and memory a column for each degree of freedom that is
-//! ever touched. Columns fetched ahead, along a needle's predicted path, are solved together, which is several times
-//! faster than one by one.
+//! Start-up then costs a factorisation instead of a dense inverse, and memory one column per degree of freedom ever
+//! touched. Columns prefetched along a needle's predicted path are solved together, which is several times faster than
+//! one by one.
 
 use std::collections::HashSet;
 use std::sync::Arc;
@@ -12,21 +12,21 @@ use faer::{Mat, MatMut};
 use super::compliance::{Compliance, ComplianceError, check_dofs, check_shape};
 use super::factor::Factor;
 
-/// Most right-hand sides solved together: more gain little and need their memory twice over.
+/// Most right-hand sides solved together; more gain little and need their memory twice over.
 const BLOCK: usize = 60;
 
-/// Columns of K^-1 from its factor, the least recently used of which are forgotten when there are too many.
+/// Least-recently-used cache of columns of K^-1, solved from its factor.
 ///
-/// A column's last bits may depend on how many were solved together with it, hence on what was asked for before; the same
-/// requests give the same bits.
+/// The last bits of a column may depend on how many were solved together with it, hence on earlier requests; the same
+/// sequence of requests gives the same bits.
 #[derive(Clone, Debug)]
 pub struct Columns {
     factor: Arc<Factor>,
     capacity: usize,
-    /// By degree of freedom; none of those that are not kept.
+    /// Cached columns by degree of freedom.
     columns: Vec<Option<Column>>,
     kept: usize,
-    /// Counts uses.
+    /// Use counter.
     clock: u64,
     solved: usize,
 }
@@ -38,7 +38,7 @@ struct Column {
 }
 
 impl Columns {
-    /// No column yet, and at most `capacity` (at least 1) kept. Each takes 8 bytes a degree of freedom.
+    /// Creates an empty cache of at most `capacity` (at least 1) columns of 8 bytes per degree of freedom.
     pub fn new(factor: Arc<Factor>, capacity: usize) -> Self {
         Self {
             columns: vec![None; factor.size()],
@@ -50,47 +50,47 @@ impl Columns {
         }
     }
 
-    /// Takes another factor of as many or other degrees of freedom and forgets all columns.
+    /// Replaces the factor, possibly by one of another size, and drops all columns.
     pub fn replace(&mut self, factor: Arc<Factor>) {
         self.columns = vec![None; factor.size()];
         self.kept = 0;
         self.factor = factor;
     }
 
-    /// The factor that columns are solved from.
+    /// Factor that columns are solved from.
     pub fn factor(&self) -> &Arc<Factor> {
         &self.factor
     }
 
-    /// Columns kept at the moment.
+    /// Number of columns currently cached.
     pub fn len(&self) -> usize {
         self.kept
     }
 
-    /// Whether no column is kept.
+    /// Whether no column is cached.
     pub fn is_empty(&self) -> bool {
         self.kept == 0
     }
 
-    /// The most columns that are kept.
+    /// Largest number of columns cached.
     pub fn capacity(&self) -> usize {
         self.capacity
     }
 
-    /// Whether a column is kept.
+    /// Whether column `dof` is cached.
     pub fn holds(&self, dof: usize) -> bool {
         matches!(self.columns.get(dof), Some(Some(_)))
     }
 
-    /// Columns solved so far, those forgotten since among them.
+    /// Number of columns solved so far, including those dropped since.
     pub fn solved(&self) -> usize {
         self.solved
     }
 
-    /// Column `dof` (mm/N).
+    /// Returns column `dof` (mm/N), solving for it if it is not cached.
     ///
     /// # Errors
-    /// [`ComplianceError`] when `dof` does not fit or the column is not finite.
+    /// [`ComplianceError`] when `dof` is out of range or the column is not finite.
     pub fn column(&mut self, dof: usize) -> Result<&[f64], ComplianceError> {
         check_dofs(&[dof], self.factor.size())?;
         self.fetch(&[dof])?;
@@ -100,7 +100,7 @@ impl Columns {
         }
     }
 
-    /// Makes sure that these columns, no more than the capacity and each named once, are kept.
+    /// Ensures that these distinct columns, at most the capacity, are cached.
     fn fetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
         self.clock += 1;
         let mut missing = Vec::new();
@@ -132,7 +132,7 @@ impl Columns {
         Ok(())
     }
 
-    /// Forgets the columns used longest ago until `coming` more fit; of those used together, the highest first.
+    /// Drops the least recently used columns until `coming` more fit; among those used together, the highest first.
     fn make_room(&mut self, coming: usize) {
         let excess = (self.kept + coming).saturating_sub(self.capacity);
         if excess == 0 {
@@ -149,13 +149,13 @@ impl Columns {
         }
     }
 
-    /// How many of these columns would have to be solved.
+    /// Number of these columns that are not cached.
     fn missing(&self, dofs: &[usize]) -> usize {
         dofs.iter().filter(|dof| !self.holds(**dof)).count()
     }
 }
 
-/// Each index once, in the order of first mention.
+/// Returns each index once, in order of first occurrence.
 fn distinct(dofs: &[usize]) -> Vec<usize> {
     let mut seen = HashSet::new();
     dofs.iter().copied().filter(|&dof| seen.insert(dof)).collect()
@@ -172,8 +172,8 @@ impl Compliance for Columns {
         Ok(())
     }
 
-    /// Solves for whichever side has fewer columns missing: K^-1 is symmetric, so rows do as well. Reads from the fewer columns, as
-    /// each lies elsewhere in memory.
+    /// Solves for rows or columns, whichever has fewer missing (K^-1 is symmetric). On a tie, uses the smaller list, as
+    /// each vector lies elsewhere in memory.
     fn entries_into(
         &mut self,
         rows: &[usize],
@@ -201,7 +201,7 @@ impl Compliance for Columns {
         Ok(())
     }
 
-    /// Solves the missing ones together. Of more columns than the capacity, the first are made ready.
+    /// Solves the missing columns together. Beyond the capacity, only the first are prefetched.
     fn prefetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
         check_dofs(dofs, self.size())?;
         let mut wanted = distinct(dofs);
@@ -209,7 +209,7 @@ impl Compliance for Columns {
         self.fetch(&wanted)
     }
 
-    /// One solve, whatever columns are kept.
+    /// Performs one solve, regardless of the cache.
     fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
         check_shape("forces", x.len(), self.size())?;
         check_shape("displacements", out.len(), self.size())?;
@@ -218,7 +218,7 @@ impl Compliance for Columns {
         Ok(())
     }
 
-    /// The kept columns and the factor.
+    /// Size of the cached columns and the factor.
     fn bytes(&self) -> usize {
         (self.kept * self.factor.size() + self.factor.entries()) * size_of::<f64>()
     }

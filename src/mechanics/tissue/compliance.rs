@@ -1,4 +1,4 @@
-//! Entries and columns of the compliance K^-1 (mm/N), wherever they come from: a dense inverse or solutions on demand.
+//! Access to the compliance K^-1 (mm/N), from a dense inverse or by solving on demand.
 
 use std::sync::Arc;
 
@@ -6,89 +6,88 @@ use faer::{Mat, MatMut};
 
 use super::symmetric::{Scalar, Symmetric};
 
-/// The inverse of the stiffness over the free degrees of freedom, in mm/N, read by column or by entry.
+/// Inverse of the stiffness over the free degrees of freedom, mm/N, read by column or by entry.
 ///
-/// Reading may solve for what is not there yet, hence `&mut self`.
+/// Reading may solve for missing columns, hence `&mut self`.
 pub trait Compliance {
-    /// Free degrees of freedom: rows, and columns.
+    /// Number of free degrees of freedom.
     fn size(&self) -> usize;
 
-    /// Column `dof` of K^-1: the displacements (mm) under a unit force (N) on it. `out` holds one value a row.
+    /// Writes column `dof` of K^-1 to `out`: the displacements (mm) under a unit force (N) on it, one per row.
     ///
     /// # Errors
-    /// [`ComplianceError`] when `dof` or the length of `out` does not fit, or when the column cannot be computed.
+    /// [`ComplianceError`] when `dof` is out of range, `out` has the wrong length, or the column cannot be computed.
     fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), ComplianceError>;
 
-    /// The block of K^-1 at these rows and columns, in their order; `out` is rows by columns.
+    /// Writes the block of K^-1 at these rows and columns, in their order, to `out` (rows by columns).
     ///
     /// # Errors
-    /// [`ComplianceError`] when an index or the shape of `out` does not fit, or when a column cannot be computed.
+    /// [`ComplianceError`] when an index is out of range, `out` has the wrong shape, or a column cannot be computed.
     fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), ComplianceError>;
 
-    /// The block of K^-1 at these rows and columns, in their order.
+    /// Returns the block of K^-1 at these rows and columns, in their order.
     ///
     /// # Errors
-    /// As [`entries_into`](Self::entries_into).
+    /// Those of [`entries_into`](Self::entries_into).
     fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, ComplianceError> {
         let mut out = Mat::zeros(rows.len(), columns.len());
         self.entries_into(rows, columns, out.as_mut())?;
         Ok(out)
     }
 
-    /// Makes these columns ready together, ahead of their use. A stored inverse has nothing to do.
+    /// Computes these columns together before their use. A stored inverse only checks the indices.
     ///
     /// # Errors
-    /// [`ComplianceError`] when an index does not fit or a column cannot be computed.
+    /// [`ComplianceError`] when an index is out of range or a column cannot be computed.
     fn prefetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
         check_dofs(dofs, self.size())
     }
 
-    /// The displacements `out` (mm) under the forces `x` (N) on all free degrees of freedom.
+    /// Computes the displacements `out` (mm) under the forces `x` (N) on all free degrees of freedom.
     ///
     /// # Errors
-    /// [`ComplianceError`] when a length does not fit or the displacements cannot be computed.
+    /// [`ComplianceError`] when a length is wrong or the displacements cannot be computed.
     fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError>;
 
-    /// Bytes that it takes at the moment.
+    /// Memory currently in use, bytes.
     fn bytes(&self) -> usize;
 }
 
-/// Why entries of the compliance cannot be read or changed.
+/// Error in reading or changing entries of the compliance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ComplianceError {
-    /// An index beyond the matrix.
+    /// An index is out of range.
     #[error("degree of freedom {dof}, but there are {size}: valid are 0 to {size} - 1")]
     OutOfRange {
-        /// The index given.
+        /// Index given.
         dof: usize,
-        /// Free degrees of freedom.
+        /// Number of free degrees of freedom.
         size: usize,
     },
-    /// An index given twice where each may come once.
+    /// An index is given twice where each may occur once.
     #[error("degree of freedom {dof} is named twice; name each once")]
     Repeated {
-        /// The index.
+        /// Repeated index.
         dof: usize,
     },
-    /// An operand of the wrong length.
+    /// An operand has the wrong length.
     #[error("{what}: {found} given, {expected} expected")]
     Shape {
-        /// Which length.
+        /// Quantity measured by the length.
         what: &'static str,
-        /// As given.
+        /// Length given.
         found: usize,
-        /// As it must be.
+        /// Length required.
         expected: usize,
     },
-    /// A solution with infinite or undefined values.
+    /// A solution has infinite or undefined values.
     #[error("column {dof} of K^-1 holds a value that is not finite: the stiffness is singular to working precision")]
     NotFinite {
-        /// The column.
+        /// Index of the column.
         dof: usize,
     },
 }
 
-/// Checks a length.
 pub(super) fn check_shape(what: &'static str, found: usize, expected: usize) -> Result<(), ComplianceError> {
     if found == expected {
         Ok(())
@@ -97,7 +96,7 @@ pub(super) fn check_shape(what: &'static str, found: usize, expected: usize) -> 
     }
 }
 
-/// Checks that indices lie inside a matrix.
+/// Checks that all indices are below `size`.
 pub(super) fn check_dofs(dofs: &[usize], size: usize) -> Result<(), ComplianceError> {
     match dofs.iter().find(|&&dof| dof >= size) {
         Some(&dof) => Err(ComplianceError::OutOfRange { dof, size }),
@@ -105,7 +104,7 @@ pub(super) fn check_dofs(dofs: &[usize], size: usize) -> Result<(), ComplianceEr
     }
 }
 
-/// Checks that no index is named twice.
+/// Checks that no index occurs twice.
 pub(super) fn check_distinct(dofs: &[usize]) -> Result<(), ComplianceError> {
     let mut sorted = dofs.to_vec();
     sorted.sort_unstable();
@@ -115,7 +114,7 @@ pub(super) fn check_distinct(dofs: &[usize]) -> Result<(), ComplianceError> {
     }
 }
 
-/// Shared by several readers, none of which may change it.
+/// Read-only access to a matrix shared between readers.
 impl<T: Scalar> Compliance for Arc<Symmetric<T>> {
     fn size(&self) -> usize {
         Symmetric::size(self)

@@ -1,5 +1,5 @@
-//! Condensation: the rows and columns K^c of K^-1 at the contact nodes, each in its node's own frame, so that
-//! u^c = K^c f^c (Goksel et al.'s section II).
+//! Condensed compliance K^c: the rows and columns of K^-1 at the contact nodes, each in its node's frame, so that u^c =
+//! K^c f^c (Goksel et al.'s section II).
 
 use faer::{Mat, MatRef};
 
@@ -7,65 +7,65 @@ use super::compliance::{Compliance, ComplianceError};
 use super::dofs::{Dofs, NONE};
 use super::frames::Frame;
 
-/// A node in contact, and the axes that its forces and displacements are given in.
+/// Contact node with the axes of its forces and displacements.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Contact {
-    /// The node.
+    /// Index of the node.
     pub node: u32,
-    /// Its axes.
+    /// Axes of the forces and displacements.
     pub frame: Frame,
 }
 
-/// K^c in mm/N: three rows and columns a contact, in the order of the contacts, symmetric to the bit. Along an axis that is
-/// fixed at the node it is zero.
+/// Compliance K^c of the contacts, mm/N: three rows and columns per contact, in the order of the contacts; exactly
+/// symmetric. Entries along an axis fixed at its node are zero.
 #[derive(Clone, Debug)]
 pub struct Condensed {
     contacts: Vec<Contact>,
     dofs: Vec<[u32; 3]>,
-    /// In world axes, so that a node can be turned again and again without loss.
+    /// K^c in world axes.
     world: Mat<f64>,
-    /// In the frames of the nodes.
+    /// K^c in the frames of the nodes.
     matrix: Mat<f64>,
 }
 
-/// Why contacts cannot be added, removed or turned.
+/// Error in adding contacts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CondensedError {
-    /// A node that the mesh does not have.
+    /// The mesh does not have the node.
     #[error("contact node {node}, but the mesh has {nodes} nodes: valid are 0 to {nodes} - 1")]
     OutOfRange {
-        /// As given.
+        /// Index of the node.
         node: u32,
-        /// Nodes of the mesh.
+        /// Number of nodes in the mesh.
         nodes: usize,
     },
-    /// A node that cannot move.
+    /// The node is fixed along every axis.
     #[error("node {node} is fixed along every axis and cannot be a contact: nothing there yields to a force")]
     Fixed {
-        /// The node.
+        /// Index of the node.
         node: u32,
     },
-    /// A node that is in contact already.
+    /// The node is already a contact.
     #[error("node {node} is a contact already; a node can be one once")]
     Repeated {
-        /// The node.
+        /// Index of the node.
         node: u32,
     },
-    /// A node that is not in contact.
+    /// The node is not a contact.
     #[error("node {node} is no contact")]
     Unknown {
-        /// The node.
+        /// Index of the node.
         node: u32,
     },
     /// K^-1 belongs to another system.
     #[error("the compliance has {found} degrees of freedom, the mesh {expected} free ones")]
     Size {
-        /// Of the compliance.
+        /// Degrees of freedom of the compliance.
         found: usize,
-        /// Of the mesh.
+        /// Free degrees of freedom of the mesh.
         expected: usize,
     },
-    /// Entries of K^-1 cannot be had.
+    /// Entries of K^-1 cannot be read.
     #[error(transparent)]
     Compliance(#[from] ComplianceError),
 }
@@ -77,7 +77,7 @@ impl Default for Condensed {
 }
 
 impl Condensed {
-    /// No contact.
+    /// Creates an empty set of contacts.
     pub fn new() -> Self {
         Self {
             contacts: Vec::new(),
@@ -87,10 +87,10 @@ impl Condensed {
         }
     }
 
-    /// Adds contacts after those that are there; only the new rows and columns of K^-1 are read.
+    /// Appends contacts; only the new rows and columns of K^-1 are read.
     ///
     /// # Errors
-    /// [`CondensedError`], naming the node; nothing is added then.
+    /// [`CondensedError`]; nothing is added then.
     pub fn add(
         &mut self,
         compliance: &mut dyn Compliance,
@@ -127,56 +127,17 @@ impl Condensed {
         Ok(())
     }
 
-    /// Removes a contact; the others keep their order and their values.
-    ///
-    /// # Errors
-    /// [`CondensedError::Unknown`] when the node is no contact.
-    pub fn remove(&mut self, node: u32) -> Result<(), CondensedError> {
-        let at = self.index_of(node).ok_or(CondensedError::Unknown { node })?;
-        self.contacts.remove(at);
-        self.dofs.remove(at);
-        let size = 3 * self.contacts.len();
-        let from = |i: usize| if i < 3 * at { i } else { i + 3 };
-        for matrix in [&mut self.world, &mut self.matrix] {
-            *matrix = Mat::from_fn(size, size, |i, j| matrix[(from(i), from(j))]);
-        }
-        Ok(())
-    }
-
-    /// Reads every entry again: K^-1 has changed.
-    ///
-    /// # Errors
-    /// [`CondensedError`]; nothing is changed then.
-    pub fn refresh(&mut self, compliance: &mut dyn Compliance) -> Result<(), CondensedError> {
-        let block = read(compliance, &self.dofs, 0)?;
-        self.take(0, &block);
-        Ok(())
-    }
-
-    /// Turns the frame of a contact.
-    ///
-    /// # Errors
-    /// [`CondensedError::Unknown`] when the node is no contact.
-    pub fn turn(&mut self, node: u32, frame: Frame) -> Result<(), CondensedError> {
-        let at = self.index_of(node).ok_or(CondensedError::Unknown { node })?;
-        self.contacts[at].frame = frame;
-        for other in 0..self.contacts.len() {
-            self.rotate(at.max(other), at.min(other));
-        }
-        Ok(())
-    }
-
-    /// The contacts, in the order of their rows.
+    /// Contacts in the order of their rows.
     pub fn contacts(&self) -> &[Contact] {
         &self.contacts
     }
 
-    /// Where a node is among the contacts.
+    /// Index of a node among the contacts.
     pub fn index_of(&self, node: u32) -> Option<usize> {
         self.contacts.iter().position(|contact| contact.node == node)
     }
 
-    /// Contact degrees of freedom: three a contact.
+    /// Number of contact degrees of freedom, three per contact.
     pub fn size(&self) -> usize {
         3 * self.contacts.len()
     }
@@ -186,24 +147,7 @@ impl Condensed {
         self.matrix.as_ref()
     }
 
-    /// Forces in the frames of the nodes (N) as forces on the free degrees of freedom of the whole mesh. Along fixed axes
-    /// they go into the support.
-    ///
-    /// # Panics
-    /// If there are not three values a contact, or `out` is not as long as the mesh has free degrees of freedom.
-    pub fn spread(&self, forces: &[f64], out: &mut [f64]) {
-        assert_eq!(forces.len(), self.size(), "three forces a contact");
-        out.fill(0.0);
-        for ((contact, dofs), force) in self.contacts.iter().zip(&self.dofs).zip(forces.as_chunks().0) {
-            for (&dof, value) in dofs.iter().zip(contact.frame.to_world(*force)) {
-                if dof != NONE {
-                    out[dof as usize] = value;
-                }
-            }
-        }
-    }
-
-    /// Stores a block of [`read`] and its mirror image, and rotates it.
+    /// Stores a block from [`read`] and its transpose, and rotates both into the frames.
     fn take(&mut self, first: usize, block: &Mat<f64>) {
         for j in 3 * first..self.size() {
             for i in (0..3 * first).chain(j..self.size()) {
@@ -219,7 +163,7 @@ impl Condensed {
         }
     }
 
-    /// Computes block (a, b) of the matrix in frames and its mirror image, R_a^T W R_b; b is at most a.
+    /// Computes block (a, b) in frames, R_a^T W R_b, and its transpose; b is at most a.
     fn rotate(&mut self, a: usize, b: usize) {
         let [left, right] = [a, b].map(|at| self.contacts[at].frame);
         let row = |i: usize| right.to_frame(std::array::from_fn(|j| self.world[(3 * a + i, 3 * b + j)]));
@@ -234,7 +178,7 @@ impl Condensed {
     }
 }
 
-/// World columns of the contacts from `first` on, at the rows of all contacts; zero along fixed axes.
+/// Reads the world-axis columns of the contacts from `first` on, at the rows of all contacts; zero along fixed axes.
 fn read(compliance: &mut dyn Compliance, dofs: &[[u32; 3]], first: usize) -> Result<Mat<f64>, ComplianceError> {
     let free = |contacts: &[[u32; 3]]| -> (Vec<usize>, Vec<usize>) {
         let all = contacts.as_flattened().iter().enumerate();

@@ -1,8 +1,8 @@
-//! Degrees of freedom: three displacements a node, each free or prescribed.
+//! Degrees of freedom: three displacements per node, each free or prescribed.
 
 pub use crate::mechanics::mesh::NONE;
 
-/// Which displacements are free, and their numbers in the reduced system: ascending by node, then axis.
+/// Numbering of the free displacements in the reduced system, ascending by node, then axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dofs {
     of: Vec<[u32; 3]>,
@@ -10,8 +10,8 @@ pub struct Dofs {
 }
 
 impl Dofs {
-    /// The degrees of freedom of `nodes` nodes, those in `fixed` (node from 0, axis 0 to 2) prescribed. Naming one twice
-    /// changes nothing.
+    /// Numbers the degrees of freedom of `nodes` nodes, those in `fixed` (node from 0, axis 0 to 2) prescribed.
+    /// Duplicates have no effect.
     ///
     /// # Panics
     /// If a node or an axis is out of range, or three times `nodes` does not fit 32 bits.
@@ -62,7 +62,7 @@ impl Dofs {
         self.free[dof as usize]
     }
 
-    /// The prescribed degrees of freedom as (node, axis), ascending.
+    /// Prescribed degrees of freedom as (node, axis), ascending.
     pub fn prescribed(&self) -> impl Iterator<Item = (u32, u8)> + '_ {
         self.of.iter().enumerate().flat_map(|(node, dofs)| {
             (0..3u8)
@@ -71,20 +71,20 @@ impl Dofs {
         })
     }
 
-    /// The free entries of a vector over all nodes.
+    /// Returns the free entries of a vector over all nodes.
     ///
     /// # Panics
-    /// If there is not one entry a node.
+    /// If there is not one entry per node.
     pub fn gather(&self, all: &[[f64; 3]]) -> Vec<f64> {
         assert_eq!(all.len(), self.nodes(), "one entry a node");
         let entry = |&(node, axis): &(u32, u8)| all[node as usize][axis as usize];
         self.free.iter().map(entry).collect()
     }
 
-    /// Writes the free entries into a vector over all nodes; the prescribed ones stay as they are.
+    /// Writes the free entries into a vector over all nodes; the prescribed ones are unchanged.
     ///
     /// # Panics
-    /// If there is not one entry a node, or not one value a free degree of freedom.
+    /// If there is not one entry per node, or not one value per free degree of freedom.
     pub fn scatter(&self, free: &[f64], all: &mut [[f64; 3]]) {
         assert_eq!(all.len(), self.nodes(), "one entry a node");
         assert_eq!(free.len(), self.free(), "one value a free degree of freedom");

@@ -1,4 +1,4 @@
-//! The stiffness of the linear tetrahedron (constant strain).
+//! Stiffness of the linear tetrahedron (constant strain).
 //!
 //! With the gradients g_a of the four barycentric coordinates, the volume V and the Lame parameters lambda and mu, the force
 //! on corner a per displacement of corner b is the 3 x 3 block V (lambda g_a g_b^T + mu g_b g_a^T + mu (g_a . g_b) I)
@@ -7,40 +7,41 @@
 
 use super::material::Material;
 
-/// Force on one node per displacement of another, N/mm; rows are axes of the force, columns of the displacement.
+/// Force on one node per displacement of another, N/mm; rows are force axes, columns displacement axes.
 pub type NodeBlock = [[f64; 3]; 3];
 
-/// Newtons per square millimetre in a kilopascal.
+/// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
 
-/// Least height of a tetrahedron over its longest edge. Below, what rounding leaves of the height of an element of everyday
-/// coordinates (1e-14 of them) is worth too few digits, and the element is refused as flat.
+/// Least ratio of height to longest edge of a tetrahedron. Below it, rounding of everyday coordinates (1e-14 of them)
+/// leaves the height too few digits, and the element is refused as flat.
 pub const FLATTEST: f64 = 1e-9;
 
-/// The stiffness of one tetrahedron: block `[a][b]` is the force on corner a per displacement of corner b, N/mm. Symmetric:
+/// Stiffness of one tetrahedron: block `[a][b]` is the force on corner a per displacement of corner b, N/mm. Symmetric:
 /// block `[b][a]` is the transpose of block `[a][b]`, bit for bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg(test)]
 pub struct ElementStiffness(pub [[NodeBlock; 4]; 4]);
 
-/// A tetrahedron without a usable volume.
+/// Why a tetrahedron has no usable volume.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum DegenerateElement {
-    /// The corners run the other way round.
+    /// The corners have the opposite orientation.
     #[error("it is inverted: its volume is {volume_mm3:.3e} mm^3; expected a positive one")]
     Inverted {
         /// Signed volume, mm^3.
         volume_mm3: f64,
     },
-    /// Four corners in one plane, or so near to one that the height has no digits left.
+    /// The four corners are coplanar to working precision.
     #[error("it is flat: its least height is {height:.1e} of its longest edge; expected at least {FLATTEST:.0e}")]
     Flat {
-        /// Least height over the longest edge.
+        /// Ratio of least height to longest edge.
         height: f64,
     },
     /// A corner is NaN or infinite, or so far away that volumes overflow.
     #[error("its volume is no finite number; a corner is at {corner:?}")]
     NotFinite {
-        /// The corner farthest out, mm.
+        /// Corner farthest from the origin, mm.
         corner: [f64; 3],
     },
 }
@@ -50,7 +51,7 @@ pub enum DegenerateElement {
 pub(super) struct Shape {
     /// Gradient of each corner's barycentric coordinate, 1/mm.
     gradients: [[f64; 3]; 4],
-    /// mm^3.
+    /// Volume, mm^3.
     volume: f64,
 }
 
@@ -71,7 +72,7 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 impl Shape {
-    /// The shape of the tetrahedron of these corners, mm.
+    /// Computes the shape of a tetrahedron from its corners, mm.
     pub fn of(corners: &[[f64; 3]; 4]) -> Result<Shape, DegenerateElement> {
         let [e1, e2, e3] = [1, 2, 3].map(|corner| minus(corners[corner], corners[0]));
         let faces = [cross(e2, e3), cross(e3, e1), cross(e1, e2)];
@@ -99,7 +100,7 @@ impl Shape {
                 corner: corners[farthest],
             });
         }
-        // Twice the area of the widest face divides six volumes to the least height.
+        // Six volumes divided by twice the area of the widest face give the least height.
         let height = if widest > 0.0 {
             determinant.abs() / widest / longest
         } else {
@@ -119,18 +120,18 @@ impl Shape {
         })
     }
 
-    /// V lambda and V mu, N mm.
+    /// Returns V lambda and V mu, N mm.
     #[inline]
     pub fn weights(&self, material: &Material) -> [f64; 2] {
         material.lame_kpa().map(|kpa| kpa * NEWTON_PER_MM2 * self.volume)
     }
 
-    /// The block of corners `a` and `b`, N/mm.
+    /// Returns the block of corners `a` and `b`, N/mm.
     #[inline]
     pub fn block(&self, [lambda, mu]: [f64; 2], a: usize, b: usize) -> NodeBlock {
         let (ga, gb) = (self.gradients[a], self.gradients[b]);
         let shear = mu * dot(ga, gb);
-        // Every product is written so that exchanging a with b and row with column changes no rounding.
+        // Products are ordered so that swapping a with b and row with column changes no rounding.
         std::array::from_fn(|row| {
             std::array::from_fn(|column| {
                 let entry = lambda * (ga[row] * gb[column]) + mu * (gb[row] * ga[column]);
@@ -139,8 +140,8 @@ impl Shape {
         })
     }
 
-    /// Forces (N) on the corners that hold their displacements (mm): of a translation exactly none, and adding up to nothing but
-    /// the rounding of the last sum.
+    /// Returns the forces (N) that balance the displacements (mm) of the corners. A translation gives exactly zero; the
+    /// forces sum to zero up to the rounding of the last sum.
     #[inline]
     pub fn forces(&self, [lambda, mu]: [f64; 2], displacements: &[[f64; 3]; 4]) -> [[f64; 3]; 4] {
         let mut slope = [[0.0; 3]; 3];
@@ -164,12 +165,13 @@ impl Shape {
     }
 }
 
-/// The stiffness of the tetrahedron of these corners (mm; positive volume in the order of [`TetMesh`]).
+/// Computes the stiffness of a tetrahedron from its corners (mm; positive volume in the order of [`TetMesh`]).
 ///
 /// # Errors
-/// [`DegenerateElement`] where it is flat or inverted, or a corner is not finite.
+/// [`DegenerateElement`] where the element is flat or inverted, or a corner is not finite.
 ///
 /// [`TetMesh`]: crate::mechanics::mesh::TetMesh
+#[cfg(test)]
 pub fn element_stiffness(corners: &[[f64; 3]; 4], material: &Material) -> Result<ElementStiffness, DegenerateElement> {
     let shape = Shape::of(corners)?;
     let weights = shape.weights(material);

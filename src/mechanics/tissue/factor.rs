@@ -1,8 +1,8 @@
-//! The Cholesky factor of a stiffness matrix, and solutions with their residual.
+//! Cholesky factor of a stiffness matrix, and solutions with their residual.
 //!
-//! The factorisation is faer's sparse one (approximate minimum degree ordering, simplicial or supernodal as its fill
-//! decides), on one thread: at the sizes of tissue meshes a second one makes it slower. In single precision it takes half the
-//! time and solves in half, for iterations that correct what it is off by.
+//! The factorisation is faer's sparse one (approximate minimum degree ordering, simplicial or supernodal depending on
+//! fill), on one thread: at the sizes of tissue meshes a second thread makes it slower. Single precision halves the
+//! times of factorisation and solution, for iterations that correct its errors.
 
 mod scratch;
 
@@ -23,18 +23,18 @@ use scratch::Scratch;
 /// Backward error beyond which [`Factor::solve_refined`] takes a step of iterative refinement.
 pub const REFINE_ABOVE: f64 = 1e-14;
 
-/// A sparse symmetric matrix over free degrees of freedom, which a [`Factor`] can be made of.
+/// Sparse symmetric matrix over free degrees of freedom, the input of a [`Factor`].
 pub trait Symmetric {
-    /// The lower triangle, rows ascending in each column.
+    /// Lower triangle, rows ascending in each column.
     fn lower(&self) -> SparseColMatRef<'_, u32, f64>;
 
-    /// Node and axis of a degree of freedom, for errors that name it.
+    /// Node and axis of a degree of freedom, for error messages.
     fn node_of(&self, dof: u32) -> (u32, u8);
 
-    /// Writes the product of the matrix with `x` into `y`.
+    /// Writes the product of the matrix and `x` to `y`.
     ///
     /// # Panics
-    /// If a slice does not have one entry a degree of freedom.
+    /// If a slice does not have one entry per degree of freedom.
     fn product(&self, x: &[f64], y: &mut [f64]) {
         let lower = self.lower();
         let size = lower.ncols();
@@ -77,60 +77,58 @@ impl<T: Symmetric> Symmetric for Arc<T> {
     }
 }
 
-/// The factor L of K = L L^T in the precision `R`, kept with its symbolic analysis so that other values can take the place of
-/// the first.
+/// Factor L of K = L L^T in precision `R`, with its symbolic analysis for refactorisation with other values.
 ///
-/// Solves on several threads can share it: each borrows scratch memory that is kept between them, so that none is allocated
-/// once there is as much as is used at a time.
+/// Threads can share it for solves: each borrows pooled scratch memory, so the steady state allocates nothing.
 #[derive(Clone, Debug)]
 pub struct Factor<R = f64> {
     symbolic: Arc<SymbolicCholesky<u32>>,
-    /// Entries of the lower triangle that was analysed.
+    /// Entries of the analysed lower triangle.
     entries: usize,
-    /// The matrix as it is factored, rounded to the factor's precision.
+    /// Matrix values rounded to the factor's precision.
     rounded: Vec<R>,
     values: Vec<R>,
-    /// Takes the values of the next factorisation, so that one that fails leaves the last as it was.
+    /// Values of the next factorisation, so that a failure leaves the current factor unchanged.
     spare: Vec<R>,
     scratch: Scratch,
 }
 
-/// Why there is no factor.
+/// Error of a Cholesky factorisation.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FactorError {
-    /// A pivot is zero, negative or no number.
+    /// A pivot is zero, negative or NaN.
     #[error(
         "the stiffness matrix is not positive definite to working precision: no usable pivot at node {node}, axis {}; look for \
          parts that can move freely, for nearly flat tetrahedra and for extreme contrasts of stiffness near that node",
         ["x", "y", "z"][*.axis as usize % 3]
     )]
     NotPositiveDefinite {
-        /// Node of the degree of freedom that the pivot belongs to.
+        /// Node of the pivot's degree of freedom.
         node: u32,
-        /// Its axis, 0 to 2.
+        /// Axis of the pivot's degree of freedom, 0 to 2.
         axis: u8,
     },
-    /// Memory cannot be had, or not be named by 32-bit indices.
+    /// Memory does not suffice, or 32-bit indices do not.
     #[error("the Cholesky factor of {size} degrees of freedom does not fit into memory{}", needed(.bytes))]
     Memory {
-        /// Degrees of freedom.
+        /// Number of degrees of freedom.
         size: usize,
-        /// Bytes it needs, where known.
+        /// Bytes required, where known.
         bytes: Option<usize>,
     },
-    /// The matrix to refactor has another pattern.
+    /// The matrix to refactor has another sparsity pattern.
     #[error(
         "a matrix of {found} degrees of freedom and {found_entries} entries has another pattern than the one factored \
         before ({expected} and {expected_entries})"
     )]
     Pattern {
-        /// Degrees of freedom given.
+        /// Degrees of freedom of the given matrix.
         found: usize,
-        /// Entries given.
+        /// Entries of the given matrix.
         found_entries: usize,
         /// Degrees of freedom of the factor.
         expected: usize,
-        /// Entries of the matrix that was factored.
+        /// Entries of the matrix factored before.
         expected_entries: usize,
     },
 }
@@ -145,7 +143,7 @@ impl Factor {
     /// Analyses and factors a stiffness matrix.
     ///
     /// # Errors
-    /// [`FactorError`] where it is not positive definite or does not fit into memory.
+    /// [`FactorError`] where the matrix is not positive definite or the factor does not fit into memory.
     pub fn new(stiffness: &impl Symmetric) -> Result<Factor, FactorError> {
         Factor::analyse(stiffness)
     }
@@ -155,7 +153,7 @@ impl Factor<f32> {
     /// Analyses and factors a stiffness matrix in single precision.
     ///
     /// # Errors
-    /// [`FactorError`] where it is not positive definite, as rounded, or does not fit into memory.
+    /// [`FactorError`] where the rounded matrix is not positive definite or the factor does not fit into memory.
     pub fn single(stiffness: &impl Symmetric) -> Result<Factor<f32>, FactorError> {
         Factor::analyse(stiffness)
     }
@@ -180,10 +178,11 @@ impl<R: Real + RealField> Factor<R> {
         Ok(factor)
     }
 
-    /// Factors a matrix of the same pattern: other positions or materials, but the same elements and degrees of freedom.
+    /// Refactors with a matrix of the same pattern: other positions or materials, but the same elements and degrees of
+    /// freedom.
     ///
     /// # Errors
-    /// [`FactorError`]; the factor is then what it was.
+    /// [`FactorError`]; the factor is then unchanged.
     pub fn refactor(&mut self, stiffness: &impl Symmetric) -> Result<(), FactorError> {
         self.check_pattern(stiffness)?;
         let length = self.symbolic.len_val();
@@ -243,7 +242,7 @@ impl<R: Real + RealField> Factor<R> {
         })
     }
 
-    /// Names the degree of freedom of a pivot of the permuted matrix.
+    /// Returns the error for a pivot of the permuted matrix, with its degree of freedom.
     fn bad_pivot(&self, stiffness: &impl Symmetric, index: usize) -> FactorError {
         // faer counts columns from 1 in the simplicial factorisation, from 0 in the supernodal one.
         let column = match self.symbolic.raw() {
@@ -258,29 +257,29 @@ impl<R: Real + RealField> Factor<R> {
         FactorError::NotPositiveDefinite { node, axis }
     }
 
-    /// Degrees of freedom.
+    /// Number of degrees of freedom.
     pub fn size(&self) -> usize {
         self.symbolic.nrows()
     }
 
-    /// Entries of L that are stored.
+    /// Number of stored entries of L.
     pub fn entries(&self) -> usize {
         self.symbolic.len_val()
     }
 
-    /// Solves K x = b for one right-hand side (N), which becomes the solution (mm).
+    /// Solves K x = b in place: `rhs` (N) becomes the solution (mm).
     ///
     /// # Panics
-    /// If it does not have one entry a degree of freedom, or scratch memory of that size cannot be had.
+    /// If `rhs` does not have one entry per degree of freedom, or scratch memory of that size cannot be allocated.
     pub fn solve_in_place(&self, rhs: &mut [R]) {
         let rows = rhs.len();
         self.solve_many_in_place(MatMut::from_column_major_slice_mut(rhs, rows, 1));
     }
 
-    /// Solves K X = B for many right-hand sides, one a column (N), which become the solutions (mm).
+    /// Solves K X = B in place for many right-hand sides, one per column (N), which become the solutions (mm).
     ///
     /// # Panics
-    /// If it does not have one row a degree of freedom, or scratch memory of twice that size cannot be had.
+    /// If `rhs` does not have one row per degree of freedom, or scratch memory of twice that size cannot be allocated.
     pub fn solve_many_in_place(&self, rhs: MatMut<'_, R>) {
         assert_eq!(rhs.nrows(), self.size(), "one row a degree of freedom");
         let need = self.symbolic.solve_in_place_scratch::<R>(rhs.ncols(), Par::Seq);
@@ -293,14 +292,15 @@ impl<R: Real + RealField> Factor<R> {
 }
 
 impl Factor {
-    /// Solves K x = b (N, mm), with one step of iterative refinement where the residual is above [`REFINE_ABOVE`].
+    /// Solves K x = b (N, mm) with one step of iterative refinement where the residual exceeds [`REFINE_ABOVE`].
+    /// Returns the solution and its residual.
     ///
-    /// The residual is the normwise backward error |b - K x| / (|K| |x| + |b|) in maximum norms (J. L. Rigal and J. Gaches,
-    /// "On the compatibility of a given solution with the data of a linear system", JACM 14, 1967): the least relative change
-    /// of K and b of which x is the exact solution.
+    /// The residual is the normwise backward error |b - K x| / (|K| |x| + |b|) in maximum norms (J. L. Rigal and J.
+    /// Gaches, "On the compatibility of a given solution with the data of a linear system", JACM 14, 1967): the least
+    /// relative change of K and b for which x is exact.
     ///
     /// # Panics
-    /// If there is not one entry a degree of freedom in `rhs`, or the matrix is of another size.
+    /// If `rhs` does not have one entry per degree of freedom, or the matrix has another size.
     pub fn solve_refined(&self, stiffness: &Stiffness, rhs: &[f64]) -> (Vec<f64>, f64) {
         let mut solution = rhs.to_vec();
         self.solve_in_place(&mut solution);
@@ -322,7 +322,7 @@ impl Factor {
     }
 }
 
-/// b - K x, and how large it is as a backward error.
+/// Returns b - K x and its backward error.
 fn defect(stiffness: &Stiffness, solution: &[f64], rhs: &[f64]) -> (Vec<f64>, f64) {
     let mut defect = vec![0.0; rhs.len()];
     stiffness.multiply(solution, &mut defect);

@@ -1,9 +1,10 @@
-//! The dense inverse of the stiffness: solutions for unit forces, panel of rows by panel of rows.
+//! Dense inverse of the stiffness, solved for unit forces by row panels.
 //!
-//! The sparse factor solves a block of unit forces together, in f64 whatever the precision of the result, and what is kept of
-//! them is their part of the lower triangle. Panels go to the threads of the current rayon pool, each of which needs two
-//! blocks beside the result. Against LAPACK's dense factorisation and inversion this does less work (four operations an
-//! entry of L and a column, instead of one an entry of the dense triangle), and it never holds a second dense matrix.
+//! The sparse factor solves a block of unit forces together, in f64 regardless of the result's precision, and only
+//! their part of the lower triangle is kept. Panels are distributed over the current rayon pool, each thread of which
+//! needs two blocks beside the result. Compared with LAPACK's dense factorisation and inversion, this takes less work
+//! (four operations per entry of L and column, instead of one per entry of the dense triangle) and never stores a
+//! second dense matrix.
 
 #[cfg(test)]
 mod tests;
@@ -22,21 +23,21 @@ use crate::memory;
 /// Right-hand sides solved together.
 const BLOCK: usize = 32;
 
-/// Why there is no dense inverse.
+/// Error in computing a dense inverse.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum InverseError {
-    /// It is larger than the memory of the machine.
+    /// The inverse exceeds the available memory.
     #[error(
         "the dense inverse of {size} degrees of freedom needs {:.1} GiB, and {:.1} GiB of memory are available; use columns on \
          demand, which need none of it, single precision, or a coarser mesh",
         gib(*needed), gib(*available)
     )]
     Memory {
-        /// Degrees of freedom.
+        /// Number of degrees of freedom.
         size: usize,
-        /// Bytes that it needs.
+        /// Bytes required.
         needed: usize,
-        /// Bytes that can be had.
+        /// Bytes available.
         available: usize,
     },
     /// A solution is not finite.
@@ -48,11 +49,11 @@ fn gib(bytes: usize) -> f64 {
     bytes as f64 / (1u64 << 30) as f64
 }
 
-/// K^-1 (mm/N) from the factor of K, on the threads of the current rayon pool; the same bits on any number of them.
-/// `progress` is told how many columns of how many are done, in ascending order, from any thread.
+/// Computes K^-1 (mm/N) from the factor of K on the current rayon pool; the result is bitwise independent of the number
+/// of threads. `progress` receives the number of finished columns and their total, in ascending order, from any thread.
 ///
 /// # Errors
-/// [`InverseError::Memory`] before anything is allocated, where the system says how much memory there is (Linux);
+/// [`InverseError::Memory`] before any allocation, where the system reports its available memory (Linux);
 /// [`InverseError::Column`] when a solution is not finite.
 pub fn invert<T: Scalar>(
     factor: &Factor,
@@ -65,7 +66,7 @@ pub fn invert<T: Scalar>(
     inverse.row_panels_mut().try_for_each(|panel| {
         let rows = panel.rows;
         fill(factor, panel)?;
-        // A caller's panic leaves the count whole.
+        // A panic in the callback leaves the count intact.
         let (done, report) = &mut *progress.lock().unwrap_or_else(PoisonError::into_inner);
         *done += rows;
         report(*done, size);
@@ -74,13 +75,13 @@ pub fn invert<T: Scalar>(
     Ok(inverse)
 }
 
-/// Checks what an inverse and the blocks of all threads need against what there is.
+/// Checks the memory needed by an inverse and the blocks of all threads against what is available.
 pub(super) fn check_memory<T: Scalar>(size: usize) -> Result<(), InverseError> {
     check_memory_of::<T>(size, rayon::current_num_threads(), memory::available())
 }
 
 fn check_memory_of<T: Scalar>(size: usize, threads: usize, available: Option<usize>) -> Result<(), InverseError> {
-    // A block of solutions, and the factor's scratch memory for as many.
+    // A block of solutions, and the factor's scratch memory of the same size.
     let block = 2 * BLOCK * size_of::<f64>();
     let blocks = threads.saturating_mul(size).saturating_mul(block);
     let needed = Symmetric::<T>::bytes_of(size).saturating_add(blocks);
@@ -106,7 +107,7 @@ fn fill<T: Scalar>(factor: &Factor, panel: PanelMut<'_, T>) -> Result<(), Compli
         factor.solve_many_in_place(solutions.as_mut().subcols_mut(0, count));
         let lower = solutions.as_ref().get(..panel.columns.len(), ..count);
         check_finite(lower, panel.first_row + first)?;
-        // Transposed in squares, so that neither side is walked across its lines alone.
+        // Transposed in square blocks, so that both sides are accessed locally.
         for (at, columns) in panel.columns.chunks_mut(BLOCK).enumerate() {
             for k in 0..count {
                 let values = lower.col(k).subrows(at * BLOCK, columns.len());
@@ -119,7 +120,7 @@ fn fill<T: Scalar>(factor: &Factor, panel: PanelMut<'_, T>) -> Result<(), Compli
     Ok(())
 }
 
-/// Checks solutions for the unit forces from `first` on.
+/// Checks that the solutions for the unit forces from `first` on are finite.
 fn check_finite(solutions: MatRef<'_, f64>, first: usize) -> Result<(), ComplianceError> {
     let bad = solutions
         .col_iter()
@@ -130,11 +131,11 @@ fn check_finite(solutions: MatRef<'_, f64>, first: usize) -> Result<(), Complian
     }
 }
 
-/// The largest entry of K (K^-1 e) - e over the columns `dofs`: how far a stored, updated or loaded inverse is from that of
-/// this stiffness, sampled.
+/// Returns the largest entry of K (K^-1 e) - e over the columns `dofs`: a sampled error of a stored or updated inverse
+/// of this stiffness.
 ///
 /// # Errors
-/// [`ComplianceError`] when an index or the size does not fit, or a column cannot be had.
+/// [`ComplianceError`] when an index is out of range, the sizes differ, or a column cannot be computed.
 pub fn sampled_residual(
     stiffness: &Stiffness,
     compliance: &mut dyn Compliance,
@@ -149,7 +150,7 @@ pub fn sampled_residual(
         stiffness.multiply(&column, &mut product);
         product[dof] -= 1.0;
         for value in &product {
-            // Not `max`, which forgets what is undefined.
+            // `max` would discard NaN.
             if value.abs() > largest || value.is_nan() {
                 largest = value.abs();
             }

@@ -1,39 +1,40 @@
-//! Stiffening at large strain.
+//! Strain-stiffening law.
 
-/// Stiffness as it is up to a knee, and 1 + a (|e| - e0)^2 times that above (Y. Kobayashi et al., "Development of an integrated needle
-/// insertion system with image guidance and deformation simulation", Computerized Medical Imaging and Graphics 34, 2010, equations 3
-/// and 8). Of a point in shear the strain is the shear strain, of a body the relative strain.
+/// Constant stiffness up to a knee, and 1 + a (|e| - e0)^2 times as much above (Y. Kobayashi et al., "Development of an
+/// integrated needle insertion system with image guidance and deformation simulation", Computerized Medical Imaging and
+/// Graphics 34, 2010, equations 3 and 8). The strain e is the shear strain of a point in shear, and the relative strain
+/// of a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Knee {
-    /// e0: strain at which the tissue begins to stiffen, 0 or more; infinite where it never does. Key `knee_strain`.
+    /// Knee strain e0 at which stiffening begins, 0 or more; infinite for none. Key `knee_strain`.
     pub strain: f64,
-    /// a, 0 or more. Key `stiffening`.
+    /// Stiffening coefficient a, 0 or more. Key `stiffening`.
     pub stiffening: f64,
 }
 
-/// Why numbers make no stiffening material.
+/// Error for an invalid stiffening parameter.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("{key} is {found}; expected {expected}")]
 pub struct InvalidStiffening {
-    /// Which number.
+    /// Key of the parameter.
     pub key: &'static str,
-    /// As given.
+    /// Value given.
     pub found: f64,
-    /// What it must be.
+    /// Values expected.
     pub expected: &'static str,
 }
 
 impl Knee {
-    /// Tissue that never stiffens.
+    /// Law without stiffening.
     pub const NONE: Knee = Knee {
         strain: f64::INFINITY,
         stiffening: 0.0,
     };
 
-    /// Checks both numbers.
+    /// Checks both parameters.
     ///
     /// # Errors
-    /// [`InvalidStiffening`], with the one that is out of range.
+    /// [`InvalidStiffening`] for a parameter that is out of range.
     pub fn check(&self) -> Result<(), InvalidStiffening> {
         let Knee { strain, stiffening } = *self;
         let wrong = |key, found, expected| Err(InvalidStiffening { key, found, expected });
@@ -50,14 +51,14 @@ impl Knee {
         Ok(())
     }
 
-    /// Stiffness at a strain over that below the knee.
+    /// Returns the stiffness at a strain relative to that below the knee.
     #[inline]
     pub fn factor(&self, strain: f64) -> f64 {
         let above = self.above(strain);
         1.0 + self.stiffening * above * above
     }
 
-    /// Derivative of [`factor`](Knee::factor) by the strain.
+    /// Returns the derivative of [`factor`](Knee::factor) with respect to the strain.
     #[inline]
     pub fn slope(&self, strain: f64) -> f64 {
         2.0 * self.stiffening * self.above(strain).copysign(strain)

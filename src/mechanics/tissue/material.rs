@@ -1,17 +1,17 @@
-//! Isotropic linear elastic materials, by region of the mesh.
+//! Isotropic linear elastic materials, by mesh region.
 
 use std::collections::BTreeMap;
 
 use crate::mechanics::mesh::TetMesh;
 
-/// An isotropic linear elastic material, valid by construction.
+/// Isotropic linear elastic material, valid by construction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Material {
     young_kpa: f64,
     poisson: f64,
 }
 
-/// Why numbers make no material.
+/// Error for invalid material parameters.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidMaterial {
     /// Young's modulus is not above 0, or so large or small that the Lame parameters overflow or vanish.
@@ -19,22 +19,22 @@ pub enum InvalidMaterial {
         "young_kpa is {found}; expected a number above 0, and neither so small nor so large that stiffness is lost"
     )]
     Young {
-        /// The modulus, kPa.
+        /// Modulus given, kPa.
         found: f64,
     },
-    /// Poisson's ratio lies outside the range in which the material is stable and compressible.
+    /// Poisson's ratio is outside the range of stable, compressible materials.
     #[error(
         "poisson is {found}; expected a number above -1 and below 0.5 (soft tissue: 0.45 to 0.499; 0.5 itself is incompressible, \
          which displacements alone cannot represent)"
     )]
     Poisson {
-        /// The ratio.
+        /// Ratio given.
         found: f64,
     },
 }
 
 impl InvalidMaterial {
-    /// The key of the number that is wrong.
+    /// Key of the invalid parameter.
     pub fn key(&self) -> &'static str {
         match self {
             InvalidMaterial::Young { .. } => "young_kpa",
@@ -44,10 +44,11 @@ impl InvalidMaterial {
 }
 
 impl Material {
-    /// A material of Young's modulus `young_kpa` (above 0, kPa) and Poisson's ratio `poisson` (above -1, below 0.5).
+    /// Creates a material of Young's modulus `young_kpa` (above 0, kPa) and Poisson's ratio `poisson` (above -1, below
+    /// 0.5).
     ///
     /// # Errors
-    /// [`InvalidMaterial`], with the number.
+    /// [`InvalidMaterial`] with the parameter that is out of range.
     pub fn new(young_kpa: f64, poisson: f64) -> Result<Material, InvalidMaterial> {
         if !(poisson > -1.0 && poisson < 0.5) {
             return Err(InvalidMaterial::Poisson { found: poisson });
@@ -70,7 +71,7 @@ impl Material {
         self.poisson
     }
 
-    /// The Lame parameters `[lambda, mu]`, kPa: stress is `lambda tr(strain) I + 2 mu strain`.
+    /// Lame parameters `[lambda, mu]`, kPa: stress is `lambda tr(strain) I + 2 mu strain`.
     pub fn lame_kpa(&self) -> [f64; 2] {
         let nu = self.poisson;
         [
@@ -80,29 +81,29 @@ impl Material {
     }
 }
 
-/// The materials of a mesh: one for each region named, and one for all others.
+/// Materials of a mesh: one per named region, and a default for all others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Materials {
     default: Option<Material>,
     by_region: BTreeMap<i32, Material>,
 }
 
-/// Why materials do not fit together, or not the mesh.
+/// Error in assigning materials to regions.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MaterialsError {
     /// A region has two materials.
     #[error("region {region} has two materials: {} kPa, {} and {} kPa, {}", .materials[0].young_kpa, .materials[0].poisson,
         .materials[1].young_kpa, .materials[1].poisson)]
     Twice {
-        /// The region.
+        /// Region number.
         region: i32,
-        /// Its first and second material.
+        /// First and second material of the region.
         materials: [Material; 2],
     },
     /// Regions of the mesh have no material.
     #[error("no material for {}; give each its own, or one without a region for all others", list(.regions))]
     Missing {
-        /// The regions, ascending, with the number of tetrahedra in each.
+        /// Region numbers, ascending, with the number of tetrahedra in each.
         regions: Vec<(i32, usize)>,
     },
 }
@@ -116,7 +117,7 @@ fn list(regions: &[(i32, usize)]) -> String {
 }
 
 impl Materials {
-    /// `by_region` for the regions it names, `default` for all others.
+    /// Assigns `by_region` to the regions it names, and `default` to all others.
     ///
     /// # Errors
     /// [`MaterialsError::Twice`] where a region is named twice.
@@ -136,7 +137,7 @@ impl Materials {
         })
     }
 
-    /// One material for every region.
+    /// Assigns one material to every region.
     pub fn uniform(material: Material) -> Materials {
         Materials {
             default: Some(material),
@@ -144,20 +145,21 @@ impl Materials {
         }
     }
 
-    /// The material of a region.
+    /// Material of a region, if any.
     pub fn of(&self, region: i32) -> Option<&Material> {
         self.by_region.get(&region).or(self.default.as_ref())
     }
 
-    /// Regions that have a material of their own, ascending.
+    /// Regions with a material of their own, ascending.
+    #[cfg(test)]
     pub fn named_regions(&self) -> impl Iterator<Item = i32> + '_ {
         self.by_region.keys().copied()
     }
 
-    /// The material of each element of a mesh.
+    /// Returns the material of each element of a mesh.
     ///
     /// # Errors
-    /// [`MaterialsError::Missing`], with every region that has none.
+    /// [`MaterialsError::Missing`] with all regions that have no material.
     pub fn check(&self, mesh: &TetMesh) -> Result<Vec<Material>, MaterialsError> {
         let mut missing = BTreeMap::<i32, usize>::new();
         let mut materials = Vec::with_capacity(mesh.regions().len());

@@ -1,4 +1,4 @@
-//! A static problem: some displacements and forces are given, the rest is sought.
+//! Static problem: displacements and reactions for given displacements and forces.
 
 mod balance;
 
@@ -13,114 +13,114 @@ use super::rigid::{self, RigidError};
 use crate::mechanics::mesh::TetMesh;
 use balance::Balance;
 
-/// A prescribed displacement of one node along one axis.
+/// Prescribed displacement of one node along one axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
-    /// The node, from 0.
+    /// Node index, from 0.
     pub node: u32,
-    /// The axis, 0 to 2 for x to z.
+    /// Axis, 0 to 2 for x to z.
     pub axis: u8,
-    /// The displacement, mm.
+    /// Displacement, mm.
     pub displacement_mm: f64,
 }
 
-/// A force on one node; several on the same node add up.
+/// Force on one node; several on the same node add up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Load {
-    /// The node, from 0.
+    /// Node index, from 0.
     pub node: u32,
-    /// The force, N.
+    /// Force, N.
     pub force_n: [f64; 3],
 }
 
-/// What is given of a static problem.
+/// Input of a static problem.
 #[derive(Clone, Debug)]
 pub struct StaticProblem<'a> {
-    /// The mesh, in its unloaded state.
+    /// Mesh in its unloaded state.
     pub mesh: &'a TetMesh,
-    /// Materials of its regions.
+    /// Materials of the mesh regions.
     pub materials: Materials,
-    /// Prescribed displacements; the same one may be given twice.
+    /// Prescribed displacements; equal duplicates are allowed.
     pub fixes: Vec<Fix>,
-    /// Forces. On a prescribed displacement they change the reaction only.
+    /// Forces. At a prescribed displacement they change only the reaction.
     pub loads: Vec<Load>,
 }
 
-/// The force that holds a prescribed displacement.
+/// Reaction force at a prescribed displacement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reaction {
-    /// The node, from 0.
+    /// Node index, from 0.
     pub node: u32,
-    /// The axis, 0 to 2.
+    /// Axis, 0 to 2.
     pub axis: u8,
-    /// The force on the node, N.
+    /// Force on the node, N.
     pub force_n: f64,
 }
 
-/// Wall-clock time by phase.
+/// Wall-clock time by phase, s.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Seconds {
     /// Checking the problem, rigid motions included.
     pub check: f64,
     /// Assembling the stiffness matrix.
     pub assembly: f64,
-    /// Ordering and factoring it.
+    /// Ordering and factoring the stiffness matrix.
     pub factor: f64,
     /// Solving, residual and refinement included.
     pub solve: f64,
 }
 
-/// What a static problem comes to.
+/// Solution of a static problem.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// Displacement of every node, mm.
     pub displacement_mm: Vec<[f64; 3]>,
     /// Normwise backward error of the solution, see [`Factor::solve_refined`].
     pub residual: f64,
-    /// The forces at the prescribed displacements, by node and axis.
+    /// Reaction forces at the prescribed displacements, by node and axis.
     pub reactions: Vec<Reaction>,
-    /// Times.
+    /// Wall-clock times of the phases.
     pub seconds: Seconds,
 }
 
-/// Why a static problem has no solution.
+/// Why a static problem cannot be solved.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SolveError {
-    /// A node that the mesh does not have.
+    /// The mesh does not have the node.
     #[error("{what} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
     Node {
-        /// "a fix" or "a load".
+        /// Input that names the node: "a fix" or "a load".
         what: &'static str,
-        /// The node.
+        /// Index of the node.
         node: u32,
-        /// Nodes of the mesh.
+        /// Number of nodes in the mesh.
         nodes: usize,
     },
-    /// An axis beyond z.
+    /// The axis is beyond z.
     #[error("a fix of node {node} names axis {axis}; axes are 0, 1 and 2")]
     Axis {
-        /// The node.
+        /// Index of the node.
         node: u32,
-        /// The axis.
+        /// Axis given.
         axis: u8,
     },
     /// A displacement or force is NaN or infinite.
     #[error("{what} of node {node} is {value}; expected a finite number")]
     NotFinite {
-        /// "the displacement" or "the force".
+        /// Quantity: "the displacement" or "the force".
         what: &'static str,
-        /// The node.
+        /// Index of the node.
         node: u32,
-        /// The number.
+        /// Value given.
         value: f64,
     },
-    /// Two different displacements are prescribed.
+    /// Two different values are prescribed for one displacement.
     #[error("node {node} is fixed at both {} mm and {} mm along {}", .displacements_mm[0], .displacements_mm[1],
         ["x", "y", "z"][*.axis as usize % 3])]
     Contradiction {
-        /// The node.
+        /// Index of the node.
         node: u32,
-        /// The axis, 0 to 2.
+        /// Axis, 0 to 2.
         axis: u8,
         /// The two displacements, mm.
         displacements_mm: [f64; 2],
@@ -128,7 +128,7 @@ pub enum SolveError {
     /// The materials do not cover the mesh.
     #[error(transparent)]
     Materials(#[from] MaterialsError),
-    /// Rigid motions are free.
+    /// The prescribed displacements leave rigid motions free.
     #[error(transparent)]
     Rigid(#[from] RigidError),
     /// The stiffness cannot be assembled.
@@ -137,13 +137,13 @@ pub enum SolveError {
     /// The stiffness cannot be factored.
     #[error(transparent)]
     Factor(#[from] FactorError),
-    /// Displacements beyond the range of numbers.
+    /// The displacements overflow.
     #[error("the displacements are no finite numbers: stiffness, forces or displacements are too large or too small")]
     Overflow,
 }
 
 impl SolveError {
-    /// Whether memory ran out, rather than the problem being wrong.
+    /// Whether memory ran out, as opposed to an error in the problem.
     pub fn is_machine(&self) -> bool {
         matches!(self, SolveError::Factor(FactorError::Memory { .. }))
     }
@@ -153,7 +153,7 @@ impl StaticProblem<'_> {
     /// Checks and solves the problem.
     ///
     /// # Errors
-    /// [`SolveError`], with the node, element, region or part that is wrong.
+    /// [`SolveError`] with the node, element, region or part at fault.
     pub fn solve(&self) -> Result<Solution, SolveError> {
         let mut clock = Clock::start();
         let fixed = self.fixed()?;
@@ -168,14 +168,14 @@ impl StaticProblem<'_> {
             check: clock.lap(),
             ..Seconds::default()
         };
-        // First, so that a flat or inverted element is named as such.
+        // First, so that a flat or inverted element is reported as such.
         let stiffness = Stiffness::assemble(self.mesh, &materials, &dofs)?;
         seconds.assembly = clock.lap();
         rigid::check(self.mesh, &dofs)?;
         seconds.check += clock.lap();
         let factor = Factor::new(&stiffness)?;
         seconds.factor = clock.lap();
-        // What the prescribed displacements alone ask of the free ones.
+        // Forces due to the prescribed displacements alone.
         let prescribed = stiffness.nodal_forces(&displacements);
         let rhs: Vec<f64> = dofs
             .gather(&forces)
@@ -219,7 +219,7 @@ impl StaticProblem<'_> {
         }
     }
 
-    /// Prescribed displacements by node and axis.
+    /// Returns the prescribed displacements by node and axis.
     fn fixed(&self) -> Result<BTreeMap<(u32, u8), f64>, SolveError> {
         let mut fixed = BTreeMap::new();
         for &Fix {
@@ -251,7 +251,7 @@ impl StaticProblem<'_> {
         Ok(fixed)
     }
 
-    /// The given force on every node.
+    /// Returns the given force on every node.
     fn forces(&self) -> Result<Vec<[f64; 3]>, SolveError> {
         let mut forces = vec![[0.0; 3]; self.mesh.nodes().len()];
         for &Load { node, force_n } in &self.loads {
@@ -279,7 +279,7 @@ impl Clock {
         Clock(Instant::now())
     }
 
-    /// Seconds since the last lap.
+    /// Returns the seconds since the last lap.
     fn lap(&mut self) -> f64 {
         std::mem::replace(&mut self.0, Instant::now()).elapsed().as_secs_f64()
     }

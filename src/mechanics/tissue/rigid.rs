@@ -1,8 +1,9 @@
-//! Which rigid motions the prescribed displacements leave free, and of which part of the mesh.
+//! Rigid motions left free by the prescribed displacements, by part of the mesh.
 //!
-//! Tetrahedra that share a face can only move rigidly together: such a part has six rigid motions. Each prescribed
-//! displacement takes away one combination of them; each node that two parts share, without sharing a face there, ties
-//! three of the one to three of the other. What is left is the null space of a small matrix, and of the stiffness matrix.
+//! Tetrahedra that share a face can only move rigidly together: they form a part, with six rigid motions. Each
+//! prescribed displacement removes one combination of them; each node that two parts share without sharing a face there
+//! couples three motions of one to three of the other. The remaining motions are the null space of a small matrix, and
+//! of the stiffness matrix.
 
 mod motion;
 mod parts;
@@ -16,51 +17,51 @@ use crate::mechanics::mesh::TetMesh;
 pub use motion::Motion;
 use parts::Parts;
 
-/// A motion that is held by less than this, relative to the one held most, cannot be told from a free one: stiffness goes
-/// with its square, and the square is the rounding unit.
+/// Smallest restraint of a motion, relative to the most restrained one, that is distinguishable from none: stiffness
+/// scales with its square, and the square is the rounding unit.
 const HELD: f64 = 1.490_116_119_384_765_6e-8;
 
-/// The most parts hinged to each other, none of them held by itself, whose joint motion is looked at: beyond, the dense
-/// matrix grows too large, and it is left to the factorisation to fail.
+/// Most unrestrained parts hinged to each other whose joint motion is examined. Beyond, the dense matrix grows too
+/// large, and the factorisation is left to fail.
 const MOST_HINGED: usize = 64;
 
-/// A part of the mesh that can still move.
+/// Part of the mesh that can still move.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FreePart {
     /// Regions of its tetrahedra, ascending.
     pub regions: Vec<i32>,
-    /// How many nodes it has.
+    /// Number of nodes.
     pub nodes: usize,
-    /// Its volume, ml.
+    /// Volume, ml.
     pub volume_ml: f64,
-    /// The lowest of its nodes.
+    /// Lowest node index.
     pub example: u32,
-    /// Its free motions, none a combination of the others.
+    /// Linearly independent free motions.
     pub motions: Vec<Motion>,
 }
 
 /// Why displacements are not determined.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RigidError {
-    /// Nodes with free displacements that no element holds.
+    /// Nodes with free displacements belong to no element.
     #[error("{} of no tetrahedron, which nothing holds: {}; leave them out or fix them along x, y and z",
         if .nodes.len() == 1 { "a node" } else { "nodes" }, numbers(.nodes))]
     LooseNodes {
-        /// Their numbers, ascending, from 0.
+        /// Node indices, ascending, from 0.
         nodes: Vec<u32>,
     },
     /// Parts that can move rigidly.
     #[error("{}; fix nodes of {}", sentences(.parts, .names), if .parts.len() == 1 { "it" } else { "each" })]
     FreeParts {
-        /// The parts, in the order of their lowest elements.
+        /// Movable parts, in the order of their lowest elements.
         parts: Vec<FreePart>,
-        /// Names of regions, where they have any.
+        /// Names of regions, where given.
         names: BTreeMap<i32, String>,
     },
 }
 
 impl RigidError {
-    /// The same error with names for regions.
+    /// Returns the error with names for regions.
     pub fn named(mut self, called: &BTreeMap<i32, String>) -> Self {
         if let RigidError::FreeParts { names, .. } = &mut self {
             names.clone_from(called);
@@ -69,9 +70,9 @@ impl RigidError {
     }
 }
 
-/// How many of a long list a message names.
+/// Most items of a list in a message.
 const NAMED: usize = 8;
-/// The same of parts, of which each needs nodes to hold it.
+/// Most parts in a message; larger than [`NAMED`], as each part needs nodes to fix it.
 const PARTS: usize = 32;
 
 fn numbers(nodes: &[u32]) -> String {
@@ -105,7 +106,7 @@ impl FreePart {
         };
         let regions: Vec<String> = self.regions.iter().take(NAMED).map(region).collect();
         let more = if self.regions.len() > NAMED { ", ..." } else { "" };
-        // The six that every body has need no list.
+        // All six rigid motions need no list.
         let motions = match self.motions.len() {
             6 => "any translation or rotation".to_owned(),
             _ => self
@@ -125,10 +126,10 @@ impl FreePart {
     }
 }
 
-/// Checks that the prescribed displacements leave no rigid motion.
+/// Checks that the prescribed displacements prevent all rigid motions.
 ///
 /// # Errors
-/// [`RigidError`], with the nodes of no element, or with every part that can move and how.
+/// [`RigidError`] with the nodes of no element, or with all movable parts and their motions.
 ///
 /// # Panics
 /// If the mesh and the degrees of freedom do not have the same number of nodes.
@@ -157,7 +158,8 @@ pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), RigidError> {
     })
 }
 
-/// Marks the parts that their own prescribed displacements and the held parts around them hold; whether there were any.
+/// Marks the parts fixed by their own prescribed displacements and by fixed parts around them; returns whether there
+/// were any.
 fn hold_more(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &mut [bool]) -> bool {
     let before = held.to_vec();
     for part in 0..parts.len() {
@@ -170,7 +172,7 @@ fn hold_more(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &mut [bool]) -> b
     *held != *before
 }
 
-/// The parts of a group, tied to each other, that can move.
+/// Returns the parts of a hinged group that can move, with their indices.
 fn free_parts(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: &[usize]) -> Vec<(usize, FreePart)> {
     let frame = Frame::of(mesh, parts, group);
     let null = frame.null_space(mesh, dofs, parts, held, group);
@@ -194,8 +196,8 @@ fn free_parts(mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: 
     free
 }
 
-/// Where rotations turn and how lengths are scaled: with the nodes within a unit ball about the origin, rotations and
-/// translations weigh alike.
+/// Centre of rotation and unit of length. Scaled to the unit ball about the origin, rotations and translations have
+/// equal weight.
 struct Frame {
     centre: Vector3<f64>,
     size: f64,
@@ -214,12 +216,12 @@ impl Frame {
         Frame { centre, size }
     }
 
-    /// The combinations of the group's rigid motions that nothing prevents, orthonormal, one a column. Six rows a part: its
-    /// translation, and its rotation about the centre times the size.
+    /// Returns the unconstrained combinations of the group's rigid motions as orthonormal columns. Each part has six
+    /// rows: its translation, and its rotation about the centre times the size.
     fn null_space(&self, mesh: &TetMesh, dofs: &Dofs, parts: &Parts, held: &[bool], group: &[usize]) -> DMatrix<f64> {
         let mut rows: Vec<f64> = Vec::new();
         let width = 6 * group.len();
-        // Displacement of a node along an axis as its part moves, over the six motions of the part.
+        // Displacement of a node along an axis per unit of the six motions of its part.
         let displacement = |node: u32, axis: usize| {
             let arm = (Vector3::from(mesh.nodes()[node as usize]) - self.centre) / self.size;
             let along = Vector3::ith(axis, 1.0);
@@ -257,7 +259,7 @@ impl Frame {
     }
 }
 
-/// Orthonormal columns that a matrix maps to (nearly) nothing.
+/// Returns orthonormal columns that a matrix maps to (nearly) zero.
 fn null_space(matrix: DMatrix<f64>) -> DMatrix<f64> {
     let width = matrix.ncols();
     let height = matrix.nrows().max(width);

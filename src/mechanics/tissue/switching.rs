@@ -1,14 +1,14 @@
-//! Constraint switching: each contact degree of freedom has either its force or its displacement prescribed, and the other
-//! is sought. With D those of prescribed displacement and F the rest,
+//! Constraint switching: each contact degree of freedom has either its force or its displacement prescribed, and the
+//! other is unknown. With D the degrees of freedom of prescribed displacement and F the rest,
 //!
 //! ```text
 //! f_D = K_DD^-1 (u_D - K_DF f_F)        u_F = K_FD f_D + K_FF f_F
 //! ```
 //!
-//! Two ways behind one trait: [`Pivots`] exchanges one degree of freedom at a time in a tableau, [`Refactorised`] factors
-//! K_DD at every switch. Both refuse the same: a degree of freedom whose displacement, those already prescribed held fixed,
-//! can hardly be changed by a force on it. That remaining compliance is the pivot; relative to the diagonal of K^c it must
-//! exceed a limit ([`PIVOT_LIMIT`]), for the relative rounding error of the forces grows with its inverse.
+//! Two solvers implement one trait: [`Pivots`] exchanges one degree of freedom at a time in a tableau, [`Refactorised`]
+//! factors K_DD at every switch. Both refuse a degree of freedom whose displacement, with those already prescribed
+//! fixed, can hardly be changed by a force on it. This remaining compliance is the pivot; relative to the diagonal of
+//! K^c it must exceed a limit ([`PIVOT_LIMIT`]), as the relative rounding error of the forces grows with its inverse.
 
 mod pivots;
 mod refactorised;
@@ -22,16 +22,16 @@ use super::condensed::Condensed;
 pub use pivots::Pivots;
 pub use refactorised::Refactorised;
 
-/// The smallest pivot relative to the diagonal where K^c is exact to f64 rounding: rounding, 2.2e-16, divided by it still
-/// leaves forces better than 1e-9. Where K^c comes from an inverse in f32, whose entries carry 6e-8, take 1e-3.
+/// Smallest pivot relative to the diagonal where K^c is accurate to f64 rounding: rounding, 2.2e-16, divided by it
+/// still leaves forces better than 1e-9. For K^c from an inverse in f32, whose entries have errors of 6e-8, use 1e-3.
 pub const PIVOT_LIMIT: f64 = 1e-6;
 
-/// Which of the two is prescribed at a degree of freedom.
+/// Quantity prescribed at a degree of freedom.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Prescribed {
-    /// The force (N); the displacement is sought.
+    /// The force (N) is prescribed, the displacement unknown.
     Force,
-    /// The displacement (mm); the force is sought.
+    /// The displacement (mm) is prescribed, the force unknown.
     Displacement,
 }
 
@@ -44,36 +44,29 @@ pub struct ContactState {
     pub displacement_mm: Vec<f64>,
 }
 
-/// A way to switch between prescribed forces and displacements.
+/// Solver with switchable prescribed forces and displacements.
 pub trait ConstraintSolver {
-    /// What is prescribed at each degree of freedom.
+    /// Quantity prescribed at each degree of freedom.
     fn prescribed(&self) -> &[Prescribed];
 
-    /// Changes what is prescribed at some degrees of freedom, in this order. What is so already stays.
+    /// Changes the quantity prescribed at some degrees of freedom, in this order. Those that already agree are skipped.
     ///
     /// # Errors
-    /// [`SwitchError`] when an index does not fit or a displacement cannot be prescribed beside the others; then nothing
-    /// is changed.
+    /// [`SwitchError`] when an index is out of range or a displacement cannot be prescribed beside the others; nothing
+    /// changes then.
     fn switch(&mut self, changes: &[(usize, Prescribed)]) -> Result<(), SwitchError>;
 
-    /// Takes another K^c, and what is prescribed at each of its degrees of freedom.
-    ///
-    /// # Errors
-    /// [`SwitchError`] when K^c is not usable, the lengths differ or a displacement cannot be prescribed; then nothing is
-    /// changed.
-    fn replace(&mut self, condensed: &Condensed, prescribed: &[Prescribed]) -> Result<(), SwitchError>;
-
-    /// Solves for the prescribed values, force (N) or displacement (mm) as each degree of freedom has it. They come back
+    /// Solves for prescribed values, force (N) or displacement (mm) as set at each degree of freedom. They are returned
     /// unchanged to the bit.
     ///
     /// # Errors
-    /// [`SwitchError`] when there is not one value a degree of freedom, or a value or a result is not finite.
+    /// [`SwitchError`] when there is not one value per degree of freedom, or a value or a result is not finite.
     fn solve_into(&mut self, values: &[f64], state: &mut ContactState) -> Result<(), SwitchError>;
 
-    /// As [`solve_into`](Self::solve_into), into new vectors.
+    /// Solves as [`solve_into`](Self::solve_into) does, into new vectors.
     ///
     /// # Errors
-    /// As [`solve_into`](Self::solve_into).
+    /// Those of [`solve_into`](Self::solve_into).
     fn solve(&mut self, values: &[f64]) -> Result<ContactState, SwitchError> {
         let mut state = ContactState::default();
         self.solve_into(values, &mut state)?;
@@ -81,57 +74,57 @@ pub trait ConstraintSolver {
     }
 }
 
-/// Why constraints cannot be switched or solved for.
+/// Error in switching constraints or solving for them.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum SwitchError {
-    /// A displacement that the others prescribed leave no room for.
+    /// A displacement is determined by the others prescribed.
     #[error(
         "the displacement of contact node {node} along its axis {axis} cannot be prescribed beside the others: they leave it a \
          compliance of {pivot:e} mm/N of {diagonal:e}, not above {limit:e} of it; prescribe its force, or release a neighbour"
     )]
     Dependent {
-        /// The node.
+        /// Index of the node.
         node: u32,
-        /// The axis of its frame, 0 to 2.
+        /// Axis of the node's frame, 0 to 2.
         axis: usize,
-        /// The compliance that is left, mm/N.
+        /// Remaining compliance, mm/N.
         pivot: f64,
-        /// Its own compliance: the diagonal entry of K^c, mm/N.
+        /// Diagonal entry of K^c, mm/N.
         diagonal: f64,
-        /// The smallest ratio of the two that is accepted.
+        /// Smallest accepted ratio of remaining compliance to diagonal entry.
         limit: f64,
     },
-    /// An index beyond the contacts.
+    /// An index is beyond the contacts.
     #[error("contact degree of freedom {dof}, but there are {size}: valid are 0 to {size} - 1")]
     OutOfRange {
-        /// As given.
+        /// Index given.
         dof: usize,
-        /// Contact degrees of freedom.
+        /// Number of contact degrees of freedom.
         size: usize,
     },
-    /// Not one value a contact degree of freedom.
+    /// There is not one value per contact degree of freedom.
     #[error("{found} values for {expected} contact degrees of freedom")]
     Count {
-        /// As given.
+        /// Number of values given.
         found: usize,
-        /// Contact degrees of freedom.
+        /// Number of contact degrees of freedom.
         expected: usize,
     },
-    /// A value that is infinite or undefined.
+    /// A value is infinite or undefined.
     #[error("{what} of contact node {node} along its axis {axis} is {found}; it must be finite")]
     NotFinite {
-        /// Which value.
+        /// Name of the quantity.
         what: &'static str,
-        /// The node.
+        /// Index of the node.
         node: u32,
-        /// The axis of its frame, 0 to 2.
+        /// Axis of the node's frame, 0 to 2.
         axis: usize,
-        /// The value.
+        /// Value found.
         found: f64,
     },
 }
 
-/// K^c and the names of its rows: what both ways share.
+/// K^c and the nodes of its rows, shared by both solvers.
 #[derive(Clone, Debug)]
 struct System {
     matrix: Mat<f64>,
@@ -164,7 +157,7 @@ impl System {
         self.matrix[(dof, dof)]
     }
 
-    /// y = K^c x.
+    /// Computes y = K^c x.
     fn multiply(&self, x: &[f64], y: &mut [f64]) {
         multiply(self.matrix.as_ref(), x, y);
     }
@@ -208,7 +201,7 @@ impl System {
         self.check_finite("the displacement", &state.displacement_mm)
     }
 
-    /// Whether a displacement can be prescribed where the others leave this compliance.
+    /// Checks that a displacement can be prescribed where the others leave this compliance.
     fn check_pivot(&self, dof: usize, pivot: f64) -> Result<(), SwitchError> {
         let [diagonal, limit] = [self.diagonal(dof), self.limit];
         if diagonal > 0.0 && pivot > limit * diagonal {
@@ -224,7 +217,7 @@ impl System {
     }
 }
 
-/// A column as a slice.
+/// Returns a column as a slice.
 fn column(matrix: MatRef<'_, f64>, j: usize) -> &[f64] {
     match matrix.col(j).try_as_col_major() {
         Some(column) => column.as_slice(),
@@ -232,7 +225,7 @@ fn column(matrix: MatRef<'_, f64>, j: usize) -> &[f64] {
     }
 }
 
-/// y = A x, column by column.
+/// Computes y = A x, column by column.
 fn multiply(matrix: MatRef<'_, f64>, x: &[f64], y: &mut [f64]) {
     y.fill(0.0);
     for (j, &x) in x.iter().enumerate().filter(|(_, x)| **x != 0.0) {

@@ -1,8 +1,9 @@
-//! A dense symmetric matrix in row panels: half the memory of a full one, and symmetric because an entry is stored once.
+//! Dense symmetric matrix in row panels: half the memory of a full one, and exactly symmetric, as an entry is stored
+//! once.
 //!
-//! Panel p holds the rows from p [`PANEL_ROWS`] on and the columns up to its last row, column by column. Walking down a
-//! panel is then one stream through memory, which is what the rank-s update of remeshing is bound by, and every panel is
-//! an allocation of its own, as buffers of GPUs are limited in size.
+//! Panel p holds the rows from p [`PANEL_ROWS`] on and the columns up to its last row, column by column. A pass down a
+//! panel is then one stream through memory, whose bandwidth limits the rank-s update of remeshing. Every panel is a
+//! separate allocation, as GPU buffers are limited in size.
 //!
 //! ```text
 //!          0    128   256   384 ...
@@ -25,60 +26,60 @@ use super::compliance::{ComplianceError, check_dofs, check_shape};
 use crate::real::Real;
 use crate::simd::Lanes;
 
-/// Rows of a panel. Measured from 64 to 256 at 9,834 rows: 128 and 256 are alike, 64 is up to a tenth slower, and the
-/// memory above the diagonal grows with it.
+/// Rows of a panel. Measured from 64 to 256 at 9,834 rows: 128 and 256 are equally fast, 64 is up to a tenth slower,
+/// and the memory above the diagonal grows with the number of rows.
 pub const PANEL_ROWS: usize = 128;
 
-/// The scalar of a dense matrix: `f32` or `f64`.
+/// Scalar type of a dense matrix: `f32` or `f64`.
 pub trait Scalar: Real + Lanes + Pod + faer::traits::RealField {}
 
 impl Scalar for f32 {}
 impl Scalar for f64 {}
 
-/// One column of a panel; beyond the last row of the matrix it is padded.
+/// One column of a panel, padded beyond the last row of the matrix.
 #[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub struct Column<T>(pub [T; PANEL_ROWS]);
 
-/// A symmetric matrix of `size` rows, of which the lower triangle is stored.
+/// Symmetric matrix of `size` rows, stored as its lower triangle.
 #[derive(Clone)]
 pub struct Symmetric<T> {
     size: usize,
     panels: Vec<Vec<Column<T>>>,
 }
 
-/// Rows `first_row..first_row + rows` of a [`Symmetric`] and the columns up to the last of them.
+/// Rows `first_row..first_row + rows` of a [`Symmetric`] with the columns up to the last of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel<'a, T> {
-    /// The first row.
+    /// First row.
     pub first_row: usize,
-    /// How many rows; [`PANEL_ROWS`] in all panels but the last.
+    /// Number of rows; [`PANEL_ROWS`] in all panels but the last.
     pub rows: usize,
-    /// The columns `0..first_row + rows`. Row `i` of the matrix is value `i - first_row` of each; values in rows above the
-    /// column's own number, and beyond `rows`, carry no meaning.
+    /// Columns `0..first_row + rows`. Row `i` of the matrix is value `i - first_row` of each; values above the diagonal
+    /// and beyond `rows` are meaningless.
     pub columns: &'a [Column<T>],
 }
 
-/// As [`Panel`], to be written.
+/// Mutable version of [`Panel`].
 #[derive(Debug)]
 pub struct PanelMut<'a, T> {
-    /// The first row.
+    /// First row.
     pub first_row: usize,
-    /// How many rows.
+    /// Number of rows.
     pub rows: usize,
-    /// The columns `0..first_row + rows`.
+    /// Columns `0..first_row + rows`.
     pub columns: &'a mut [Column<T>],
 }
 
-/// The first row of a panel and the one after its last.
+/// Returns the first row of a panel and the one after its last.
 fn panel_rows(panel: usize, size: usize) -> [usize; 2] {
     let first = panel * PANEL_ROWS;
     [first, (first + PANEL_ROWS).min(size)]
 }
 
 impl<T: Scalar> Symmetric<T> {
-    /// The zero matrix of `size` rows. Takes [`bytes_of`](Self::bytes_of) bytes: check them against the machine's memory
-    /// first where `size` comes from a user, as [`invert`](super::inverse::invert) does.
+    /// Creates the zero matrix of `size` rows. It takes [`bytes_of`](Self::bytes_of) bytes: check them against the
+    /// available memory first where `size` comes from a user, as [`invert`](super::inverse::invert) does.
     pub fn zeros(size: usize) -> Self {
         let panels = (0..size.div_ceil(PANEL_ROWS)).into_par_iter();
         let zero = Column([T::of(0.0); PANEL_ROWS]);
@@ -88,7 +89,7 @@ impl<T: Scalar> Symmetric<T> {
         }
     }
 
-    /// The matrix of these entries; only those with row >= column are asked for.
+    /// Creates a matrix from its entries; `entry` is called only for row >= column.
     pub fn from_fn(size: usize, entry: impl Fn(usize, usize) -> T + Sync) -> Self {
         let mut matrix = Self::zeros(size);
         matrix.row_panels_mut().for_each(|panel| {
@@ -101,7 +102,7 @@ impl<T: Scalar> Symmetric<T> {
         matrix
     }
 
-    /// The same matrix in another precision, each entry rounded once.
+    /// Converts to another precision, rounding each entry once.
     pub fn cast<U: Scalar>(&self) -> Symmetric<U> {
         let convert = |column: &Column<T>| Column(column.0.map(|value| U::of(value.wide())));
         let panels = self.panels.par_iter().with_max_len(1);
@@ -111,17 +112,17 @@ impl<T: Scalar> Symmetric<T> {
         }
     }
 
-    /// Rows, and columns.
+    /// Number of rows and columns.
     pub fn size(&self) -> usize {
         self.size
     }
 
-    /// Bytes that the entries take.
+    /// Size of the entries, bytes.
     pub fn bytes(&self) -> usize {
         self.panels.iter().map(|panel| size_of_val(panel.as_slice())).sum()
     }
 
-    /// Bytes that a matrix of `size` rows takes; saturates.
+    /// Size of a matrix of `size` rows, bytes; saturates.
     pub fn bytes_of(size: usize) -> usize {
         let panels = size.div_ceil(PANEL_ROWS);
         let whole = panels.saturating_mul(panels.saturating_sub(1)) / 2;
@@ -129,10 +130,10 @@ impl<T: Scalar> Symmetric<T> {
         columns.saturating_mul(size_of::<Column<T>>())
     }
 
-    /// Entry (row, column).
+    /// Returns entry (row, column).
     ///
     /// # Panics
-    /// When an index is not below [`size`](Self::size), as indexing does.
+    /// If an index is not below [`size`](Self::size), as in indexing.
     #[inline]
     pub fn get(&self, row: usize, column: usize) -> T {
         assert!(
@@ -144,15 +145,15 @@ impl<T: Scalar> Symmetric<T> {
         self.panels[row / PANEL_ROWS][column].0[row % PANEL_ROWS]
     }
 
-    /// Writes column `j`, which is row `j` as well.
+    /// Writes column `j`, which is also row `j`, to `out`.
     ///
     /// # Errors
-    /// [`ComplianceError`] when `j` or the length of `out` does not fit.
+    /// [`ComplianceError`] when `j` is out of range or `out` has the wrong length.
     pub fn column_into(&self, j: usize, out: &mut [T]) -> Result<(), ComplianceError> {
         self.copy_column(j, out, |value| value)
     }
 
-    /// Writes column `j`, converted.
+    /// Writes column `j`, converted, to `out`.
     pub(super) fn copy_column<U>(
         &self,
         j: usize,
@@ -176,7 +177,7 @@ impl<T: Scalar> Symmetric<T> {
         Ok(())
     }
 
-    /// The panels from the first row to the last.
+    /// Panels from the first row to the last.
     pub fn row_panels(&self) -> impl ExactSizeIterator<Item = Panel<'_, T>> {
         self.panels.iter().enumerate().map(|(panel, columns)| {
             let [first_row, end] = panel_rows(panel, self.size);
@@ -188,16 +189,7 @@ impl<T: Scalar> Symmetric<T> {
         })
     }
 
-    /// Hands out every column of every panel in order, to be filled as it was read from [`row_panels`](Self::row_panels);
-    /// stops at the first failure.
-    pub(super) fn for_each_column_mut<E>(&mut self, mut fill: impl FnMut(&mut [T]) -> Result<(), E>) -> Result<(), E> {
-        self.panels
-            .iter_mut()
-            .flatten()
-            .try_for_each(|column| fill(&mut column.0))
-    }
-
-    /// The panels to be written, from the last to the first, for threads to take one by one: later ones are longer.
+    /// Mutable panels from the last to the first, to be taken by threads one by one: later ones are longer.
     pub fn row_panels_mut(&mut self) -> impl IndexedParallelIterator<Item = PanelMut<'_, T>> {
         let size = self.size;
         let panels = self.panels.par_iter_mut().enumerate().rev().with_max_len(1);
@@ -213,7 +205,7 @@ impl<T: Scalar> Symmetric<T> {
 }
 
 impl<T> fmt::Debug for Symmetric<T> {
-    /// The size: entries are too many to read.
+    /// Writes only the size, as entries are too many to read.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Symmetric")
             .field("size", &self.size)
@@ -222,7 +214,7 @@ impl<T> fmt::Debug for Symmetric<T> {
 }
 
 impl<T: PartialEq> PartialEq for Symmetric<T> {
-    /// Compares what has a meaning.
+    /// Compares only meaningful values.
     fn eq(&self, other: &Self) -> bool {
         let equal = |panel: usize| {
             let [first, end] = panel_rows(panel, self.size);

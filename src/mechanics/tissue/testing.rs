@@ -1,4 +1,4 @@
-//! What the tests of several modules start from.
+//! Fixtures shared by several test modules.
 
 use std::sync::Arc;
 
@@ -9,19 +9,19 @@ use super::material::Material;
 use crate::mechanics::mesh::TetMesh;
 use crate::random::{pcg3d, unit};
 
-/// A value in -1..1 that depends on its place alone.
+/// Returns a value in -1..1 that depends only on the arguments.
 pub fn value(i: usize, j: usize, salt: u32) -> f64 {
     let [coarse, fine, _] = pcg3d([i as u32, j as u32, salt]).map(unit).map(f64::from);
     2.0 * coarse - 1.0 + 1e-8 * fine
 }
 
-/// Runs on a pool of its own.
+/// Runs `work` on a dedicated thread pool.
 pub fn on_threads<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.expect("a pool").install(work)
 }
 
-/// A block of soft tissue of 60 x 40 x 40 mm on a fixed floor, its inner nodes shaken.
+/// Block of soft tissue of 60 x 40 x 40 mm on a fixed floor, with perturbed inner nodes.
 pub struct Block {
     pub mesh: TetMesh,
     pub materials: Vec<Material>,
@@ -62,7 +62,7 @@ impl Block {
         }
     }
 
-    /// Nodes with all three degrees of freedom, spread over the block.
+    /// Returns free nodes spread over the block.
     pub fn free_nodes(&self, count: usize) -> Vec<u32> {
         let free: Vec<u32> = (0..self.dofs.nodes() as u32)
             .filter(|&node| self.dofs.of(node) != [u32::MAX; 3])

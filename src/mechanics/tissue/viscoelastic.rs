@@ -1,15 +1,15 @@
-//! Tissue with a fading memory: fractional integrals and derivatives of a history, step by step.
+//! Tissue with fading memory: fractional integrals and derivatives of a history, step by step.
 //!
-//! A spring-pot holds `G d^k gamma / dt^k = tau`, with `k` from 0 (a spring) to 1 (a dashpot); porcine liver has k of about 0.1
-//! (Kobayashi et al. 2010, equation 1). What it does depends on all that went before: the integral of order k is
+//! A spring-pot obeys `G d^k gamma / dt^k = tau`, with `k` from 0 (a spring) to 1 (a dashpot); porcine liver has k of
+//! about 0.1 (Kobayashi et al. 2010, equation 1). Its response depends on the entire past: the integral of order k is
 //!
 //! ```text
 //! I^k F (t) = 1 / Gamma(k) * integral from 0 to t of (t - s)^(k-1) F(s) ds
 //! ```
 //!
-//! Every [`Rule`] writes it at the end of a step as `w_0 F_n + history_n`, where the history holds the values up to n-1 and `w_0`
-//! is the weight of the new one, known before the new value is: that is what [`History::predict`] gives.
-//! [`History::commit`] then takes the new value. The same trait serves the derivative of order k ([`Operator`]).
+//! Every [`Rule`] evaluates it at the end of a step as `w_0 F_n + history_n`, where the history covers the values up to
+//! n-1 and `w_0` is the weight of the new value, known before that value is. [`History::predict`] returns both;
+//! [`History::commit`] then records the new value. The same trait serves the derivative of order k ([`Operator`]).
 //!
 //! ```
 //! use insonify::mechanics::tissue::viscoelastic::{Operator, Rule};
@@ -28,29 +28,29 @@
 //! # Ok::<(), insonify::mechanics::tissue::viscoelastic::HistoryError>(())
 //! ```
 //!
-//! # Two laws of a structure
+//! # Two structural laws
 //!
-//! While the stiffness K is constant, two ways of putting the memory into `K U = F` are the same:
+//! While the stiffness K is constant, two forms of memory in `K U = F` are equivalent:
 //!
-//! - `load-integral`, as Kobayashi et al. 2010 solve it (equation 12): `K(U) U = I^k F`, each component of the loads integrated by itself. A
-//!   driven displacement makes its reaction the unknown: `K(U) U_n = w_0 F_n + history_n`.
-//! - `rate`, as the material is written (equation 4): `K(U) D^k U = F`. In integral form `U = I^k (K(U)^-1 F)`.
+//! - `load-integral`, as Kobayashi et al. 2010 solve it (equation 12): `K(U) U = I^k F`, each component of the loads
+//!   integrated separately. At a prescribed displacement the reaction is the unknown: `K(U) U_n = w_0 F_n + history_n`.
+//! - `rate`, as the material law is stated (equation 4): `K(U) D^k U = F`. In integral form `U = I^k (K(U)^-1 F)`.
 //!
-//! They part as soon as K depends on U: under the first the stiffness of *now* divides all of the past loads, under the second
-//! each load acts through the stiffness of *its* time. At constant load past the knee the first is stiffer, for earlier loads met
-//! tissue that had not yet stiffened.
+//! They differ as soon as K depends on U: in the first the *current* stiffness divides all past loads, in the second
+//! each load acts through the stiffness of *its* time. Under constant load past the knee the first is stiffer, as
+//! earlier loads acted on tissue that had not yet stiffened.
 //!
 //! # Rules
 //!
-//! | rule | between two times the function is | order | steps | a step costs |
+//! | rule | function between two times | order | steps | cost per step |
 //! |---|---|---|---|---|
-//! | [`Rule::Rectangle`] | constant, as at the end | 1 | any | O(n) |
+//! | [`Rule::Rectangle`] | constant, equal to its end value | 1 | any | O(n) |
 //! | [`Rule::Trapezoid`] | linear | 2 | any | O(n) |
 //! | [`Rule::GruenwaldLetnikov`] | (a difference quotient) | 1 | equal | O(n) |
 //! | [`Rule::Exponentials`] | linear | 2, down to its bound | in its [`Span`] | O(1) |
 //!
-//! Weights are computed from the lengths of steps, summed backwards from the newest, and never as differences of powers that
-//! cancel: steps of 1e-6 s and of 1e3 s may stand in one history.
+//! Weights are computed from the lengths of steps, summed backwards from the newest, and never as differences of powers
+//! that cancel: steps of 1e-6 s and of 1e3 s may occur in one history.
 
 mod derivative;
 mod exponentials;

@@ -1,6 +1,6 @@
 use super::*;
 
-/// Runs a command that writes these files, each holding its mark.
+/// Simulates a command that writes these files with `mark` as contents.
 fn run(target: &Path, mark: &str, files: &[&str], force: bool) -> Result<(), PlaceError> {
     let folder = Folder::open(target, "render", &["frame_", "plots/a.svg"], &[], force)?;
     for name in files {
@@ -70,7 +70,7 @@ fn a_run_that_cannot_be_installed_is_kept() {
     for name in ["a", "b"] {
         fs::write(folder.path().join(name), "done").unwrap();
     }
-    // Somebody makes it while the run is at work.
+    // Created by someone else during the run.
     fs::write(root.path().join("b"), "mine").unwrap();
     let error = folder.install().unwrap_err();
     let PlaceError::Kept { path, moved: 0, .. } = &error else {

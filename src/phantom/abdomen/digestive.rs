@@ -10,7 +10,7 @@ const BOWEL_WALL_MM: f64 = 2.2;
 /// Thickness of the stomach wall, mm.
 const STOMACH_WALL_MM: f64 = 4.0;
 
-/// Adds the organs. Gas lies in front, where it rises to in a person lying on the back.
+/// Adds the organs. Gas lies anteriorly, where it rises to in the supine position.
 pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     let free = Over::only(&[l::PERITONEAL_FAT]);
     let heart = Ellipsoid::upright([26.0, -24.0, 96.0], [52.0, 38.0, 38.0]);
@@ -88,7 +88,7 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
     }
 }
 
-/// Wall, content, and gas in a share of the pieces.
+/// Wall, content, and gas in a fraction of the segments.
 fn loop_of_bowel<B: Fn(&Point) -> u8 + Sync>(
     painting: &mut Painting<B>,
     course: &[Tube],

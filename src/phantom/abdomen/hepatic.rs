@@ -13,7 +13,7 @@ const PORTAL_WALL_MM: f64 = 1.3;
 /// The target: an 18 mm lesion of the right lobe.
 const LESION: ([f64; 3], f64) = ([-72.0, -14.0, 22.0], 9.0);
 
-/// Signed distance of the even liver: a wedge under the diaphragm, thick on the right and thin on the left.
+/// Signed distance of the unperturbed liver: a wedge under the diaphragm, thick on the right and thin on the left.
 fn liver(p: &Point) -> f64 {
     let under_wall = (CAVITY_MM - skin_depth(p)).max(diaphragm(p) + 2.2);
     let visceral = -46.0 + 0.48 * (p.x + 80.0) + 0.36 * p.y;
@@ -29,7 +29,7 @@ fn liver(p: &Point) -> f64 {
     smooth_max(lobe, 5.0 - kidney::outline().distance(p), 4.0)
 }
 
-/// Adds the liver and what belongs to it, then the great vessels.
+/// Adds the liver and its structures, then the great vessels.
 pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     let bounds = Bounds {
         min: Point::new(-135.0, -85.0, -80.0),
@@ -87,7 +87,7 @@ pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: 
     painting.add_all(&gallbladder, 0.0, l::BILE, Over::only(&[l::GALLBLADDER_WALL]));
 }
 
-/// A pear from the neck at the hilum of the liver to the fundus below its edge.
+/// A pear shape from the neck at the hilum of the liver to the fundus below its edge.
 fn gallbladder() -> Vec<Tube> {
     path(
         &[
@@ -101,7 +101,7 @@ fn gallbladder() -> Vec<Tube> {
     )
 }
 
-/// The veins of the liver.
+/// Venous trees of the liver.
 struct Trees {
     hepatic: Vec<Tube>,
     portal: Vec<Tube>,
@@ -196,7 +196,7 @@ impl Trees {
     }
 }
 
-/// All tubes but those of one trunk: a tree may start where its own trunk ends.
+/// All tubes except those of one trunk: a tree may start where its own trunk ends.
 fn others(all: &[Tube], trunk: &[Tube]) -> Vec<Tube> {
     all.iter()
         .filter(|tube| !trunk.iter().any(|own| own.ends == tube.ends))

@@ -8,12 +8,12 @@ use crate::phantom::geometry::{Bounds, Ellipsoid, Shape, Solid, frame, path, smo
 const CENTRE: [f64; 3] = [-60.0, 33.0, -40.0];
 /// Half length, half width (towards the hilum) and half thickness, mm.
 const HALF_MM: [f64; 3] = [54.0, 27.0, 22.0];
-/// Half angle of a pyramid seen from the middle of the kidney, in its coordinates scaled to a sphere, radians.
+/// Half angle of a pyramid at the centre of the kidney, in its coordinates scaled to a sphere, radians.
 const PYRAMID_RAD: f64 = 0.32;
 /// Angles of the pyramids around the hilum's axis, degrees from the hilum, in each of two rows.
 const PYRAMIDS_DEG: [f64; 7] = [52.0, 88.0, 128.0, 180.0, 232.0, 272.0, 308.0];
 
-/// The outline without the hilum.
+/// Outline without the hilum.
 pub(super) fn outline() -> Ellipsoid {
     Ellipsoid {
         centre: Point::from(CENTRE),
@@ -31,7 +31,7 @@ fn sinus() -> Ellipsoid {
     }
 }
 
-/// Signed distance of the pyramids: cones from the middle, between sinus and cortex.
+/// Signed distance of the pyramids: cones from the centre, between sinus and cortex.
 fn pyramids(p: &Point) -> f64 {
     let body = outline();
     let local = body.local(p);

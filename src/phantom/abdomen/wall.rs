@@ -1,4 +1,4 @@
-//! The body wall, the spine and the cavities: a label for every point of the abdomen before the organs are painted in.
+//! Body wall, spine and cavities: a label for every point of the abdomen before the organs are painted in.
 
 use super::l;
 use crate::phantom::geometry::{Ellipsoid, Point, Shape, curve, smooth_min, step};
@@ -6,7 +6,7 @@ use crate::random::noise::Noise;
 
 /// Thickness of the skin, mm.
 const SKIN_MM: f64 = 2.0;
-/// Thickness of the muscle wall, and of the ribs with what lies between them, mm.
+/// Thickness of the muscle wall, and of the ribs with the intercostal tissue, mm.
 const MUSCLE_MM: f64 = 11.0;
 /// Distance between neighbouring ribs along the body axis, mm.
 const RIB_STEP_MM: f64 = 26.0;
@@ -24,7 +24,7 @@ const COSTAL_MARGIN: [[f64; 2]; 10] = [
     [168.0, 46.0],
     [180.0, 58.0],
 ];
-/// Distance between the middles of neighbouring vertebrae, and the height of the first here, mm.
+/// Distance between the centres of neighbouring vertebrae, and the height of the first one in the phantom, mm.
 const VERTEBRA_MM: [f64; 2] = [35.0, -6.0];
 
 /// Depth of a point below the undented skin, mm (positive inside): the outline is a superellipse with a waist.
@@ -40,7 +40,7 @@ pub(super) fn skin_depth(p: &Point) -> f64 {
     (1.0 - level) / slope.max(1e-6)
 }
 
-/// Depth at which the abdominal or chest cavity begins, at most, mm.
+/// Maximum depth at which the abdominal or chest cavity begins, mm.
 pub(super) const CAVITY_MM: f64 = 28.0;
 
 /// Signed distance to the diaphragm, negative on the abdominal side, mm: two domes on a cylinder.
@@ -52,7 +52,7 @@ pub(super) fn diaphragm(p: &Point) -> f64 {
     smooth_min(dome(RIGHT), dome(LEFT), 30.0)
 }
 
-/// The wall with its uneven layers.
+/// Body wall with its irregular layers.
 pub(super) struct Wall {
     fat: Noise,
     edge: Noise,
@@ -112,7 +112,7 @@ impl Wall {
         if p.z > 0.0 {
             let above = diaphragm(p);
             if above > 1.7 {
-                // In front of the heart lies fat, not lung.
+                // Fat, not lung, lies in front of the heart.
                 let front = 44.0 * (-(p.x / 40.0).powi(2)).exp() * step(-10.0, -45.0, p.y);
                 let recess = 24.0 + front + 3.0 * self.edge.at(p);
                 let chest = p.z > recess;
@@ -154,7 +154,8 @@ fn rib(p: &Point, from_back: f64, above_margin: f64, into: f64) -> Option<u8> {
     Some(if from_back > bone_ends { l::CARTILAGE } else { l::BONE })
 }
 
-/// Rectus abdominis in its sheath beside the midline; the three flat muscles with the lines between them elsewhere.
+/// Rectus abdominis in its sheath beside the midline; elsewhere the three flat muscles with the fasciae between
+/// them.
 fn flat_muscles(p: &Point, into: f64) -> u8 {
     let from_midline = p.x.abs();
     if p.y < 0.0 && from_midline < 66.0 {

@@ -1,4 +1,4 @@
-//! One lumbar vertebra with the disc and the joints below it, and the canal through all of them.
+//! Lumbar vertebra with the disc and the joints below it, and the spinal canal.
 
 use super::{LEVEL_MM, l, lordosis};
 use crate::phantom::geometry::{Block, Bounds, Ellipsoid, Point, Solid, Tube, Uneven, frame, path, smooth_max};
@@ -9,12 +9,12 @@ use crate::random::noise::{Noise, choice};
 const BODY_HALF_MM: f64 = 13.5;
 /// Half width and half depth of a body, mm.
 const BODY_MM: [f64; 2] = [25.0, 17.5];
-/// Where the middle of a body lies in front of the canal's middle, mm.
+/// Anterior offset of the centre of a body from the canal's centre, mm.
 const BODY_Y_MM: f64 = -27.0;
 /// Radius of the canal and of the dural sac, mm.
 const CANAL_MM: [f64; 2] = [10.5, 8.0];
 
-/// Places a vertebra's own coordinates (x left, y back, z up, mm from the canal's middle) in the world.
+/// Maps a vertebra's own coordinates (x left, y back, z up, mm from the canal's centre) to the world.
 #[derive(Clone, Copy)]
 struct Seat {
     origin: Point,
@@ -150,7 +150,7 @@ fn body_and_disc<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: S
     };
     let disc = move |p: &Point| {
         let (side, height) = section(p, 1.03);
-        // Wide enough for the front of the gap, which lordosis opens; the next body is painted over it.
+        // Wide enough for the anterior gap opened by lordosis; the next body is painted over it.
         side.max((height + BODY_HALF_MM + 7.5).abs() - 7.8)
     };
     let body = move |p: &Point| {
@@ -205,7 +205,7 @@ fn interspinous<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: Se
     }
 }
 
-/// Adds epidural fat, the dural sac and the roots in it.
+/// Adds epidural fat, the dural sac and its nerve roots.
 pub(super) fn canal<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     let along = |x: f64, y: f64, radius: f64| {
         let knots: Vec<([f64; 3], f64)> = (-5..=5)

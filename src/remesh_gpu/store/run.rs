@@ -1,4 +1,4 @@
-//! What is sent, dispatched and fetched.
+//! Transfers and dispatches of the device store.
 
 use faer::{Mat, MatRef};
 
@@ -10,7 +10,7 @@ use crate::remesh_gpu::passes::Params;
 use crate::remesh_gpu::tiles::SIDE;
 
 impl DeviceStore {
-    /// Sets columns of the base aside, and returns their rows of the same numbers.
+    /// Sets columns of the base aside, and returns their rows of the same indices.
     pub(super) fn take_base(&mut self, columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
         let mut y = Mat::<f32>::zeros(self.base.size(), columns.len());
         let mut values = vec![0.0; self.base.size()];
@@ -32,7 +32,7 @@ impl DeviceStore {
         Err(ComplianceError::Shape { what, found, expected }.into())
     }
 
-    /// Copies columns of the current inverse to Y; at most as many as there is room for.
+    /// Copies columns of the current inverse to Y, at most its capacity.
     pub(super) fn take_columns(&mut self, columns: &[usize]) -> Result<(), GpuError> {
         let list: Vec<u32> = columns.iter().map(|column| *column as u32).collect();
         self.lists.write(&self.gpu, 0, &list)?;
@@ -51,7 +51,7 @@ impl DeviceStore {
             .submit("columns", |recorder| recorder.run("columns", dispatches))
     }
 
-    /// A block of the current inverse, row by row.
+    /// Fetches a block of the current inverse, row by row.
     pub(super) fn fetch(&mut self, rows: &[usize], columns: &[usize], found: &mut Vec<f32>) -> Result<(), GpuError> {
         found.clear();
         found.resize(rows.len() * columns.len(), 0.0);
@@ -86,7 +86,7 @@ impl DeviceStore {
         readback.read(&self.gpu, found)
     }
 
-    /// Takes Y Z^T off all entries or those of the rows and columns listed, after Z = Y C where asked.
+    /// Subtracts Y Z^T from all entries or from the listed rows and columns; with `product`, computes Z = Y C first.
     pub(super) fn run_update(&mut self, params: Params, product: bool, all: bool) -> Result<(), GpuError> {
         self.set(params)?;
         let first = product.then(|| Dispatch {
@@ -124,7 +124,7 @@ impl DeviceStore {
         Ok(())
     }
 
-    /// Sums the columns in Y, each times its weight in the vector; on top of what is there, where asked.
+    /// Sums the columns of Y weighted by the vector; with `add`, on top of the existing sums.
     pub(super) fn run_combine(&mut self, rank: usize, add: bool) -> Result<(), GpuError> {
         self.set(Params {
             rank: rank as u32,
@@ -140,7 +140,7 @@ impl DeviceStore {
         self.gpu.submit("sum", |recorder| recorder.run("sum", [dispatch]))
     }
 
-    /// The current inverse times the vector, bank after bank.
+    /// Multiplies the current inverse by the vector, bank after bank.
     pub(super) fn run_multiply(&mut self) -> Result<(), GpuError> {
         self.set(self.params())?;
         let blocks = self.blocks();
@@ -163,7 +163,7 @@ impl DeviceStore {
         Ok(())
     }
 
-    /// Lays columns out as the passes read Y and Z, with zeros beyond the last row and in the columns of the padding.
+    /// Packs columns into the layout of Y and Z, with zeros beyond the last row and in the padding columns.
     pub(super) fn pack(&self, columns: MatRef<'_, f32>, strips: &mut Vec<f32>) {
         strips.clear();
         strips.resize(self.blocks() as usize * self.stride * SIDE, 0.0);
@@ -174,13 +174,13 @@ impl DeviceStore {
         }
     }
 
-    /// Sends parameters, those of each bank to its own slot.
+    /// Writes the parameters of each bank to its own slot.
     fn set(&mut self, params: Params) -> Result<(), GpuError> {
         for (slot, bank) in (0..).zip(&self.tiles.banks) {
             let own = Params {
                 first_tile: bank.first as u32,
                 tiles: bank.tiles as u32,
-                // The first bank begins a sum, the others go on with it.
+                // The first bank starts a sum, the others add to it.
                 add: params.add | u32::from(slot > 0),
                 ..params
             };
@@ -189,13 +189,13 @@ impl DeviceStore {
         self.parameters.write(&self.gpu)
     }
 
-    /// Blocks of rows.
+    /// Number of row blocks.
     fn blocks(&self) -> u32 {
         self.base.size().div_ceil(SIDE) as u32
     }
 }
 
-/// Columns up to the padding.
+/// Rounds a number of columns up to a multiple of [`DEPTH`].
 fn padded(columns: usize) -> u32 {
     columns.next_multiple_of(DEPTH) as u32
 }

@@ -1,4 +1,4 @@
-//! Places in the image plane: the innermost point of a target, and the skin beside the array.
+//! Points in the image plane: the innermost point of a target, and the skin beside the array.
 
 use nalgebra::Point3;
 
@@ -6,15 +6,15 @@ use crate::scene::{Body, Scene};
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::BeamGrid;
 
-/// Grid on which the innermost point of a target is looked for, mm.
+/// Spacing of the search grid for the innermost point of a target, mm.
 const GRID_MM: f64 = 2.0;
-/// Most points along an axis of it.
+/// Maximum number of grid points along an axis.
 const MOST: f64 = 100.0;
-/// Distance before the array at which the search for the skin beside it starts, mm, and its step.
+/// Start of the search for the skin beside the array, as a distance before the array, mm, and the search step.
 const BEFORE_MM: f64 = 60.0;
 const SKIN_STEP_MM: f64 = 0.5;
 
-/// The point of a label that lies deepest within what is seen of it in the image plane, mm.
+/// Innermost point of the visible cross-section of a label in the image plane, mm.
 pub(super) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<f64>> {
     let grid = BeamGrid::new(&scene.settings.probe).ok()?;
     let bounds = grid.bounds_mm();
@@ -46,14 +46,14 @@ pub(super) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<
     best.map(|(_, at)| world(at))
 }
 
-/// Lateral place of the array's end on its marked side, mm.
+/// Lateral position of the array's end on its marked side, mm.
 pub(super) fn array_end_mm(scene: &Scene) -> f64 {
     let grid = BeamGrid::new(&scene.settings.probe).ok();
     let last = grid.as_ref().and_then(|grid| grid.rays().last());
     last.map_or(0.0, |ray| ray.origin[0])
 }
 
-/// Point of the skin on a line of the image plane along the beam's axis, mm; none where that starts in the body.
+/// Skin point on a line of the image plane along the beam's axis, mm; `None` where the line starts in the body.
 pub(super) fn skin(body: &Body<'_>, pose: &Pose, lateral_mm: f64, depth_mm: f64) -> Option<Point3<f64>> {
     let steps = ((BEFORE_MM + depth_mm) / SKIN_STEP_MM) as usize;
     let at = |step: usize| Point3::new(lateral_mm, step as f64 * SKIN_STEP_MM - BEFORE_MM, 0.0);

@@ -1,17 +1,17 @@
-//! Curves over the steps of a run, thinned so that a plot shows every peak and no more points than it has room for.
+//! Curves over the steps of a run, thinned to the resolution of a plot while keeping every peak.
 
 use crate::scenario::Scenario;
 use crate::scenario::run::Step;
 use crate::study::plot::{Axis, Marker, Plot, Series};
 
-/// Stretches of steps that a curve keeps the least and greatest value of: about one a pixel.
+/// Number of intervals of steps for which a curve keeps minimum and maximum: about one per pixel.
 const STRETCHES: u64 = 800;
-/// Most steps that remesh that are marked one by one.
+/// Maximum number of individually marked steps that remesh.
 const MARKED: usize = 1500;
 /// Time of a step at haptic rate, ms.
 const HAPTIC_MS: f64 = 1.0;
 
-/// Least and greatest of a stretch, each with its time, s.
+/// Minimum and maximum of an interval, each with its time, s.
 type Extremes = [[f64; 2]; 2];
 
 #[derive(Clone, Debug, Default)]

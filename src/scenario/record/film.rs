@@ -1,21 +1,21 @@
-//! Small frames of a run for its page.
+//! Thumbnail frames of a run for its report page.
 
 use image::{GrayImage, ImageError, imageops};
 
 use crate::study::page;
 use crate::synth::Frame;
 
-/// Most frames of the slider.
+/// Maximum number of frames of the slider.
 const MOST: u64 = 60;
-/// Largest width of a small frame, pixels.
+/// Largest width of a thumbnail, pixels.
 const WIDE: usize = 320;
-/// Grey levels are kept to this many bits: finer ones only fill the file.
+/// Grey levels are reduced to this many bits: finer ones only enlarge the file.
 const BITS: u32 = 6;
 
-/// A frame that is kept.
+/// A recorded frame.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
-    /// Which, from 0, and when, s.
+    /// Frame number from 0, and time, s.
     pub number: u64,
     pub time_s: f64,
     /// Depth of the tip, and its distance from the nearest target, mm.
@@ -24,7 +24,7 @@ pub(super) struct Shot {
     picture: GrayImage,
 }
 
-/// Frames kept while a run lasts: the first, the deepest, the nearest to a target, and some at equal distances for a slider.
+/// Frames recorded during a run: the first, the deepest, the nearest to a target, and evenly spaced ones for a slider.
 #[derive(Clone, Debug)]
 pub(super) struct Film {
     every: u64,
@@ -34,7 +34,7 @@ pub(super) struct Film {
 }
 
 impl Film {
-    /// A film of a run of so many frames.
+    /// Creates a film for a run of `frames` frames.
     pub fn new(frames: u64) -> Self {
         Self {
             every: frames.div_ceil(MOST).max(1),
@@ -74,12 +74,12 @@ impl Film {
         }
     }
 
-    /// The frames of the slider.
+    /// Frames of the slider.
     pub fn shots(&self) -> &[Shot] {
         &self.shots
     }
 
-    /// First, deepest and nearest to a target, each once.
+    /// First and deepest frame and the one nearest to a target, labelled.
     pub fn chosen(&self) -> Vec<(&'static str, &Shot)> {
         let all = [
             ("first", self.shots.first()),
@@ -91,7 +91,7 @@ impl Film {
 }
 
 impl Shot {
-    /// The caption.
+    /// Caption of the frame.
     pub fn caption(&self) -> String {
         let target = self
             .target_mm
@@ -102,16 +102,16 @@ impl Shot {
         )
     }
 
-    /// The picture as an address that holds it.
+    /// The picture as a data URL.
     ///
     /// # Errors
-    /// Those of the encoder.
+    /// Errors of the encoder.
     pub fn address(&self) -> Result<String, ImageError> {
         page::address(&self.picture)
     }
 }
 
-/// A frame made small; none where its pixels do not fill it.
+/// Downscales a frame; `None` if its pixels do not match its size.
 fn small(frame: &Frame) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(frame.width).ok()?, u32::try_from(frame.height).ok()?);
     let whole = GrayImage::from_raw(width, height, frame.pixels.clone())?;
@@ -146,7 +146,7 @@ mod tests {
         };
         for number in 0..500u64 {
             frame.pixels.fill(number as u8);
-            // In until frame 251, past the target at 201, and out again.
+            // Inserted until frame 251, past the target at 201, and withdrawn.
             let depth = 251.0 - (number as f64 - 251.0).abs();
             film.add(&frame, number, number as f64 * 0.04, depth, Some((depth - 201.0).abs()));
         }

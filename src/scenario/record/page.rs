@@ -1,11 +1,11 @@
-//! A page that shows a run: one file, without anything from elsewhere.
+//! Self-contained HTML report of a run.
 
 use super::film::Film;
 use crate::scenario::summary::Summary;
 use crate::study::page::{Cell, Page, escape};
 use crate::study::plot::{Plot, PlotError};
 
-/// Most rows of a table.
+/// Maximum number of rows of a table.
 const ROWS: usize = 200;
 
 pub(super) fn page(
@@ -40,7 +40,7 @@ pub(super) fn page(
     Ok(page.finish())
 }
 
-/// Frames that show most, and the others behind a slider.
+/// Adds the most informative frames, and the others behind a slider.
 fn frames(page: &mut Page, film: &Film) {
     let chosen = film.chosen();
     if chosen.is_empty() {

@@ -1,4 +1,4 @@
-//! `steps.csv`: a line a step.
+//! Table of steps, `steps.csv`: one line per step.
 
 use std::io::{self, Write};
 
@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::mechanics::insertion::ProbeContact;
 use crate::scenario::run::Step;
 
-/// Columns in front of the counts. What each holds stands in docs/insertion.md.
+/// Columns before the counts. Their contents are documented in docs/insertion.md.
 const NUMBERS: [&str; 27] = [
     "time_s",
     "base_x_mm",
@@ -37,10 +37,10 @@ const NUMBERS: [&str; 27] = [
     "probe_torque_y_nmm",
     "probe_torque_z_nmm",
 ];
-/// Columns of counts, and the time that the step took.
+/// Columns of counts, and the duration of the step.
 const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
 
-/// Columns behind those: the pose of the probe in contact, or of the imaging probe.
+/// Columns of the pose of the probe in contact, or of the imaging probe.
 const POSE: [&str; 7] = [
     "probe_x_mm",
     "probe_y_mm",
@@ -50,7 +50,7 @@ const POSE: [&str; 7] = [
     "probe_qz",
     "probe_qw",
 ];
-/// Columns behind those, where the probe is driven at two points: what the tissue does to each.
+/// Columns of the tissue force on each of the two points that drive the probe, if it has them.
 const DRIVEN: [&str; 6] = [
     "driven_1_force_x_n",
     "driven_1_force_y_n",
@@ -60,7 +60,7 @@ const DRIVEN: [&str; 6] = [
     "driven_2_force_z_n",
 ];
 
-/// The first line.
+/// Header line.
 pub(super) fn head(probe: Option<&ProbeContact>) -> String {
     let driven = probe.and_then(|probe| probe.driven_at_mm);
     let driven = if driven.is_some() { &DRIVEN[..] } else { &[] };

@@ -1,10 +1,10 @@
-//! The liver puncture that comes with the crate, coarser; and what a scenario with such tissue cannot have.
+//! Tests of the built-in liver puncture at coarser resolution, and of the restrictions on stiffening tissue.
 
 use std::path::Path;
 
 use crate::mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};
 use crate::mechanics::tissue::nonlinear::creep::Memory;
-use crate::scenario::run::{Asked, Deformed, Moment, Observer, Step, run};
+use crate::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
 use crate::scenario::{EXAMPLES, Scenario, ScenarioError, ScenarioFile};
 use crate::synth::{Backend, FrameState, Synthesizer};
 
@@ -13,7 +13,7 @@ fn ready() -> String {
     (*text).to_owned()
 }
 
-/// A coarser mesh of coarser voxels, and a needle that is half as long on its way: seconds.
+/// Coarser mesh and voxels, and half the insertion time, to run in seconds.
 fn quick() -> String {
     let mut text = ready();
     for (from, to) in [
@@ -35,7 +35,7 @@ fn resolved(text: &str) -> Result<Scenario, ScenarioError> {
     ScenarioFile::parse(text, "liver.toml")?.resolve(Path::new("."), |_| {})
 }
 
-/// What happens, step by step, and the states of frames.
+/// Records steps, events and the states of frames.
 #[derive(Default)]
 struct Watch {
     force_n: Vec<f64>,
@@ -70,7 +70,7 @@ impl Observer for Watch {
 fn watched(scenario: &Scenario) -> Watch {
     let mut model = scenario.model(|_, _| {}).unwrap();
     let mut watch = Watch::default();
-    let asked = Asked {
+    let asked = Requests {
         frames: true,
         mesh_s: None,
     };
@@ -78,7 +78,7 @@ fn watched(scenario: &Scenario) -> Watch {
     watch
 }
 
-/// Area of the vein in the image plane, mm^2: samples that show its label, each as wide as its scanline is there.
+/// Area of the vein in the image plane, mm^2: number of its samples, each as wide as its scanline is there.
 fn vein_mm2(synth: &mut Synthesizer, state: &FrameState, vessel: u8) -> f64 {
     let [radius_mm, angle_deg, depth_mm] = [20.0, 75.0, 62.0_f64];
     let beam = synth.render_until("slice", state).unwrap();
@@ -90,7 +90,8 @@ fn vein_mm2(synth: &mut Synthesizer, state: &FrameState, vessel: u8) -> f64 {
         .sum()
 }
 
-/// Figures 11 and 12 of Kobayashi et al. 2010: force rises faster than the way and drops at capsule and wall; the vein flattens before.
+/// Figures 11 and 12 of Kobayashi et al. 2010: force rises faster than linearly and drops at capsule and wall; the vein flattens
+/// before.
 #[test]
 fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
     let scenario = resolved(&quick()).unwrap();
@@ -116,7 +117,7 @@ fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
     let [capsule, wall] = [punctures[0].1, punctures[1].1];
     let force = &watch.force_n;
     let touch = skin[0].1;
-    // What the membranes bear, and what a step adds.
+    // Strength of the membranes, and the increment of a step.
     assert!(force[capsule] > 0.6 && force[capsule] < 0.75, "{force:?}");
     assert!(
         force[capsule + 1] < 0.5 * force[capsule] && force[wall + 1] < 0.5 * force[wall],
@@ -126,7 +127,7 @@ fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
         force[touch..=capsule].windows(2).all(|pair| pair[1] > pair[0]),
         "{force:?}"
     );
-    // Half way to the puncture it is less than half: for a mesh this coarse too.
+    // Halfway to the puncture it is less than half: also for a mesh this coarse.
     assert!(
         force[usize::midpoint(touch, capsule)] < 0.45 * force[capsule],
         "{force:?}"
@@ -155,7 +156,7 @@ fn a_needle_pushes_into_the_liver_and_flattens_the_vein() {
     assert!(after > 1.1 * pressed, "{pressed} {after}");
 }
 
-/// What the file says of creep arrives, and does something: a needle that is held in liver feels it give way.
+/// The creep parameters of the file take effect: the force on a needle held in liver relaxes.
 #[test]
 fn creep_is_that_of_the_file() {
     let text = quick().replace("nodes = 500", "nodes = 300");
@@ -169,7 +170,7 @@ fn creep_is_that_of_the_file() {
         .replacen("\"viscoelastic\"", "\"nonlinear\"", 1);
     let elastic = resolved(&elastic).unwrap();
     assert_eq!(elastic.stiffened.as_ref().unwrap().viscosity, None);
-    // Half way to the capsule's puncture, then still: tissue below the knee creeps as t^-0.1, t in seconds.
+    // Halfway to the capsule's puncture, then still: tissue below the knee creeps as t^-0.1, t in seconds.
     let held = |scenario: &Scenario| -> [f64; 2] {
         let mut model = scenario.model(|_, _| {}).unwrap();
         let mut force = |step: u64| {
@@ -300,7 +301,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         let Some((_, found)) = error.location() else {
             panic!("{words}: {error:?}")
         };
-        // Keyframes have no line of their own that could be told apart: the second or third.
+        // Keyframes have no unique line: the second or third.
         if key.starts_with("[[") {
             assert!(found > line(&wrong, key), "{found}: {error}");
         } else {

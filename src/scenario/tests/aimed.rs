@@ -1,11 +1,11 @@
-//! Needles aimed by names, and paths past bone.
+//! Tests of needles aimed by name, and of paths past bone.
 
 use nalgebra::Point3;
 
 use super::resolved;
 use crate::scenario::{Scenario, ScenarioFile};
 
-/// The abdomen phantom, coarse, with a needle to its lesion.
+/// Coarse abdomen phantom, with a needle to its lesion.
 const AIMED: &str = r#"version = 1
 [run]
 dt_ms = 50
@@ -63,7 +63,7 @@ fn a_needle_enters_beside_the_probe_and_goes_to_its_target() {
     );
 }
 
-/// An entry stated in the air or inside the body is moved along its line onto the skin, and that is told.
+/// A stated entry in the air or inside the body is moved along its line onto the skin, with a warning.
 #[test]
 fn a_stated_entry_is_moved_onto_the_skin() {
     let chosen = resolved(AIMED).expect("a scenario");
@@ -173,7 +173,7 @@ fn what_cannot_be_aimed_is_refused_at_its_line() {
     }
 }
 
-/// A path along a row of the block whose inclusion is made bone.
+/// A path along a row of the block whose inclusion is turned into bone.
 #[test]
 fn bone_on_the_way_is_found_before_the_run() {
     let bony = super::BLOCK.replace(

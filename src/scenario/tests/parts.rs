@@ -1,4 +1,4 @@
-//! What a scenario comes to: motion, materials, mesh, probe.
+//! Tests of resolved scenarios: motion, materials, mesh, probe.
 
 use nalgebra::{Point3, Vector3};
 
@@ -27,7 +27,7 @@ fn materials_are_those_of_the_tissues_but_for_what_is_said() {
             .1
     };
     assert_eq!((own(1).friction_n_per_mm, own(2).friction_n_per_mm), (0.02, 0.25));
-    // Cutting of the inclusion was left to its tissue.
+    // Cutting force of the inclusion is left to its tissue.
     assert_eq!(own(2).cutting_n, 1.5);
     let of = |region| {
         scenario
@@ -61,7 +61,7 @@ fn a_box_crops_what_is_meshed() {
     );
     let scenario = resolved(&cropped).expect("a scenario");
     let [low, high] = scenario.mesh.bounds();
-    // To within half a voxel and what the mesh smooths.
+    // To within half a voxel and the smoothing of the mesh.
     assert!(
         (low[0] + 20.0).abs() < 5.0 && (high[0] - 20.0).abs() < 5.0,
         "{low:?} {high:?}"

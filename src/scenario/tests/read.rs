@@ -1,4 +1,4 @@
-//! Files as they are written: what is wrong in them, what comes with the crate, what their schema says.
+//! Tests of scenario files: errors, built-in examples, and the schema.
 
 use std::collections::BTreeSet;
 
@@ -147,7 +147,7 @@ fn every_key_is_explained_by_the_schema() {
     assert!(found.is_empty(), "{found:?}");
 }
 
-/// Paths of all keys that a schema knows, lists of tables as their tables; a scene's own are left to the scene.
+/// Paths of all keys in a schema, lists of tables as their tables; the keys of a scene are excluded.
 fn known(schema: &Value, root: &Value, path: &str, found: &mut BTreeSet<String>) {
     if let Some(reference) = schema["$ref"].as_str() {
         return known(
@@ -174,7 +174,7 @@ fn known(schema: &Value, root: &Value, path: &str, found: &mut BTreeSet<String>)
     }
 }
 
-/// Paths of all keys that a document has.
+/// Paths of all keys in a document.
 fn written(value: &toml::Value, path: &str, found: &mut BTreeSet<String>) {
     match value {
         toml::Value::Table(table) => {

@@ -1,15 +1,15 @@
-//! What a run makes of a scenario: steps, frames, meshes, seeds, the table.
+//! Tests of runs: steps, frames, meshes, seeds, the table.
 
 use nalgebra::Point3;
 
-use super::told::Told;
+use super::prescribed::Told;
 use super::{BLOCK, resolved, with_probe};
 use crate::mechanics::insertion::StepError;
 use crate::scenario::record::Record;
-use crate::scenario::run::{Asked, Deformed, Moment, Observer, Step, run};
+use crate::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
 use crate::scenario::{Scenario, Summary};
 
-/// Keeps what it hears.
+/// Records what the observer receives.
 #[derive(Default)]
 struct Heard {
     steps: Vec<(f64, f64)>,
@@ -37,7 +37,7 @@ impl Observer for Heard {
     }
 }
 
-fn heard(scenario: &Scenario, asked: Asked) -> (Heard, Summary) {
+fn heard(scenario: &Scenario, asked: Requests) -> (Heard, Summary) {
     let mut heard = Heard::default();
     let summary = run(scenario, &mut Told::new(scenario), asked, &mut heard).expect("a run");
     (heard, summary)
@@ -47,7 +47,7 @@ fn heard(scenario: &Scenario, asked: Asked) -> (Heard, Summary) {
 fn a_run_steps_from_start_to_end_and_tells_of_it() {
     let scenario = resolved(BLOCK).expect("a scenario");
     assert!(scenario.scene.settings.has_needle && scenario.scene.anatomy.mesh.is_some());
-    let asked = Asked {
+    let asked = Requests {
         frames: true,
         mesh_s: Some(0.5),
     };
@@ -57,7 +57,7 @@ fn a_run_steps_from_start_to_end_and_tells_of_it() {
     for &(time_s, tip) in &heard.steps {
         assert!((tip - (-50.0 + 10.0 * time_s)).abs() < 1e-9, "{tip} at {time_s} s");
     }
-    // 25 frames a second and the mesh twice a second, both from the first step on and at the end.
+    // 25 frames per second and two meshes per second, from the first step to the end.
     assert_eq!((heard.frames.len(), heard.meshes.len()), (51, 5));
     assert_eq!(heard.frames[10], (10, heard.steps[39].0, 2));
     assert!((summary.max_base_force_n - 14.95).abs() < 1e-9);
@@ -109,7 +109,7 @@ name = "middle"
 at_mm = [0, 0, -35]
 "#;
     let scenario = resolved(&planned).expect("a scenario");
-    // In 2 s, 1 s there, out 2 s, 1 s on the way, in 2 s, 1 s there, out 2 s.
+    // Insertion 2 s, pause 1 s, withdrawal 2 s, pause 1 s, insertion 2 s, pause 1 s, withdrawal 2 s.
     assert_eq!(scenario.timing.steps, 1100);
     let tip = |step| scenario.instruments(step).base * Point3::new(0.0, 0.0, 100.0);
     for (step, expected) in [
@@ -127,7 +127,7 @@ at_mm = [0, 0, -35]
     }
     assert_eq!(scenario.instruments(100).guide, Some(Point3::new(0.0, 0.0, -50.0)));
     assert_eq!(scenario.instruments(550).guide, None, "between two holes");
-    let (_, summary) = heard(&scenario, Asked::default());
+    let (_, summary) = heard(&scenario, Requests::default());
     assert_eq!(summary.max_inverted_elements, None);
     let seeds: Vec<_> = summary
         .seeds
@@ -141,14 +141,14 @@ at_mm = [0, 0, -35]
     );
     assert_eq!(seeds[0].1, Some([0.0, 0.0, -30.0]));
     for seed in &summary.seeds {
-        // The model leaves them 0.5 mm beside the tip.
+        // The model deposits them 0.5 mm beside the tip.
         assert!((seed.distance_mm.expect("in tissue") - 0.5).abs() < 1e-9);
     }
     assert!((summary.targets[0].nearest_tip_mm) < 1e-6);
     assert!((summary.targets[0].nearest_seed_mm.expect("a seed") - f64::hypot(5.0, 0.5)).abs() < 1e-9);
 }
 
-/// As a lever splits it: what acts a third of the way from the first point to the second rests on the first with two thirds.
+/// Lever rule: a force one third of the way from the first point to the second loads the first with two thirds.
 #[test]
 fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
     let plain = resolved(&with_probe()).expect("a scenario");
@@ -159,7 +159,7 @@ fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
             csv: Vec::new(),
         };
         written.record.head(&mut written.csv).expect("memory");
-        run(scenario, &mut Told::new(scenario), Asked::default(), &mut written).expect("a run");
+        run(scenario, &mut Told::new(scenario), Requests::default(), &mut written).expect("a run");
         let text = String::from_utf8(written.csv).expect("text");
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert!(lines.iter().all(|line| line.len() == columns), "{:?}", lines[0]);
@@ -216,7 +216,7 @@ fn the_level_of_remeshing_changes_on_the_way() {
             csv: Vec::new(),
         };
         let mut model = scenario.model(|_, _| {}).expect("a model");
-        let summary = run(&scenario, model.as_mut(), Asked::default(), &mut written).expect("a run");
+        let summary = run(&scenario, model.as_mut(), Requests::default(), &mut written).expect("a run");
         let text = String::from_utf8(written.csv).expect("text");
         let rows = text
             .lines()

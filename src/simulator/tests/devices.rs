@@ -1,4 +1,4 @@
-//! Devices against closed forms.
+//! Haptic devices against closed forms.
 
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
@@ -20,7 +20,7 @@ fn poses() -> impl Iterator<Item = Isometry3<f64>> {
     })
 }
 
-/// Roll included, if it is that of the pose before: a pose is its own.
+/// The roll included, if it is that of the previous pose: a pose reproduces itself.
 #[test]
 fn the_pose_of_a_probe_comes_back_from_its_points() {
     for at_mm in [[30.0, 90.0], [90.0, 30.0], [-10.0, 45.0]] {
@@ -31,7 +31,7 @@ fn the_pose_of_a_probe_comes_back_from_its_points() {
             assert!(found.stretch_mm.abs() < 1e-10);
             assert!((found.pose.translation.vector - pose.translation.vector).norm() < 1e-10);
             assert!(found.pose.rotation.angle_to(&pose.rotation) < 1e-7);
-            // From a pose beside it: turned about no axis but one across.
+            // From a neighbouring pose: rotated without roll.
             let before = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.2) * pose;
             let after = points.pose(&measured, &before).expect("a pose").pose;
             let turn = after.rotation * before.rotation.inverse();
@@ -71,7 +71,7 @@ fn forces_on_the_points_are_those_on_the_probe() {
         assert!((forces[0] + forces[1] - wrench.force_n).norm() < 1e-12);
         let torque = axis.cross(&forces[0]) * -at_mm[0] + axis.cross(&forces[1]) * -at_mm[1];
         assert!((torque - wrench.torque_nmm).norm() < 1e-10, "{torque}");
-        // A step gives the same.
+        // A step returns the same.
         let options = Options {
             probe_points: Some(points),
             ..patient()
@@ -90,7 +90,7 @@ fn forces_on_the_points_are_those_on_the_probe() {
     }
 }
 
-/// A mass (kg) whose force (N) is kept for a step.
+/// A mass (kg) whose force (N) is held for a step.
 struct Mass {
     kg: f64,
     at_mm: Point3<f64>,
@@ -105,7 +105,7 @@ impl Mass {
     }
 }
 
-/// Its momentum is what the damper takes: m v = c s, whatever the step. Above 2 m/dt it swings up.
+/// The damper absorbs its momentum: m v = c s, for any step. Above 2 m/dt it becomes unstable.
 #[test]
 fn a_damper_stops_a_mass_where_its_momentum_is_spent() {
     let most = Damper::most_ns_per_mm(0.3, DT_S);
@@ -149,7 +149,7 @@ const HOLD: HoldOptions = HoldOptions {
     most_n: 5.0,
 };
 
-/// A side load lets a mass sag by load over stiffness; the integral takes it up.
+/// A side load lets a mass sag by load over stiffness; the integral compensates it.
 #[test]
 fn a_hold_takes_up_a_side_load_and_leaves_the_axis_free() {
     let axis = Unit::new_normalize(Vector3::new(0.3, -0.2, 1.0));
@@ -181,7 +181,8 @@ fn a_hold_takes_up_a_side_load_and_leaves_the_axis_free() {
     assert!((force + across).norm() < 0.01);
 }
 
-/// Held aside for long it pulls with no more than it may, and lets go at once when it is back: the integral has not wound up.
+/// After a long lateral offset the force stays within its limit, and vanishes at once on return: the integral has not wound
+/// up.
 #[test]
 fn a_hold_pulls_no_harder_than_it_may() {
     let mut hold = LateralHold::new(HOLD).expect("a hold");
@@ -223,7 +224,7 @@ fn a_hole_is_chosen_outside_alone() {
     };
     let device_mm = Point3::new(100.0, 100.0, 100.0);
     let mut guided = Guided::new(template, "A1", device_mm).expect("a hole");
-    // Turned by 0.5 about the axis, 3 mm aside, 150 mm before its guide.
+    // Rolled by 0.5 about the axis, 3 mm aside, 150 mm before its guide.
     let roll = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.5);
     let device = Isometry3::from_parts(Translation3::new(103.0, 100.0, -50.0), roll);
     let mut outcome = Outcome {

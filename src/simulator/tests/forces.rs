@@ -1,4 +1,4 @@
-//! What the hand gets, and when.
+//! Forces on the hand, and their timing.
 
 use std::time::Duration;
 
@@ -27,7 +27,7 @@ fn forces_are_on_the_hand_in_both_frames() {
     assert!((forces.hand_base.force_n - axes(found.force_n)).norm() < 1e-12);
     assert!((forces.hand_base.torque_nmm - axes(found.torque_nmm)).norm() < 1e-12);
     assert_eq!(forces.overrun, None);
-    // What is refused changes nothing.
+    // Rejected input changes nothing.
     assert!(haptic.step(&inputs, 0.0).is_err());
     assert_eq!((haptic.time_s(), haptic.outcome().contacts), (1e-3, 1));
 }
@@ -89,7 +89,7 @@ fn forces_ease_linearly_and_never_freeze() {
     for (late, expected) in [(true, 2.0), (false, 3.0), (false, 4.0), (false, 5.0), (false, 5.0)] {
         assert!((next(5.0, late) - expected).abs() < 1e-12);
     }
-    // Late every time: a low-pass filter, 3/4 of the way left after each step.
+    // Late every time: a low-pass filter, with 3/4 of the difference left after each step.
     for step in 1..60 {
         let expected = 9.0 - 4.0 * 0.75f64.powi(step);
         assert!((next(9.0, true) - expected).abs() < 1e-12);

@@ -1,4 +1,4 @@
-//! Whole states between two threads.
+//! Complete states between two threads.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -43,6 +43,6 @@ fn no_state_is_ever_torn() {
     }
     stop.store(true, Ordering::Relaxed);
     let written = writer.join().expect("writer");
-    // The last one is there to be taken, if it was not.
+    // The last one is available, unless it was taken.
     assert!(latest.take() == (last < written) && latest.state().step == written);
 }

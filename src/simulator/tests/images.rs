@@ -1,4 +1,4 @@
-//! What is imaged, and what nobody asked for.
+//! Images of a fake model, and the calls to it.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -14,7 +14,7 @@ use crate::simulator::{Haptic, InvalidImaging, Simulator};
 use crate::study::parity::Case;
 use crate::synth::{Backend, FrameState, Synthesizer};
 
-/// An anatomy of one block with a mesh of it or without, and a probe on it.
+/// Returns an anatomy of one block with or without a mesh of it, and a probe on it.
 fn scene(meshed: bool) -> (Synthesizer, Matrix4<f64>, Option<Arc<TetMesh>>) {
     let mut text = String::from(
         "version = 1\nvolume = { phantom = \"two-layer\", resolution_mm = 3 }\nimage = { width = 64, height = 48 }\n",
@@ -46,7 +46,7 @@ fn without_an_image_no_state_is_asked_for() {
         haptic.step(&instruments(step), 1e-3).expect("step");
     }
     assert_eq!(counts(), [0, 0, 0]);
-    // An image without a mesh asks for no tissue.
+    // An image without a mesh requests no tissue.
     let (synthesizer, pose, _) = scene(false);
     let mut imaging = haptic.imaged(synthesizer, 1.27).expect("imaging");
     assert_eq!(counts(), [1, 1, 0]);
@@ -148,7 +148,7 @@ fn seeds_move_with_the_tissue() {
     let size = Vector3::new(10.0, 10.0, 10.0);
     let mesh = TetMesh::lattice([3; 3], &Matrix4::new_nonuniform_scaling(&size)).expect("mesh");
     let (mesh, mut tissue) = (Arc::new(mesh), Tissue::default());
-    // Linear in each element, so exact: a stretch along x, after a remesh that left the boundary as it was.
+    // Linear in each element, so exact: a stretch along x, after a remesh that left the boundary unchanged.
     let stretched = |tissue: &Tissue, by: f64| tissue.reference.iter().map(|&[x, y, z]| [x * by, y, z]).collect();
     tissue.reference = mesh.nodes().to_vec();
     let inner = |node: &&mut [f64; 3]| node.iter().all(|x| (0.1..9.9).contains(x));

@@ -1,4 +1,4 @@
-//! States and inputs that are kept.
+//! Saving, recording and replay.
 
 use nalgebra::Vector3;
 

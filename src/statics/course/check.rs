@@ -1,11 +1,11 @@
-//! What a problem file says of its history, checked.
+//! Validation of the history of a problem.
 
 use super::super::error::{StaticsError, Wrong};
 use super::super::file::ProblemFile;
 use super::{HistorySpec, MOST_STEPS, Model};
 
 impl ProblemFile {
-    /// Checks that tables go with the model, and what they say.
+    /// Checks the tables for the model, and their values.
     pub(in super::super) fn check_course(&self) -> Result<(), StaticsError> {
         let linear = self.model == Model::Linear;
         let tables = [
@@ -66,7 +66,7 @@ impl ProblemFile {
         Ok(())
     }
 
-    /// The history, or what stands for it.
+    /// Returns the history, or the default one.
     pub(in super::super) fn course(&self) -> HistorySpec {
         self.history.clone().unwrap_or_default()
     }

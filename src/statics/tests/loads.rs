@@ -1,8 +1,9 @@
-//! Loads and stresses against closed forms, whatever the mesh.
+//! Loads and stresses compared with closed-form solutions on several meshes.
 
 use super::*;
+use crate::statics::resolve::{Problem, Solved};
 
-/// A bar of 4 x 4 x 20 mm and 5 kPa that does not widen, held below.
+/// Bar of 4 x 4 x 20 mm and 5 kPa without lateral strain, fixed at the bottom.
 const BAR: &str = r#"mesh = "bar.vtu"
 [[material]]
 young_kpa = 5.0
@@ -14,7 +15,7 @@ box_mm = [[-inf, -inf, -inf], [inf, inf, 0]]
 const TOP: &str = "[[load]]\nbox_mm = [[-inf, -inf, 20], [inf, inf, inf]]\n";
 const HISTORY: &str = "[history]\ntime_s = [0, 1, 3]\nfactor = [0, 1, 0.5]\nstep_s = 0.1\n";
 
-/// The bar with so many nodes, with keys before and tables after its own.
+/// Solves the bar with about `nodes` nodes, and with additional keys and tables.
 fn bar(nodes: usize, keys: &str, tables: &str) -> (Problem, Solved) {
     let folder = tempfile::tempdir().unwrap();
     let mesh = TetMesh::over_box([0.0; 3], [4.0, 4.0, 20.0], nodes).unwrap();
@@ -25,7 +26,7 @@ fn bar(nodes: usize, keys: &str, tables: &str) -> (Problem, Solved) {
     (problem, solved)
 }
 
-/// The largest difference of the upper end's displacements along z from what is expected, as a share of it.
+/// Largest relative error of the upper end's displacements along z.
 fn error((problem, solved): &(Problem, Solved), expected: f64) -> f64 {
     let nodes = problem.mesh().nodes().iter().zip(&solved.solution.displacement_mm);
     let top = nodes.filter(|(node, _)| (node[2] - 20.0).abs() < 1e-9);
@@ -44,7 +45,7 @@ fn a_pulled_bar_is_as_long_on_any_mesh() {
             assert!((report.reaction_n[0][2] + 0.016).abs() < 1e-12, "{report:?}");
         }
     }
-    // A force on each node is another load on another mesh.
+    // A fixed force per node is a different load on a different mesh.
     let each = format!("{TOP}node_force_n = [0, 0, 0.001]\n");
     let [coarse, fine] = [30, 900].map(|nodes| Report::new(&bar(nodes, "", &each).0, &bar(nodes, "", &each).1));
     assert!(fine.load_n[0][2] > 2.0 * coarse.load_n[0][2] && fine.load_area_mm2 == [0.0]);

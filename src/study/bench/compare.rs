@@ -1,15 +1,15 @@
-//! GPU against CPU: every pass, solver and size of image, transfers apart; and what each effect costs alone and in company.
+//! Comparison of GPU and CPU: passes, solvers, image sizes, transfers, and the cost of each effect.
 //!
-//! | table | what it holds |
+//! | table | contents |
 //! |---|---|
 //! | `compare_passes` | times of frames and passes on the CPU (single precision) and on a GPU, by size, and their ratio |
-//! | `compare_crossing` | the size from which the GPU wins, for each of them |
-//! | `compare_transfers` | what goes to and from the device, apart from what is computed there |
+//! | `compare_crossing` | size from which the GPU is faster, for each frame, pass and solver |
+//! | `compare_transfers` | transfers to and from the device, without computation |
 //! | `compare_solvers` | remeshing levels on the CPU and on a GPU, by size of the mesh |
-//! | `compare_effects` | a frame with everything, without each effect, and with each effect alone |
-//! | `compare_memory` | bytes that each effect calls for, and that are left of them where the scene does without |
+//! | `compare_effects` | a frame with all effects, without each effect, and with each effect alone |
+//! | `compare_memory` | bytes needed by each effect, and bytes left after its removal |
 //!
-//! Times of passes on a GPU are by its timestamps; a device without them is compared in whole frames.
+//! Pass times on a GPU come from its timestamps; a device without them is compared in whole frames only.
 
 mod crossing;
 mod effects;
@@ -30,7 +30,7 @@ use crate::study::tradeoff::{Axis, Factor, Figure, Study};
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{FrameState, SynthError, Synthesizer};
 
-/// A scene with everything that a frame can have: what is compared where no scene is named.
+/// Default scene, with every effect that a frame can have.
 pub const SCENE: &str = r#"
 version = 1
 volume = { phantom = "abdomen" }
@@ -54,27 +54,27 @@ tone = {}
 noise = {}
 "#;
 
-/// What to compare, and for how long.
+/// Sizes and durations of a comparison.
 #[derive(Debug)]
 pub struct CompareOptions {
-    /// Scanlines by samples, ascending. A picture has 2.5 pixels across for each scanline, 4 by 3.
+    /// Grids of scanlines by samples, ascending. The picture has 2.5 columns per scanline and an aspect ratio of 4 to 3.
     pub grids: Vec<[u32; 2]>,
-    /// The grid under which effects are taken away.
+    /// Grid used for the removal of effects.
     pub effects_grid: [u32; 2],
-    /// How long each measurement takes, once it has three frames.
+    /// Duration of each measurement, which has at least three frames.
     pub patience: Duration,
-    /// A backend whose frame took longer is not asked for a larger one, ms.
+    /// Longest frame time, ms, after which a backend is not measured at larger sizes.
     pub most_ms: f64,
-    /// Nodes of the meshes whose remeshing is compared, ascending.
+    /// Numbers of nodes of the meshes for the remeshing comparison, ascending.
     pub nodes: Vec<usize>,
-    /// Remeshes of each.
+    /// Number of remeshes of each mesh.
     pub updates: usize,
-    /// The GPUs; without one the CPU's part is measured.
+    /// GPUs to compare; if empty, only the CPU is measured.
     pub gpus: Vec<Gpu>,
 }
 
 impl CompareOptions {
-    /// Some minutes with software Vulkan on two cores.
+    /// Returns the default options, which take some minutes with software Vulkan on two cores.
     pub fn usual(gpus: Vec<Gpu>) -> Self {
         Self {
             grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],
@@ -92,25 +92,25 @@ impl CompareOptions {
     }
 }
 
-/// Why backends cannot be compared.
+/// Error of comparing backends.
 #[derive(Debug, thiserror::Error)]
 pub enum CompareError {
-    /// A frame cannot be made.
+    /// A frame cannot be rendered.
     #[error(transparent)]
     Synth(#[from] SynthError),
-    /// A GPU fails.
+    /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// There is no such mesh.
+    /// A mesh cannot be created.
     #[error(transparent)]
     Mesh(#[from] InvalidMesh),
-    /// Solvers cannot be measured.
+    /// The solvers cannot be measured.
     #[error(transparent)]
     Solvers(#[from] StudyError),
 }
 
 impl CompareError {
-    /// Whether the machine failed, rather than the input.
+    /// Returns whether the machine failed, rather than the input.
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
@@ -121,18 +121,18 @@ impl CompareError {
     }
 }
 
-/// The scene that frames are made of.
+/// Scene to render.
 pub struct Subject<'a> {
-    /// What is imaged.
+    /// Anatomy to image.
     pub anatomy: &'a Anatomy,
-    /// How.
+    /// Rendering settings.
     pub settings: &'a Settings,
-    /// The frame.
+    /// State of the frame.
     pub state: &'a FrameState,
 }
 
 impl Subject<'_> {
-    /// The settings under a grid, with a picture that goes with it.
+    /// Returns the settings for a grid, with a matching image size.
     fn sized(&self, [lines, samples]: [u32; 2]) -> Settings {
         let mut settings = self.settings.clone();
         (settings.probe.lines, settings.probe.samples) = (lines, samples);
@@ -142,10 +142,10 @@ impl Subject<'_> {
     }
 }
 
-/// Compares. `progress` is told what is being done and the share that is done, ascending from 0 to 1.
+/// Runs the comparison. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`CompareError`].
+/// [`CompareError`] if a scene cannot be rendered or a solver cannot be measured.
 pub fn compare(
     subject: &Subject<'_>,
     options: &CompareOptions,
@@ -228,7 +228,7 @@ fn figures() -> Vec<Figure> {
     ratios.chain([on_cpu]).collect()
 }
 
-/// How a backend renders a scene at one size: the first frame, timed, says how many more there is patience for.
+/// Chooses the number of frames for a scene at one size from the time of a second frame and `patience`.
 fn clock_options(synth: &mut Synthesizer, state: &FrameState, patience: Duration) -> Result<BenchOptions, SynthError> {
     synth.render(state)?;
     let start = Instant::now();

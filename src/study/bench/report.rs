@@ -1,4 +1,4 @@
-//! What was measured, and how it reads.
+//! Results of a benchmark, and their output.
 
 use std::fmt;
 
@@ -11,71 +11,71 @@ use crate::synth::tables::{Anatomy, Settings};
 /// Times of one pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PassSpread {
-    /// The pass.
+    /// Name of the pass.
     pub name: &'static str,
-    /// Its times; on a GPU by timestamps.
+    /// Times of the pass, on a GPU from timestamps.
     #[serde(flatten)]
     pub time: Spread,
 }
 
-/// A frame with some effects taken away.
+/// Measurement of a frame with some effects removed.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Rung {
-    /// The effect taken away last; none on the first rung.
+    /// Effect removed last; `None` on the first rung.
     pub without: Option<&'static str>,
-    /// Passes that are left.
+    /// Number of remaining passes.
     pub passes: usize,
-    /// Wall clock of a frame.
+    /// Wall-clock times of a frame.
     #[serde(flatten)]
     pub time: Spread,
 }
 
-/// What was measured on one backend.
+/// Measurements of one backend.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BackendReport {
     /// `cpu`, `cpu-f64` or `gpu`.
     pub backend: &'static str,
-    /// Name of the adapter.
+    /// Name of the adapter; `None` on the CPU.
     pub adapter: Option<String>,
-    /// Whether the adapter is software on the CPU: its times say nothing of a GPU.
+    /// Whether the adapter is software on the CPU, whose times are not representative of a GPU.
     pub software: bool,
-    /// A whole frame by wall clock, pixels on the CPU.
+    /// Wall-clock times of a frame, pixels read back to the CPU.
     pub frame: Spread,
-    /// A whole frame by wall clock, pixels left on the GPU.
+    /// Wall-clock times of a frame with the pixels left on the GPU.
     pub frame_left_on_gpu: Option<Spread>,
-    /// A whole frame from its first timestamp to its last.
+    /// Times of a frame from its first GPU timestamp to its last.
     pub gpu_time: Option<Spread>,
-    /// Each pass; empty on a GPU without timestamps.
+    /// Times of each pass; empty on a GPU without timestamps.
     pub passes: Vec<PassSpread>,
     /// Working memory, bytes.
     pub memory_bytes: u64,
-    /// The frame as effects are taken away one after another, down to slicing alone.
+    /// Frame times as effects are removed one after another, down to slicing alone.
     pub ladder: Vec<Rung>,
 }
 
-/// A benchmark of one scene.
+/// Benchmark of one scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BenchReport {
-    /// Columns.
+    /// Columns of the image.
     pub width: usize,
-    /// Rows.
+    /// Rows of the image.
     pub height: usize,
-    /// Scanlines.
+    /// Number of scanlines.
     pub lines: usize,
     /// Samples along a scanline.
     pub samples: usize,
-    /// Nodes of the deforming mesh; 0 without one.
+    /// Number of nodes of the deforming mesh; 0 without one.
     pub nodes: usize,
-    /// What the CPU backend ran on.
+    /// Machine that the CPU backend ran on.
     pub machine: Machine,
-    /// Each backend measured.
+    /// Measurements of each backend.
     pub backends: Vec<BackendReport>,
-    /// What was odd.
+    /// Warnings about the measurements.
     pub warnings: Vec<String>,
 }
 
 impl BenchReport {
-    /// A report of a scene that lacks its backends.
+    /// Creates a report of a scene, still without backends.
     pub fn new(anatomy: &Anatomy, settings: &Settings) -> Self {
         Self {
             width: settings.image.width,

@@ -43,7 +43,7 @@ fn the_ladder_ends_at_slicing_alone() {
         ]
     );
     let passes: Vec<_> = report.ladder.iter().map(|rung| rung.passes).collect();
-    // Without a tone its pass stays, which shows amplitudes linearly; that of automatic gain goes.
+    // Without tone the pass remains, with a linear display; that of automatic gain is gone.
     assert!(passes.windows(2).all(|pair| pair[1] < pair[0]), "{passes:?}");
     let names: Vec<_> = report.passes.iter().map(|pass| pass.name).collect();
     assert_eq!(names.len(), passes[0]);

@@ -1,4 +1,4 @@
-//! What is told of a pixel, and how it reads.
+//! Report on a pixel, as data and as text.
 
 use std::fmt;
 
@@ -6,85 +6,85 @@ use serde::Serialize;
 
 use crate::text;
 
-/// Everything that is known of a pixel.
+/// Explanation of a pixel.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PixelReport {
     /// Column and row.
     pub pixel: [usize; 2],
-    /// Its grey level in the frame.
+    /// Grey level in the frame.
     pub grey_level: u8,
-    /// Its centre in the probe's plane (lateral, axial), mm.
+    /// Pixel centre in the probe's plane (lateral, axial), mm.
     pub plane_mm: [f64; 2],
-    /// Its centre in the world (LPS), mm.
+    /// Pixel centre in the world (LPS), mm.
     pub world_mm: [f64; 3],
-    /// The sample that it shows; none outside the sector.
+    /// Sample shown by the pixel; `None` outside the sector.
     pub sample: Option<SampleReport>,
 }
 
-/// The sample nearest to a pixel, and what each stage made of it.
+/// Sample nearest to a pixel, with its value after each stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SampleReport {
-    /// Scanline and sample that the pixel's centre falls on, as fractional indices.
+    /// Scanline and sample at the pixel's centre, as fractional indices.
     pub beam: [f64; 2],
     /// Nearest scanline.
     pub line: usize,
-    /// Nearest sample along it.
+    /// Nearest sample along the scanline.
     pub sample: usize,
-    /// Depth of that sample along its beam, mm.
+    /// Depth of the sample along its beam, mm.
     pub depth_mm: f64,
-    /// The sample in the world, mm; where skin is pressed to the array, the place that its tissue comes from.
+    /// World position of the sample, mm; where skin is pressed to the array, the position that its tissue comes from.
     pub world_mm: [f64; 3],
-    /// Where its tissue lies in the reference state, mm.
+    /// Position of the tissue in the reference state, mm.
     pub reference_mm: [f64; 3],
-    /// Length of the tissue's displacement, mm.
+    /// Magnitude of the tissue's displacement, mm.
     pub displacement_mm: f64,
-    /// The mesh's part in it; none where no mesh deforms the tissue.
+    /// Location in the mesh; `None` if no mesh deforms the tissue.
     pub mesh: Option<MeshReport>,
-    /// What is imaged there.
+    /// Label at the sample, and its tissue.
     pub label: LabelReport,
-    /// The tissue's solid texture; none where it has none or the scene does without textures.
+    /// Solid texture of the tissue; `None` if it has none or the scene disables textures.
     pub texture: Option<TextureReport>,
-    /// Factor that speckle put on the amplitude, the echoes of surfaces and needles included, which interfere with it.
+    /// Factor of speckle on the amplitude, including the echoes of surfaces and needles that interfere with it.
     pub speckle: Option<f64>,
-    /// Share of the scan plane's thickness that the needle fills.
+    /// Share of the scan plane's thickness filled by the needle.
     pub needle_share: Option<f64>,
-    /// What the way down took; none where nothing takes anything.
+    /// Losses above the sample; `None` if there are none.
     pub shadow: Option<ShadowReport>,
     /// Gain and time-gain compensation at this depth, dB.
     pub gain_db: f64,
-    /// Automatic gain there, dB, if there is any.
+    /// Automatic gain at this depth, dB; `None` without automatic gain.
     pub auto_gain_db: Option<f64>,
-    /// Scanlines that the radial blur mixes, with their shares.
+    /// Scanlines mixed by the radial blur, with their weights.
     pub blur: Vec<BlurNeighbour>,
-    /// The value after each pass that writes it.
+    /// Value after each pass that writes it.
     pub stages: Vec<Stage>,
-    /// The samples that the pixel is interpolated from.
+    /// Samples from which the pixel is interpolated.
     pub interpolation: Vec<Corner>,
 }
 
-/// Where a sample lies in the mesh.
+/// Location of a sample in the mesh.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeshReport {
-    /// In words: inside, in a fold, tissue moved away, or outside.
+    /// Location in words: inside, in a fold, tissue moved away, or outside.
     pub place: &'static str,
-    /// The element that holds it.
+    /// Element that contains the sample.
     pub element: Option<u32>,
-    /// The element's nodes.
+    /// Nodes of the element.
     pub nodes: Option<[u32; 4]>,
-    /// Barycentric coordinates in the deformed element, one a node.
+    /// Barycentric coordinates in the deformed element, one per node.
     pub barycentric: Option<[f64; 4]>,
 }
 
-/// A label and its tissue.
+/// Label and its tissue.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelReport {
-    /// Index in the volume's list.
+    /// Index in the volume's list of labels.
     pub index: u8,
-    /// Value in the file.
+    /// Label value in the file.
     pub value: i64,
-    /// Name in the file.
+    /// Label name in the file.
     pub name: Option<String>,
-    /// Nearest voxel to the reference position; none outside the volume.
+    /// Nearest voxel to the reference position; `None` outside the volume.
     pub voxel: Option<[usize; 3]>,
     /// Name of the tissue.
     pub tissue: String,
@@ -92,71 +92,71 @@ pub struct LabelReport {
     pub echogenicity_db: f64,
     /// Attenuation of the tissue, dB/cm/MHz.
     pub attenuation_db_cm_mhz: f64,
-    /// Share of the amplitude that a millimetre of the tissue occludes.
+    /// Share of the amplitude that one millimetre of the tissue occludes.
     pub occlusion_per_mm: f64,
 }
 
-/// A solid texture at a point.
+/// Solid texture at a point.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TextureReport {
-    /// Its name.
+    /// Name of the texture.
     pub name: String,
-    /// Its value: a factor on the amplitude, mean square 1.
+    /// Value of the texture: a factor on the amplitude, mean square 1.
     pub value: f64,
 }
 
-/// What the way down to a sample took.
+/// Losses along the scanline above a sample.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ShadowReport {
-    /// Share of the amplitude that is left on this scanline; the echo sees the mean over the beam.
+    /// Share of the amplitude that remains on this scanline; the echo is scaled by the mean over the beam.
     pub transmittance: f64,
     /// Two-way loss, dB.
     pub loss_db: f64,
-    /// Which tissue took how much, the largest first.
+    /// Loss in each tissue, largest first.
     pub taken_by: Vec<Taken>,
 }
 
-/// What one tissue, or the needle, took on the way.
+/// Loss in one tissue or in the needle.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Taken {
-    /// The tissue, or `needle`.
+    /// Name of the tissue, or `needle`.
     pub by: String,
-    /// Length of the way through it, mm.
+    /// Path length in it, mm.
     pub mm: f64,
     /// Two-way loss in it, dB.
     pub db: f64,
 }
 
-/// A scanline that the blur mixes in.
+/// Scanline that contributes to the blur.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct BlurNeighbour {
-    /// The scanline.
+    /// Index of the scanline.
     pub line: usize,
-    /// Its share.
+    /// Weight in the blur.
     pub weight: f64,
-    /// Its amplitude at the same depth before the blur.
+    /// Amplitude at the same depth before the blur.
     pub amplitude: f64,
 }
 
-/// A value after a pass.
+/// Value of the sample after a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Stage {
-    /// The pass.
+    /// Name of the pass.
     pub pass: &'static str,
     /// Echo amplitude (normal liver: 1), or grey level from `tone` on.
     pub value: f64,
 }
 
-/// One of the samples that a pixel is interpolated from.
+/// Sample from which a pixel is interpolated.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Corner {
-    /// Scanline.
+    /// Index of the scanline.
     pub line: usize,
-    /// Sample along it.
+    /// Index of the sample along the scanline.
     pub sample: usize,
-    /// Its share.
+    /// Interpolation weight.
     pub weight: f64,
-    /// Its grey level.
+    /// Grey level of the sample.
     pub grey_level: f64,
 }
 
@@ -178,7 +178,7 @@ impl fmt::Display for PixelReport {
     }
 }
 
-/// A name from a file, on one line.
+/// Shortens a name from a file to one line.
 fn named(name: &str) -> String {
     text::head(name, text::WIDEST_NAME)
 }

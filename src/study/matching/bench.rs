@@ -1,4 +1,4 @@
-//! A real frame as scanlines by samples, its windows, and phantoms at its pixels.
+//! Measurement bench: a real frame resampled to scanlines by samples, its windows, and phantoms rendered at its pixels.
 
 use rayon::prelude::*;
 
@@ -16,24 +16,25 @@ use crate::synth::tables::{ImageSize, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
 
-/// Scanlines and samples of a window.
+/// Size of a window in scanlines and samples.
 pub(super) const WINDOW: [usize; 2] = [48, 40];
-/// Share of the far radius within which a fan that shows no array is taken to start in one point.
+/// Radius of the array, as a share of the far radius, below which a fan that shows no array counts as starting in one point.
 const PHASED: f64 = 0.05;
-/// Scanlines and samples of rendered frames to those that are measured, a pixel apart, and at most: scan conversion would blur coarser ones.
+/// Ratio of rendered to measured scanlines and samples (measured a pixel apart), and their maximum: scan conversion would blur coarser
+/// grids.
 const FINER: f64 = 1.5;
 const FINEST: [f64; 2] = [1024.0, 2048.0];
-/// Phantoms of each round, of different speckle: with as many windows as the frame they would scatter as much.
+/// Number of phantoms per round, with different speckle: with only as many windows as the frame they would scatter as much.
 const PHANTOMS: u64 = 3;
-/// Depths at which windows are sought, and windows at each.
+/// Number of depths with windows, and of windows at each.
 pub(super) const DEPTHS: usize = 5;
 pub(super) const WINDOWS: usize = 5;
-/// Mean grey levels of windows: in-vivo frames have a median of 18 to 24, and of darker windows much is black.
+/// Accepted mean grey levels of windows: in-vivo frames have a median of 18 to 24, and much of a darker window is black.
 const GREY: [f64; 2] = [20.0, 200.0];
-/// Range of means, plus range of standard deviations, of the quarters of a window, in its own standard deviations, up to which it counts as
-/// uniform. Quarters of 20 to 30 speckle cells range over 0.7 by chance, steps and layers over 1.5 and more.
+/// Largest unevenness of a uniform window: range of means, plus range of standard deviations, of its quarters, in its own standard
+/// deviations. Quarters of 20 to 30 speckle cells range over 0.7 by chance, steps and layers over 1.5 and more.
 pub(super) const UNEVEN: f64 = 1.3;
-/// A real frame, and where on it is measured.
+/// A real frame and its measurement grid.
 pub(super) struct Bench<'a> {
     pub picture: &'a Picture,
     pub mask: Vec<bool>,
@@ -41,7 +42,7 @@ pub(super) struct Bench<'a> {
     pub grid: BeamGrid,
     pub image: ImageGrid,
     pub seed: u64,
-    /// Windows by depth, of scanlines and samples.
+    /// Windows by depth, in scanlines and samples.
     pub windows: Vec<Vec<Window>>,
 }
 
@@ -63,7 +64,7 @@ impl<'a> Bench<'a> {
             Shape::Fan { apex, radii, half } => {
                 let angle_deg = rounded(2.0 * half.to_degrees());
                 let radius_mm = rounded(radii[0] * mm);
-                // No array shows where a phased one fans out.
+                // A phased array fans out from a point and shows no array surface.
                 let phased = !outline.seen[0] && radii[0] < PHASED * radii[1];
                 let (shape, start) = match phased {
                     true => (ProbeShape::Phased { angle_deg }, 0.0),
@@ -77,7 +78,7 @@ impl<'a> Bench<'a> {
                 )
             }
         };
-        // Measured a pixel apart, lines in the middle of the sector.
+        // Measured one pixel apart, with scanlines at the mid-depth of the sector.
         let [lines, samples] = [across, depth].map(|pixels| pixels.max(64.0).round());
         let measured = Probe {
             shape: probe_shape,
@@ -132,7 +133,7 @@ impl<'a> Bench<'a> {
         (self.grid.samples() / (WINDOW[1] + 8)).clamp(1, DEPTHS)
     }
 
-    /// A frame as scanlines by samples, and which of these lie in the sector of the real frame, and not under an overlay of it.
+    /// Resamples a frame to scanlines by samples, with a mask of those inside the sector of the real frame and not under its overlay.
     pub fn beam(&self, frame: &Picture) -> (Picture, Vec<bool>) {
         let (lines, samples) = (self.grid.lines(), self.grid.samples());
         let (mut grey, mut inside) = (Vec::with_capacity(lines * samples), Vec::with_capacity(lines * samples));
@@ -162,7 +163,7 @@ impl<'a> Bench<'a> {
         (beam, inside)
     }
 
-    /// Frames of one tissue at the pixels of the real one.
+    /// Renders frames of one tissue at the pixels of the real frame.
     pub fn phantoms(&self, probe: Probe, effects: &Effects, acoustics: Acoustics) -> Result<Vec<Picture>, SynthError> {
         let settings = Settings {
             seed: self.seed,
@@ -203,13 +204,13 @@ impl<'a> Bench<'a> {
         (window.y as f64 + window.height as f64 / 2.0) * self.grid.sample_spacing_mm()
     }
 
-    /// Widths of the autocorrelation in a window, mm.
+    /// Returns the widths of the autocorrelation in a window, mm.
     pub fn widths(&self, texture: &Texture, depth_mm: f64) -> [Option<f64>; 2] {
         let spacing = [self.grid.sample_spacing_mm(), self.grid.lateral_spacing_mm(depth_mm)];
         [0, 1].map(|axis| Some(texture.fwhm[axis]? * spacing[axis]))
     }
 
-    /// Measures frames, at least one.
+    /// Measures frames, of which there must be at least one.
     pub fn side(&self, mut frames: Vec<Picture>) -> Side {
         let beams: Vec<Picture> = frames.iter().map(|frame| self.beam(frame).0).collect();
         let (mut windows, mut grey, mut depths) = (Vec::new(), Vec::new(), Vec::new());
@@ -260,7 +261,7 @@ impl<'a> Bench<'a> {
     }
 }
 
-/// Range of means, plus range of standard deviations, of the quarters of a window, in its own standard deviations.
+/// Returns the range of means, plus the range of standard deviations, of the quarters of a window, in its own standard deviations.
 pub(super) fn unevenness(patch: &Patch) -> f64 {
     let (width, height) = (patch.width / 2, patch.height / 2);
     let quarters = [(0, 0), (width, 0), (0, height), (width, height)];
@@ -281,7 +282,7 @@ pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
     Some(0.5 * (low + high))
 }
 
-/// Shares of grey levels 0 to 255.
+/// Returns the shares of grey levels 0 to 255.
 pub(super) fn histogram(greys: &[f64]) -> Vec<f64> {
     let mut shares = vec![0.0; 256];
     greys

@@ -1,4 +1,4 @@
-//! Corrections of a model by what its phantom shows in the windows of the real frame.
+//! Corrections of a model by comparing its phantoms with the real frame in the same windows.
 
 use super::Side;
 use super::bench::{Bench, DEPTHS, WINDOWS, median};
@@ -12,24 +12,24 @@ use crate::study::spread::percentile;
 use crate::study::statistics::{mean, slope, std};
 use crate::synth::SynthError;
 
-/// Corrections of noise and clutter.
+/// Number of correction rounds for noise and clutter.
 const DARK_ROUNDS: usize = 3;
-/// Difference in depth over which a fading of clutter is fitted, mm.
+/// Least depth range over which a decay of clutter is fitted, mm.
 const FADING_MM: f64 = 10.0;
 
-/// Level below noise at which clutter that no window shows is taken to lie, dB: it adds half a dB there.
+/// Level below the noise assumed for clutter that no window shows, dB: there it adds half a dB.
 const HIDDEN_DB: f64 = 10.0;
 
 /// Noise and clutter found in dark windows.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Dark {
-    /// Windows of noise and of clutter.
+    /// Number of windows of noise and of clutter.
     pub windows: [usize; 2],
-    /// Spread of what they come to, dB.
+    /// Spread of the levels found for noise and for clutter, dB.
     pub spread_db: [Option<f64>; 2],
-    /// Whether the fading of clutter was fitted.
+    /// Whether the decay of clutter was fitted.
     pub fades: bool,
-    /// Level that noise does not exceed, dB.
+    /// Upper bound of the noise level, dB.
     pub bound_db: f64,
 }
 
@@ -38,7 +38,7 @@ fn lowest(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl Bench<'_> {
-    /// One round: corrects a model by its phantoms. The largest change, as a share.
+    /// Corrects a model by its phantoms in one round and returns the largest relative change.
     pub fn correct(&self, model: &mut Model, real: &Side, own: &Side) -> f64 {
         let before = model.clone();
         let ratio = |of: &dyn Fn(&Texture) -> Option<f64>| {
@@ -85,11 +85,11 @@ impl Bench<'_> {
         changes.chain(moved).fold(0.0, f64::max)
     }
 
-    /// Sets noise and clutter by the dark windows of the real frame. What was found.
+    /// Sets noise and clutter from the dark windows of the real frame and returns what was found.
     pub fn darkness(&self, model: &mut Model) -> Result<Dark, SynthError> {
         let (beam, inside) = self.beam(self.picture);
         let mut found = Dark::default();
-        // Noise shows at no depth above the darkest 2 % of its row.
+        // At no depth does noise exceed the darkest 2 % of its row.
         let mut bound = f64::INFINITY;
         for sample in 0..beam.height {
             let row = sample * beam.width..(sample + 1) * beam.width;
@@ -105,7 +105,7 @@ impl Bench<'_> {
         for window in dark_windows(&beam, &inside, [DARK_WINDOW; 2], DEPTHS * WINDOWS) {
             let depth = self.depth_mm(window);
             let width = self.widths(&Patch::of(&beam.grey, beam.width, window).texture(), depth)[1];
-            // Clutter is sound and at least as wide as the beam; noise is not.
+            // Clutter is an echo and at least as wide as the beam; noise is not.
             windows[usize::from(width.is_none_or(|width| width >= spread.lateral_at(depth)))].push(window);
         }
         let greys = |frame: &Picture, windows: &[Window]| -> Vec<f64> {
@@ -131,7 +131,7 @@ impl Bench<'_> {
                 .map(|(grey, depth)| model.level_db(*grey, *depth))
                 .collect()
         };
-        // Level of a window at the array, but for the loss in tissue; tissue may echo in any, so that the darkest counts.
+        // Level of a window at the array, except for the loss in tissue; as tissue may echo in any window, the darkest counts.
         let lossless = |model: &Model, kind: usize| -> Vec<f64> {
             let levels = level(model, kind, &real[kind]).into_iter().zip(&depths[kind]);
             levels
@@ -159,7 +159,7 @@ impl Bench<'_> {
         if !windows[1].is_empty() {
             model.receiver.clutter_db = at_array(model, 1).clamp(-200.0, 20.0);
         }
-        // Logarithms, sparse echoes and black make a mean grey of a power: what is left is taken off by the phantom that does not echo.
+        // Logarithms, sparse echoes and black bias a mean grey against the power: the remainder is corrected with the echo-free phantom.
         for _ in 0..DARK_ROUNDS {
             if windows.iter().all(Vec::is_empty) {
                 break;

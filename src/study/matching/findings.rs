@@ -11,13 +11,14 @@ use crate::study::realism::texture::{Patch, Texture, Window};
 use crate::study::statistics::std;
 use crate::tracking::probe::{ProbeKind, ProbeSpec};
 
-/// Scatter of the standard deviation of windows above which they hold more than one tissue, or none; in those of fully developed speckle it is 0.06.
+/// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully developed speckle it is
+/// 0.06.
 const MIXED: f64 = 0.15;
-/// How much wider the beam must be at either end of the windows for its focus to count as seen.
+/// Least widening of the beam at both ends of the windows for its focus to count as seen.
 const FOCUSED: f64 = 1.1;
 
-/// Standard deviation of the logarithm of a figure of the real windows, relative to those of the phantom at their depth: a ratio of windows
-/// scatters as what it corrects. None of fewer than two.
+/// Returns the standard deviation of the logarithm of a figure over the real windows, relative to those of the phantom at their depth: a
+/// ratio of windows scatters like the parameter that it corrects. `None` for fewer than two windows.
 fn scatter(real: &Side, own: &Side, of: &dyn Fn(&Texture) -> Option<f64>) -> Option<f64> {
     let at_depth = |(real, own): (&Vec<Texture>, &Vec<Texture>)| -> Vec<f64> {
         let own = median(own.iter().filter_map(of).collect());
@@ -28,7 +29,7 @@ fn scatter(real: &Side, own: &Side, of: &dyn Fn(&Texture) -> Option<f64>) -> Opt
 }
 
 impl Bench<'_> {
-    /// The model as a scene.
+    /// Returns the model as a scene.
     pub fn scene(&self, model: &Model) -> SceneFile {
         let bounds = self.grid.bounds_mm();
         let pixels = |axis: usize| ((bounds.max[axis] - bounds.min[axis]) / self.image.pixel_mm()).ceil() as u32;
@@ -190,7 +191,7 @@ impl Bench<'_> {
         list
     }
 
-    /// What is doubtful.
+    /// Lists reasons to doubt the match.
     pub fn notes(&self, real: &Side, own: &Side, residual: f64) -> Vec<String> {
         let mut notes = Vec::new();
         let (beam, _) = self.beam(self.picture);

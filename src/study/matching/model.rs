@@ -1,4 +1,4 @@
-//! The parameters that are looked for, and the effects that they make.
+//! Parameters to estimate, and the effects built from them.
 
 use crate::effects::point_spread::{self, PointSpread};
 use crate::effects::receiver::Receiver;
@@ -7,12 +7,13 @@ use crate::effects::{Effects, blur::Blur, speckle::Speckle};
 use crate::study::statistics::mean;
 use crate::tracking::probe::Probe;
 
-/// Width of the blur, as the default has it over the lateral length: 2.1 mm over 5.25 mm at 1 MHz, and 0.21 mm/cm.
+/// Width of the blur per lateral length and its growth per cm, with the ratios of the defaults: 2.1 mm over 5.25 mm at 1 MHz, and 0.21
+/// mm/cm.
 const BLUR: [f64; 2] = [0.4, 0.04];
-/// Spread of lateral widths over depth up to which they are taken for constant, share.
+/// Relative spread of lateral widths over depth below which they count as constant.
 const CONSTANT: f64 = 0.05;
 
-/// The parameters that are looked for.
+/// Parameters to estimate.
 #[derive(Clone, Debug)]
 pub(super) struct Model {
     pub axial_mm: f64,
@@ -23,7 +24,7 @@ pub(super) struct Model {
     pub receiver: Receiver,
 }
 
-/// A value to four significant digits, as files show it.
+/// Rounds a value to four significant digits, as written to files.
 pub(super) fn rounded(value: f64) -> f64 {
     let digits = (3.0 - value.abs().max(1e-3).log10().floor()) as i32;
     let scale = 10f64.powi(digits);
@@ -31,7 +32,7 @@ pub(super) fn rounded(value: f64) -> f64 {
 }
 
 impl Model {
-    /// Effects as by default under a probe, but for automatic gain and the curve.
+    /// Returns the default effects under a probe, except for automatic gain and the curve.
     pub fn start(probe: &Probe) -> Self {
         let spread = PointSpread::new(&Speckle::default(), probe);
         Self {
@@ -44,7 +45,7 @@ impl Model {
         }
     }
 
-    /// The frequency whose default point spread has this axial length, MHz, within those of clinical probes.
+    /// Returns the frequency whose default point spread has this axial length, MHz, limited to the range of clinical probes.
     fn frequency_mhz(&self) -> f64 {
         rounded((point_spread::AXIAL_MM / self.axial_mm).clamp(1.0, 20.0))
     }
@@ -58,7 +59,7 @@ impl Model {
         Probe { frequency_mhz, ..probe }
     }
 
-    /// The usual effects with these parameters, rounded as they are written.
+    /// Returns the default effects with these parameters, rounded as they are written.
     pub fn effects(&self) -> Effects {
         let [lateral, axial] = [self.lateral_mm, self.axial_mm].map(rounded);
         let tone = Tone {
@@ -95,24 +96,24 @@ impl Model {
         PointSpread::new(&self.effects().speckle.unwrap_or_default(), probe)
     }
 
-    /// Gain and compensation at a depth, dB.
+    /// Returns gain plus compensation at a depth, dB.
     pub fn gain_db(&self, depth_mm: f64) -> f64 {
         self.effects()
             .tone
             .map_or(0.0, |tone| tone.gain_at_db(depth_mm, 0.0, None))
     }
 
-    /// Level of a grey before gain, dB relative to the echo of liver at the array.
+    /// Returns the level of a grey before gain, dB relative to the echo of liver at the array.
     pub fn level_db(&self, grey: f64, depth_mm: f64) -> f64 {
         self.shown_db(grey) - self.gain_db(depth_mm)
     }
 
-    /// Level of a grey after gain, dB.
+    /// Returns the level of a grey after gain, dB.
     pub fn shown_db(&self, grey: f64) -> f64 {
         (grey / 255.0 - MID_GREY) * self.tone.dynamic_range_db
     }
 
-    /// Takes the lateral lengths at some depths for those of a Gaussian beam about its focus, by least squares of their logarithms.
+    /// Fits a Gaussian beam about its focus to lateral lengths at some depths, by least squares of their logarithms.
     pub fn focus(&mut self, depths: &[[f64; 2]], depth_mm: f64) {
         let fit = |focus: f64, zone: f64| {
             let shape = |depth: f64| (1.0 + ((depth - focus) / zone).powi(2)).sqrt().ln();
@@ -128,7 +129,7 @@ impl Model {
         let mut best = fit(depth_mm / 2.0, 1e4);
         if best.0 > depths.len() as f64 * CONSTANT * CONSTANT && depths.len() > 2 {
             for focus in (0..=40).map(|n| f64::from(n) / 40.0 * depth_mm) {
-                // From a tenth of the depth to twice of it: shorter ones are structure.
+                // From a tenth of the depth to twice the depth: shorter zones fit structure.
                 for zone in (0..=30).map(|n| 0.1 * 20f64.powf(f64::from(n) / 30.0) * depth_mm) {
                     let tried = fit(focus, zone.max(1.0));
                     if tried.0 < best.0 {

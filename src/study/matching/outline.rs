@@ -1,4 +1,4 @@
-//! The outline of a sector: two arcs and two lines about an apex, or a rectangle, fitted to the rim of a mask.
+//! Outline of a sector, fitted to the rim of a mask: two arcs and two lines about an apex, or a rectangle.
 
 use std::cmp::Reverse;
 use std::f64::consts::FRAC_PI_2;
@@ -6,62 +6,64 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{SMatrix, SVector};
 use serde::Serialize;
 
-/// Pixels from the rim of the picture within which the rim of the mask says nothing: the sector may go on beyond.
+/// Distance from the picture's edge within which the mask's rim is ignored, pixels: the sector may continue beyond the picture.
 const RIM: usize = 4;
-/// Width of the classes in which points of the rim vote for radii and angles, pixels.
+/// Bin width for the votes of rim points on radii and angles, pixels.
 const CLASS: f64 = 3.0;
-/// Points of the rim that vote, and that are fitted to; more are thinned out evenly.
+/// Maximum number of rim points used for voting and fitting; more are thinned evenly.
 const VOTERS: usize = 600;
-/// Apices that are tried: so many across the mask, and so many above its top, up to [`HIGHEST`] of its heights.
+/// Number of trial apices across the mask and above its top, up to [`HIGHEST`] times its height.
 const TRIED: [usize; 2] = [33, 48];
 const HIGHEST: f64 = 6.0;
-/// Distance within which points of the rim count as on the outline, pixels: from what votes resolve down to what a mask resolves.
+/// Distances within which rim points count as on the outline in successive refinements, pixels: from the resolution of the votes down to
+/// that of the mask.
 const NEAR: [f64; 8] = [12.0, 8.0, 6.0, 4.0, 3.0, 2.0, 1.5, 1.5];
-/// Least cosine of the angle between the direction into the mask and that of an edge.
+/// Least cosine of the angle between the inward direction at a rim point and that of an edge.
 const ALONG: f64 = 0.75;
-/// Least share of an edge's length in the picture that the rim of the mask must lie on for the edge to be seen.
+/// Least share of an edge's visible length on which rim points must lie for the edge to count as seen.
 const SEEN: f64 = 0.2;
 /// Least angle between the vertical and the sides of a fan, radians: the narrowest fields of view are 20 degrees.
 const NARROWEST: f64 = 0.17;
 /// Largest share of the mask that may lie beyond an edge.
 const BEYOND: f64 = 0.05;
-/// Least share of a rectangle that its mask must fill, and that where its left or right side neither shows nor is cut off by the picture.
+/// Least share of a rectangle that its mask must fill, and the stricter share if its left or right side is neither seen nor cropped by the
+/// picture.
 const FILLED: [f64; 2] = [0.5, 0.9];
 
-/// A sector in pixels: centres of pixels have whole coordinates, rows run downwards, the array is at the top.
+/// Shape of a sector in pixels: pixel centres have integer coordinates, rows run downwards, the array is at the top.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case")]
 pub enum Shape {
-    /// Scanlines side by side.
+    /// Parallel scanlines.
     Rectangle {
         /// First and last column.
         columns: [f64; 2],
         /// First and last row.
         rows: [f64; 2],
     },
-    /// Scanlines from one point.
+    /// Scanlines that diverge from one point.
     Fan {
-        /// Where they meet: column and row.
+        /// Apex: column and row.
         apex: [f64; 2],
         /// Radii of the array and of the far edge.
         radii: [f64; 2],
-        /// Angle between the vertical and the last scanline on either side, radians (up to half a right angle short of a half turn).
+        /// Angle between the vertical and the last scanline on either side, radians, at most half a right angle short of a half turn.
         half: f64,
     },
 }
 
-/// A sector and which of its edges show.
+/// Sector and the visibility of its edges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Outline {
-    /// The sector.
+    /// Shape of the sector.
     #[serde(flatten)]
     pub shape: Shape,
-    /// Whether the array, the far edge and the sides were found as edges of the mask; the others are as far as it reaches.
+    /// Whether the array, the far edge and the sides were found as edges of the mask; the others are placed at its extent.
     pub seen: [bool; 3],
 }
 
 impl Outline {
-    /// The outline that most of the rim of a mask lies on; none where neither arcs and lines nor a rectangle fit.
+    /// Fits the outline that most of the mask's rim lies on; `None` if neither a fan nor a rectangle fits.
     pub fn of(mask: &[bool], width: usize) -> Option<Self> {
         let size = [width, mask.len() / width];
         let inside: Vec<[f64; 2]> = (0..mask.len())
@@ -71,17 +73,17 @@ impl Outline {
         let rim: Vec<Point> = (0..mask.len()).filter_map(|at| on_rim(mask, at, size)).collect();
         let [fan, rectangle] = [fan(&rim, &inside, size), rectangle(&rim, &inside, size)];
         match (fan, rectangle) {
-            // A fan bends and opens as it likes: it must be better by a tenth.
+            // A fan has more free parameters: it must be better by a tenth.
             (Some(fan), Some(rectangle)) => Some(if fan.1 > 1.1 * rectangle.1 { fan.0 } else { rectangle.0 }),
             (fan, rectangle) => fan.or(rectangle).map(|found| found.0),
         }
     }
 }
 
-/// A point of the rim of a mask: column, row, and the direction into the mask.
+/// Rim point of a mask: column, row, and the inward direction.
 type Point = [f64; 4];
 
-/// A pixel of the mask that has a neighbour outside it, away from the rim of the picture.
+/// Returns the rim point at a mask pixel that has a neighbour outside the mask and lies away from the picture's edge.
 fn on_rim(mask: &[bool], at: usize, [width, height]: [usize; 2]) -> Option<Point> {
     let (x, y) = (at % width, at / width);
     let inside = mask[at]
@@ -102,30 +104,30 @@ fn on_rim(mask: &[bool], at: usize, [width, height]: [usize; 2]) -> Option<Point
     (length > 0.0).then(|| [x as f64, y as f64, across / length, down / length])
 }
 
-/// The value that a share of some values is at most.
+/// Returns the value that the given share of the values does not exceed.
 fn quantile(mut values: Vec<f64>, share: f64) -> f64 {
     values.sort_by(f64::total_cmp);
     values[((values.len() - 1) as f64 * share).round() as usize]
 }
 
-/// Length of an edge, given as points 1 pixel apart, that lies in the picture away from its rim.
+/// Returns the length of an edge, given as points 1 pixel apart, that lies in the picture away from its border.
 fn visible(edge: impl Iterator<Item = [f64; 2]>, size: [usize; 2]) -> f64 {
     let within = |p: &[f64; 2]| (0..2).all(|i| p[i] >= RIM as f64 && p[i] < size[i] as f64 - RIM as f64);
     edge.filter(within).count() as f64
 }
 
-/// Whether so many pixels of a rim make an edge of such a length.
+/// Returns whether the number of agreeing rim pixels suffices for an edge of the given visible length.
 fn is_seen(agreeing: f64, visible: f64) -> bool {
     agreeing >= SEEN * visible && visible > 10.0
 }
 
-/// The rectangle whose sides most of the rim lies on, and how much of it does.
+/// Fits the rectangle whose sides most of the rim lies on; returns it with the number of agreeing points.
 fn rectangle(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
     let (mut edges, mut seen, mut agreement) = ([[0.0; 2]; 2], [[false; 2]; 2], 0.0);
     for axis in 0..2 {
         let extent = [0.002, 0.998].map(|share| quantile(inside.iter().map(|p| p[axis]).collect(), share));
         for side in 0..2 {
-            // The column, or row, of this half of the mask that most of the rim lies on, with its neighbours.
+            // The column or row in this half of the mask that most of the rim lies on, with its neighbours.
             let inwards = |p: &&Point| [1.0, -1.0][side] * p[2 + axis] > ALONG;
             let near = |p: &Point, place: usize| (p[axis] - place as f64).abs() < 1.5;
             let count = |place: usize| rim.iter().filter(inwards).filter(|p| near(p, place)).count();
@@ -158,12 +160,12 @@ fn extent_of(points: &[[f64; 2]], axis: usize) -> f64 {
 /// Column and row of the apex, radii of the array and of the far edge, angle of the sides.
 type Numbers = [f64; 5];
 
-/// Radius and signed angle from the vertical about an apex.
+/// Returns radius and signed angle from the vertical about an apex.
 fn polar(apex: [f64; 2], x: f64, y: f64) -> [f64; 2] {
     [(x - apex[0]).hypot(y - apex[1]), (x - apex[0]).atan2(y - apex[1])]
 }
 
-/// Which edge a point of the rim may lie on by the direction into the mask: 0 the array, 1 the far edge, 2 a side.
+/// Returns the edge that a rim point may lie on, judged by its inward direction: 0 for the array, 1 for the far edge, 2 for a side.
 fn edge_of(angle: f64, p: Point) -> Option<usize> {
     let (sine, cosine) = angle.sin_cos();
     let (along, across) = (p[2] * sine + p[3] * cosine, p[2] * cosine - p[3] * sine);
@@ -171,14 +173,14 @@ fn edge_of(angle: f64, p: Point) -> Option<usize> {
     fits.iter().position(|fit| *fit > ALONG)
 }
 
-/// Signed distance of a point outwards from an edge.
+/// Returns the signed distance of a point outwards from an edge.
 fn distance(fan: Numbers, edge: usize, p: Point) -> f64 {
     let [x, y, near, far, half] = fan;
     let [radius, angle] = polar([x, y], p[0], p[1]);
     [near - radius, radius - far, radius * (angle.abs() - half)][edge]
 }
 
-/// The edge that a point lies on, and its signed distance from it, if that is less than `within` and the point not beside the edge.
+/// Returns the nearest edge to a point and its signed distance, if that is less than `within` and the point lies alongside the edge.
 fn nearest(fan: Numbers, p: Point, within: f64) -> Option<(usize, f64)> {
     let [radius, angle] = polar([fan[0], fan[1]], p[0], p[1]);
     let edge = edge_of(angle, p)?;
@@ -190,7 +192,7 @@ fn nearest(fan: Numbers, p: Point, within: f64) -> Option<(usize, f64)> {
     (!beside && off.abs() < within).then_some((edge, off))
 }
 
-/// The fan whose edges most of the rim lies on, and how much of it does.
+/// Fits the fan whose edges most of the rim lies on; returns it with the number of agreeing points.
 fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline, f64)> {
     let voters: Vec<Point> = rim.iter().copied().step_by(rim.len().div_ceil(VOTERS).max(1)).collect();
     let mut found = guessed(&voters)?;
@@ -213,7 +215,7 @@ fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline,
         visible(arc(far), size),
         visible(side(-1.0).chain(side(1.0)), size),
     ];
-    // What is dark within a sector has edges too, but echoes beyond them.
+    // Dark areas within a sector have edges too, but with echoes beyond them.
     let outside = |edge: usize| {
         let beyond = |p: &&[f64; 2]| distance(found, edge, [p[0], p[1], 0.0, 0.0]) > NEAR[3];
         inside.iter().filter(beyond).count() as f64 <= BEYOND * inside.len() as f64
@@ -245,7 +247,7 @@ fn fan(rim: &[Point], inside: &[[f64; 2]], size: [usize; 2]) -> Option<(Outline,
     ))
 }
 
-/// The fan whose radii and angle get most votes (P. V. C. Hough, US patent 3,069,654, 1962), over a lattice of apices.
+/// Finds the fan whose radii and angle get the most votes over a lattice of apices (P. V. C. Hough, US patent 3,069,654, 1962).
 fn guessed(voters: &[Point]) -> Option<Numbers> {
     let bound = |axis: usize, of: fn(f64, f64) -> f64| voters.iter().map(|p| p[axis]).reduce(of);
     let [left, top] = [bound(0, f64::min)?, bound(1, f64::min)?];
@@ -268,7 +270,7 @@ fn guessed(voters: &[Point]) -> Option<Numbers> {
                     votes[edge][place as usize] += 1;
                 }
             }
-            // Two neighbouring classes, the first of several equal ones.
+            // Two neighbouring bins, the first of several equal pairs.
             let peak = |votes: &[usize], first: usize| {
                 let pairs = (first + 1..votes.len()).map(|at| (votes[at - 1] + votes[at], at));
                 pairs
@@ -281,7 +283,7 @@ fn guessed(voters: &[Point]) -> Option<Numbers> {
             if count > best.0 {
                 let radii = [near.1, far.1].map(|at| at as f64 * CLASS);
                 let half = (sides.1 as f64 * turn).min(1.8 * FRAC_PI_2);
-                // An array or a far edge that is not there lies at the end of the mask.
+                // A missing array or far edge is placed at the end of the mask.
                 let far = if radii[1] > radii[0] { radii[1] } else { farthest };
                 best = (count, Some([x, y, radii[0], far, half]));
             }
@@ -290,9 +292,9 @@ fn guessed(voters: &[Point]) -> Option<Numbers> {
     best.1
 }
 
-/// One step of least squares over the points near an edge, weighted down as they lie off (J. W. Tukey's biweight).
+/// Takes one least-squares step over the points near an edge, with J. W. Tukey's biweight.
 fn refined(fan: Numbers, points: &[Point], within: f64) -> Numbers {
-    // A pixel at the far edge.
+    // Scaled to one pixel at the far edge.
     let scale = [1.0, 1.0, 1.0, 1.0, 1.0 / fan[3].max(1.0)];
     let mut normal = SMatrix::<f64, 5, 5>::identity() * 1e-3;
     let mut right = SVector::<f64, 5>::zeros();
@@ -313,7 +315,7 @@ fn refined(fan: Numbers, points: &[Point], within: f64) -> Numbers {
         right -= weight * d * slopes;
     }
     let step = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
-    // Steps are bounded by what the points near an edge can know of.
+    // The step is limited to what the points near an edge can determine.
     let bounded = step * (within / step.norm().max(within));
     let moved: Numbers = std::array::from_fn(|i| fan[i] + bounded[i] * scale[i]);
     if moved[2] > 0.0 && moved[3] > moved[2] && moved[4] > 0.0 {

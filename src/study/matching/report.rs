@@ -1,4 +1,4 @@
-//! A match as text, as a scene and as a page.
+//! Output of a match as text, as a scene and as a page.
 
 use std::fmt;
 
@@ -26,7 +26,7 @@ impl Match {
         )
     }
 
-    /// Name, value and spread of each figure.
+    /// Returns name, value and spread of each figure.
     fn rows(&self) -> Vec<[String; 3]> {
         let rows = self.figures.iter().map(|it| {
             let spread = it.spread.map_or("-".to_owned(), number);
@@ -35,7 +35,7 @@ impl Match {
         rows.collect()
     }
 
-    /// The scene with what was found, and what was not, above it.
+    /// Returns the scene text, headed by comments with the figures found and the parameters not identified.
     pub(super) fn written(&self, scene: &SceneFile) -> String {
         let name = text::printable(&self.name);
         let mut written = format!("# Matched to {name} by insonify match.\n# {}.\n", self.summary());
@@ -46,14 +46,14 @@ impl Match {
         for note in &self.notes {
             written += &format!("# Note: {note}.\n");
         }
-        // Tables of numbers and names always have a form.
+        // Serialising tables of numbers and names cannot fail.
         written + "\n" + &toml::to_string(scene).unwrap_or_default()
     }
 
-    /// The match as one HTML document that asks for nothing from elsewhere.
+    /// Returns the match as one self-contained HTML document.
     ///
     /// # Errors
-    /// [`PlotError`].
+    /// [`PlotError`] if a plot cannot be drawn.
     pub fn page(&self) -> Result<String, PlotError> {
         let mut page = Page::new("Match of a frame");
         let summary = self.summary();
@@ -120,7 +120,7 @@ impl Match {
                 front: Vec::new(),
             }
         };
-        // Four grey levels to a point.
+        // Four grey levels per point.
         let classes = |histogram: &[f64]| -> Vec<[f64; 2]> {
             let classes = histogram.chunks(4).enumerate();
             classes

@@ -16,7 +16,7 @@ const CURVED: ProbeShape = ProbeShape::Curvilinear {
 };
 const STRAIGHT: ProbeShape = ProbeShape::Linear { width_mm: 38.0 };
 
-/// Settings that are to be found again.
+/// Settings that the match should recover.
 #[derive(Clone, Copy, Debug)]
 struct Known {
     shape: ProbeShape,
@@ -28,7 +28,7 @@ struct Known {
     focal_zone_mm: f64,
     range_db: f64,
     gain_db: f64,
-    /// dB per cm on top of the compensation of average tissue, about the middle.
+    /// Gain in dB per cm beyond the compensation of average tissue, about the middle depth.
     slope_db_cm: f64,
 }
 
@@ -66,7 +66,7 @@ impl Known {
         }
     }
 
-    /// A frame on the grid of a probe by default, which is not that of a match.
+    /// Renders a frame on the default grid of a probe, which differs from that of a match.
     fn frame(&self, anatomy: Anatomy, effects: Effects) -> Picture {
         let settings = Settings {
             seed: 77,
@@ -122,13 +122,13 @@ fn is_told(found: &Match, what: &str) -> bool {
     !found.unidentified.iter().any(|it| it.what == what)
 }
 
-/// Lateral length of the scene found, mm.
+/// Returns the lateral length in the scene found, mm.
 fn lateral_at(found: &Match, depth_mm: f64) -> f64 {
     let away = (depth_mm - value(found, "focus_mm")) / value(found, "focal_zone_mm");
     value(found, ".lateral_mm") * away.hypot(1.0)
 }
 
-/// Gain of the scene found at a depth, without the compensation of average tissue, dB.
+/// Returns the gain at a depth in the scene found, without the compensation of average tissue, dB.
 fn gain_at(found: &Match, depth_mm: f64) -> f64 {
     let scene: SceneFile = toml::from_str(&found.scene).unwrap();
     let mut tone = scene.effects.unwrap().tone.unwrap();
@@ -136,7 +136,8 @@ fn gain_at(found: &Match, depth_mm: f64) -> f64 {
     tone.gain_at_db(depth_mm, 0.0, None)
 }
 
-/// Shares by which figures are off: range, axial and lateral length at three depths, and dB by which the gain there is.
+/// Returns the relative errors of dynamic range, axial length and lateral length, and the error of the gain in dB; the last two are the
+/// worst of three depths.
 fn errors(case: &Known, found: &Match) -> [f64; 4] {
     let depths = [0.2, 0.5, 0.8].map(|share| share * case.depth_mm);
     let worst = |of: &dyn Fn(f64) -> f64| {
@@ -158,7 +159,7 @@ fn errors(case: &Known, found: &Match) -> [f64; 4] {
     ]
 }
 
-/// The blur of these frames is the default of their frequency, and the lateral length too, as a match takes it.
+/// The frames have the default blur of their frequency and a default lateral length, as the match assumes.
 #[test]
 fn known_settings_are_found_again() {
     let phased = ProbeShape::Phased { angle_deg: 84.0 };
@@ -250,7 +251,7 @@ fn known_settings_are_found_again() {
     }
 }
 
-/// Another blur takes what it makes of the texture out of range and lengths: the least certain of what is found.
+/// A different blur biases the estimated range and lengths through its effect on the texture: they are the least certain results.
 #[test]
 fn an_unknown_blur_shifts_range_and_lengths() {
     let case = Known {
@@ -301,12 +302,12 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
     };
     let cluttered = of(-200.0, -14.0, 0.5, 70.0);
     assert!(is_told(&cluttered, "clutter") && !is_told(&cluttered, "noise"));
-    // At the depth of the fluid; how it fades there is known less well.
+    // Compared at the depth of the fluid; the decay there is less well determined.
     let level = value(&cluttered, "clutter_db") - 7.0 * value(&cluttered, "decay_db_cm");
     near("clutter", level, -17.5, 3.0);
     let noisy = of(-52.0, -200.0, 4.0, 95.0);
     assert!(is_told(&noisy, "noise") && !is_told(&noisy, "clutter"), "{noisy}");
-    // Where it is seen: before gain it goes with the frequency that the scene takes.
+    // Compared where it is visible: before gain, it depends on the frequency chosen for the scene.
     let scene: SceneFile = toml::from_str(&noisy.scene).unwrap();
     let compensation = 9.5 * scene.probe.unwrap().frequency_mhz.unwrap();
     near(
@@ -317,7 +318,7 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
     );
 }
 
-/// What is cut off or dark at the edge of a frame leaves the outline where it is.
+/// Parts cropped or dark at the edge of a frame do not move the outline.
 #[test]
 fn an_outline_is_found_in_part() {
     let whole = KNOWN.uniform();
@@ -345,7 +346,7 @@ fn an_outline_is_found_in_part() {
     for (found, expected) in fan(shadowed).iter().zip(expected) {
         near("of a shadowed sector", *found, expected, 0.02 * expected.abs());
     }
-    // The middle of the frame alone, as of a narrow screen.
+    // Only the middle of the frame, as on a narrow screen.
     let [left, width, height] = [80, 220, 240];
     let cropped = Picture {
         width,
@@ -366,7 +367,7 @@ fn an_outline_is_found_in_part() {
     ] {
         near("of a cropped sector", found[at], expected, 0.03 * expected.abs());
     }
-    // The array at the bottom.
+    // Array at the bottom.
     let mut turned = whole.clone();
     turned.grey.reverse();
     assert_eq!(Outline::of(&sector_of(&turned).unwrap(), turned.width), None);

@@ -1,15 +1,14 @@
-//! Geometry: probe pose times a point of a ray.
+//! Error bounds of the geometry: probe pose times a point on a ray.
 
 use super::rounding::ULP;
 use super::slack::{Slack, Step};
 
-/// Losses of one term of a coordinate, in ULP of the term. Along the ray: the sample distance is stored (1/2) and
-/// multiplied (1), the ray is stored (1/2), the product (1) and the sum (1) rounded: 4. Then the matrix is stored (1/2),
-/// the product (1) and three sums (3) rounded.
+/// Rounding error of one term of a coordinate, in ULP of the term. Along the ray: sample distance stored (1/2) and multiplied (1), ray
+/// stored (1/2), product (1) and sum (1): 4. Then matrix stored (1/2), product (1) and three sums (3).
 const TERM: f64 = 4.0 + 4.5;
 
-/// Losses of the shift that `contact` adds, in ULP of its largest: direction and matrix stored and multiplied (2), two such summed (1),
-/// the gap multiplied (1); its share, a square of a difference from 1 (8); their product (1).
+/// Rounding error of the shift that `contact` adds, in ULP of its largest value: direction and matrix stored and multiplied (2), two such
+/// summed (1), the gap multiplied (1); its share, a square of a difference from 1 (8); their product (1).
 const PRESSED: f64 = 13.0;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
@@ -17,11 +16,11 @@ pub fn carry(step: &Step, slack: &mut Slack) {
         .map(|index| position(step, index, 0.0))
         .collect();
     slack.torn = vec![false; slack.position.len()];
-    // The passes that follow overwrite what is left of the last frame; nothing is compared before they do.
+    // The following passes overwrite the remains of the last frame; nothing is compared before they do.
     slack.amplitude = vec![0.0; slack.position.len()];
 }
 
-/// Bound on the world position of a sample of the plane at elevation `z` mm.
+/// Bounds the world position of a sample of the plane at elevation `z` mm.
 pub fn position(step: &Step, index: usize, z: f64) -> [f64; 3] {
     let (line, sample) = step.place(index);
     let [ox, oy, dx, dy] = step.tables.rays[line].map(f64::abs);

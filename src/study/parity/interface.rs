@@ -1,4 +1,4 @@
-//! Interface: normals from labels around positions that are known to within rounding, and the roughness there.
+//! Error bounds of interfaces: normals from labels around positions known to within rounding, and the roughness there.
 
 use crate::effects::interface::{ROUGHNESS_MM, Surfaces};
 use crate::effects::slice::WITHIN;
@@ -7,14 +7,14 @@ use super::rounding::{DIVIDE, ROOT, ULP, pow};
 use super::slack::{Slack, Step};
 use super::speckle::{INTERPOLATION, LOUDEST, SLOPE};
 
-/// Change of the gradient, as a sum over all taps, for a step of a tap along each axis: with weights `w = (1 - x^2 / 9)^2` and slopes
-/// `d = x (1 - x^2 / 9)` on six taps, the sums of `|w|`, `|w'|`, `|d|`, `|d'|` are below 3.3, 2.2, 5 and 5.5.
+/// Change of the gradient per tap along each axis, as a sum over all taps: with weights `w = (1 - x^2 / 9)^2` and slopes `d = x (1 - x^2 /
+/// 9)` on six taps, the sums of `|w|`, `|w'|`, `|d|`, `|d'|` are below 3.3, 2.2, 5 and 5.5.
 const CHANGE: f64 = 5.5 * 3.3 * 3.3;
 
-/// What rounding does to it: 216 sums of products of weights of ten operations each.
+/// Rounding error of the gradient: 216 sums of products of weights of ten operations each.
 const SUMS: f64 = (216.0 + 3.0 * 10.0 + 3.0) * ULP * 5.0 * 3.3 * 3.3;
 
-/// Losses of one term of an index, in ULP: the matrix stored (1/2), product (1), three sums (3).
+/// Rounding error of one term of an index, in ULP: matrix stored (1/2), product (1), three sums (3).
 const TERM: f64 = 4.5;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
@@ -60,7 +60,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// What rounding does to the echo of a surface of size 1.
+/// Returns the rounding error of the echo of a surface of size 1.
 fn rounding(
     step: &Step,
     surfaces: &Surfaces<f64>,
@@ -84,11 +84,11 @@ fn rounding(
         .map(|axis| (offs[1][axis] + 3.0 * ULP * after[axis].abs()) / ROUGHNESS_MM)
         .sum();
     let rough_off = SLOPE * steps + LOUDEST * INTERPOLATION;
-    // The coefficient and the products.
+    // Coefficient and products.
     raised_off * loudest + (raised + raised_off) * (rough_off + (DIVIDE + 10.0 * ULP) * loudest)
 }
 
-/// Bound on the error of a cosine.
+/// Bounds the error of a cosine.
 fn cosine_off(
     step: &Step,
     surfaces: &Surfaces<f64>,
@@ -99,7 +99,7 @@ fn cosine_off(
 ) -> f64 {
     let matrix = step.tables.volume.world_to_index();
     let size = step.tables.volume.size();
-    // Of the indices of the two places.
+    // Error bounds of the indices of the two positions.
     let index_off = |place: [f64; 3], off: [f64; 3]| -> [f64; 3] {
         std::array::from_fn(|row| {
             let terms = |q: [f64; 3]| (0..3).map(|c| (matrix[(row, c)] * q[c]).abs()).sum::<f64>();
@@ -121,7 +121,7 @@ fn cosine_off(
         return if near_face { 1.0 } else { 0.0 };
     };
     let stride = surfaces.stride();
-    // A division by the stride: of the place, with its rounding, and of what comes out.
+    // Division by the stride: errors of the position, with its rounding, and of the result.
     let moved: f64 = (0..3)
         .map(|axis| (ends[1][axis] + 4.0 * ULP * size[axis] as f64) / stride[axis])
         .sum();

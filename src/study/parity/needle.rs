@@ -1,5 +1,5 @@
-//! Needle: chords through a cylinder. The chord ends in a square root, so at the edge of the shaft rounding shows by its
-//! root; in front of the tip and behind the hub the share may jump within rounding of the end.
+//! Error bounds of the needle pass: chords through a cylinder. A chord ends in a square root, so at the edge of the shaft rounding errors
+//! enter by their root; in front of the tip and behind the hub the filled share may jump within rounding of the end.
 
 use crate::effects::needle::{BEVEL, BEVEL_MM, GRAIN_MM, Params, segments};
 use nalgebra::{Point3, Vector3};
@@ -8,17 +8,17 @@ use super::rounding::{DIVIDE, ROOT, ULP, exp2, log2, root_off};
 use super::slack::{Slack, Step};
 use super::speckle::{INTERPOLATION, LOUDEST, SLOPE};
 
-/// One segment in the probe frame, with what rounding does to its ends.
+/// Needle segment in the probe frame, with the rounding errors of its ends.
 struct Segment {
     start: Vector3<f64>,
     axis: Vector3<f64>,
     length: f64,
-    /// Of each component of the axis.
+    /// Error bound of each component of the axis.
     axis_off: f64,
     size: f64,
 }
 
-/// Radius of a shaft and thickness of the plane that sees it, as both precisions hold them: rounded once.
+/// Radius of the shaft and thickness of the scan plane, rounded once in both precisions.
 struct Plane {
     radius: f64,
     thickness: f64,
@@ -29,7 +29,7 @@ impl Segment {
         let span = end - start;
         let size = start.coords.amax().max(end.coords.amax());
         let length = span.norm();
-        // Ends stored (1/2 each), difference (1), over the length; length by products, sums and a root; division.
+        // Ends stored (1/2 each), difference (1), divided by the length; length from products, sums and a root; division.
         let axis_off = 2.0 * ULP * size / length + (2.0 * ULP + ROOT + 2.0 * 2.0 * ULP * size / length + DIVIDE);
         Self {
             start: start.coords,
@@ -40,7 +40,7 @@ impl Segment {
         }
     }
 
-    /// Size of the multiplier of the echo at a point of the plane that is known to `off` mm, at most, and its error.
+    /// Bounds the echo multiplier at a point of the plane known to `off` mm, and its error.
     fn grain(&self, point: [f64; 2], off: f64, [first, last]: [f64; 2], number: f64, factor: f64) -> (f64, f64) {
         let q = Vector3::new(point[0], point[1], 0.0) - self.start;
         let along = q.dot(&self.axis);
@@ -58,7 +58,7 @@ impl Segment {
         )
     }
 
-    /// Bound on the error of the share at a point of the plane that is known to `off` mm.
+    /// Bounds the error of the filled share at a point of the plane known to `off` mm.
     fn share_off(&self, point: [f64; 2], off: f64, plane: &Plane) -> f64 {
         let u = self.axis;
         let q = Vector3::new(point[0], point[1], 0.0) - self.start;
@@ -68,7 +68,7 @@ impl Segment {
         let along_off = 3.0 * (q_off + q.amax() * self.axis_off + 4.0 * ULP * q.amax());
         let w_off = q_off + along_off + along.abs() * self.axis_off + 2.0 * ULP * (q.amax() + along.abs());
         let half = plane.thickness / 2.0;
-        // Where the axis stays clear of the slab by more than rounding, the share is nil either way.
+        // If the axis clears the slab by more than rounding, the share is zero on both sides.
         if w.norm() > plane.radius + half + 4.0 * w_off {
             return 0.0;
         }
@@ -92,12 +92,12 @@ impl Segment {
             let end = (b.abs() + root) / a;
             sides = 2.0 * ((w_off + root_off) / a + end * (a_off / a + DIVIDE + ULP));
         } else if c.abs() <= c_off + 2.0 * (b.abs() + w_off) * half + a * half * half {
-            // Nearly across the plane, at the rim of the disc: the whole chord may come or go.
+            // Axis nearly normal to the plane, at the rim of the disc: the whole chord may appear or vanish.
             return 1.0;
         }
         let mut ends = 0.0;
         for cap in [along, along - self.length] {
-            // The end of the shaft crosses the slab here, or rounding may make it.
+            // The end of the shaft crosses the slab here, or may do so within rounding.
             if cap.abs() <= half * u.z.abs() + along_off + half * self.axis_off {
                 ends += 2.0 * (along_off + half * self.axis_off + 3.0 * ULP * self.length) / u.z.abs().max(1e-30);
             }
@@ -146,13 +146,13 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     let shift = f64::from(repetition) * f64::from(numbers.reverberation_mm);
                     let depth = step.tables.grid.sample_depth_mm(sample) - shift;
                     let point = [ray[0] + ray[2] * depth, ray[1] + ray[3] * depth];
-                    // Ray and depth as in geometry, the difference with the shift, and the sum.
+                    // Ray and depth as in the geometry pass, difference with the shift, and sum.
                     let size = ray[0].abs().max(ray[1].abs()) + depth.abs() + 2.0 * shift;
                     let off = 6.0 * ULP * size;
                     let share_off = segment.share_off(point, off, &plane);
                     let repeated = (f64::from(repetition) + 4.0) * ULP;
                     let (grain, grain_off) = segment.grain(point, off, [first, last], number, factor);
-                    // Nothing is there where the share is nil on both sides.
+                    // The needle is absent if the share is zero on both sides.
                     let share = if share_off > 0.0 { 1.0 } else { 0.0 };
                     let loud = echo * share * square;
                     let departs = echo * (square * (share_off + repeated) + square_off) * (grain + grain_off) * share
@@ -166,8 +166,8 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     if repetition == 0 {
                         let before = slack.mask[index];
                         slack.mask[index] = (before + share_off + ULP).min(1.0);
-                        // Nothing comes or goes where the share is nil on both sides. Else what is shaded grows by as much as
-                        // what is filled: a difference of two sums, times the share of the beam (stored and multiplied), added.
+                        // No change if the share is zero on both sides. Otherwise the shaded share grows by as much as the filled one: a
+                        // difference of two sums, times the share of the beam (stored and multiplied), added.
                         if share_off > 0.0 {
                             slack.shade[index] += of_beam * (before + slack.mask[index]) + 5.0 * ULP;
                         }
@@ -180,7 +180,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Power of the sine between shaft and beam, and its error.
+/// Returns the power of the sine between shaft and beam, and its error bound.
 fn squareness(cosine: f64, cosine_off: f64, power: f64) -> (f64, f64) {
     let square = (1.0 - cosine * cosine).max(0.0);
     let off = 2.0 * cosine.abs() * cosine_off + cosine_off * cosine_off + 2.0 * ULP;

@@ -1,4 +1,4 @@
-//! Noise: integers until the last product.
+//! Error bounds of noise: integers until the last product.
 
 use crate::effects::noise::deviate;
 use crate::random::seed_words;
@@ -6,7 +6,7 @@ use crate::synth::tables::Tables;
 
 use super::rounding::ULP;
 
-/// Standard deviation of the sum of twelve bytes, by which the asked one is divided.
+/// Standard deviation of the sum of twelve bytes, by which the requested one is divided.
 const SUM_STD: f64 = 255.998_046_867_549_4;
 
 /// Adds the noise of a frame to grey levels known to within a bound.

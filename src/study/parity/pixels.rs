@@ -1,11 +1,11 @@
-//! The pixels themselves: what follows from the beam of the reference and the bounds on it.
+//! Pixel comparison, from the beam of the reference and its error bounds.
 
 use super::slack::Slack;
 use super::{Case, noise, quantise, scan_conversion};
 use crate::synth::layers::Beam;
 use crate::synth::{SynthError, Synthesizer};
 
-/// A frame of a twin beside what it may be.
+/// Frame of a twin beside the grey levels that rounding allows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Pixels {
     /// Columns and rows.
@@ -14,12 +14,12 @@ pub struct Pixels {
     pub expected: Vec<u8>,
     /// Grey levels of the twin.
     pub found: Vec<u8>,
-    /// Lowest and highest grey level that rounding allows, pixel by pixel.
+    /// Lowest and highest grey level that rounding allows, for each pixel.
     pub allowed: Vec<[u8; 2]>,
 }
 
 impl Pixels {
-    /// Pixels of the twin that rounding cannot explain.
+    /// Returns the number of pixels of the twin that rounding cannot explain.
     pub fn outside(&self) -> usize {
         let pairs = self.found.iter().zip(&self.allowed);
         pairs
@@ -28,7 +28,7 @@ impl Pixels {
     }
 }
 
-/// Compares frames pixel by pixel. `beam` is that of the reference after its last pass.
+/// Compares frames pixel by pixel, given the `beam` of the reference after its last pass.
 pub fn compare(
     case: &Case,
     exact: &mut Synthesizer,

@@ -1,4 +1,5 @@
-//! Refraction: cumulative phases are integers, equal wherever the labels above are equal; their curvature is a sum of rounded terms.
+//! Error bounds of refraction: cumulative phases are integers, equal wherever the labels above agree; their curvature is a sum of rounded
+//! terms.
 
 use crate::effects::refraction::{MOST, Spread, reach};
 
@@ -40,8 +41,8 @@ pub fn carry(step: &Step, slack: &mut Slack) {
         );
         for (sample, ((factor, terms), twin)) in exact.into_iter().zip(twin).enumerate() {
             let index = line * samples + sample;
-            // Fifteen operations a term and the division; as many products and sums as samples, of terms and of 1; factors that fade, of exponents up to
-            // ten times as long as it takes to fade.
+            // Fifteen operations per term and the division; as many products and sums as samples, of the terms and of 1; decaying factors,
+            // with exponents up to ten times the decay length.
             let sum_off = (2.0 * samples as f64 + 80.0) * ULP * (1.0 + terms) + DIVIDE * terms;
             let largest = factor.max(twin);
             let off = (factor - twin).abs() + (largest * largest * sum_off).min(MOST) + (DIVIDE + ULP) * largest;

@@ -1,4 +1,4 @@
-//! Scan conversion: bilinear between four samples, at coordinates that all backends share.
+//! Error bounds of scan conversion: bilinear interpolation of four samples, at coordinates common to all backends.
 
 use crate::effects::scan_conversion::bilinear;
 use crate::synth::layers::Beam;
@@ -6,10 +6,10 @@ use crate::synth::tables::Tables;
 
 use super::rounding::ULP;
 
-/// Losses of two mixes in a row (difference, product, sum of numbers up to 255; the share is exact), in ULP of 255.
+/// Rounding error of two successive mixes (difference, product, sum of numbers up to 255; the weight is exact), in ULP of 255.
 const MIXES: f64 = 2.0 * 4.0;
 
-/// Grey level of each pixel and how far a twin may be off.
+/// Returns the grey level of each pixel and its error bound.
 pub fn carry(tables: &Tables, beam: &Beam, slack: &[f64]) -> Vec<[f64; 2]> {
     let fill = f64::from(tables.settings.image.fill);
     let pixel = |&at: &[f32; 2]| {

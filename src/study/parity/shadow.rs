@@ -1,5 +1,5 @@
-//! Shadow: sums of integers, which agree exactly wherever the labels above agree, their exponentials, and their means over the aperture and
-//! over the beam.
+//! Error bounds of shadows: sums of integers, equal wherever the labels above agree, their exponentials, and their means over the aperture
+//! and over the beam.
 
 use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
 use crate::effects::shadow::penumbra::opaque_units;
@@ -9,7 +9,7 @@ use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, mirror, needle_units
 use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
 use super::slack::{Slack, Step};
 
-/// Past the pass of the losses, which leaves echoes as they are.
+/// Propagates the bounds through the pass of the losses, which does not change echoes.
 pub fn carry_loss(step: &Step, slack: &mut Slack) {
     let samples = step.samples();
     let scanlines = (0..step.lines()).flat_map(|line| {
@@ -24,7 +24,7 @@ pub fn carry_loss(step: &Step, slack: &mut Slack) {
     slack.loss = losses;
 }
 
-/// Loss of a sample in a tissue that counts, units, and how far a twin's may be off.
+/// Returns the loss of a sample, in units, in a tissue that counts, and its error bound.
 fn tissue(step: &Step, index: usize, counts: impl Fn(u32) -> bool) -> [f64; 2] {
     let loss = |label: u8| {
         let loss = step.tables.label_rows[usize::from(label)].loss;
@@ -34,14 +34,14 @@ fn tissue(step: &Step, index: usize, counts: impl Fn(u32) -> bool) -> [f64; 2] {
     [exact, (exact - twin).abs()]
 }
 
-/// The same in the needle.
+/// Returns the loss of a sample in the needle, in units, and its error bound.
 fn needle(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
     let units = f64::from(needle_units(step.tables));
     let Some(shade) = step.after.shade.get(index).filter(|_| step.tables.settings.has_needle) else {
         return [0.0; 2];
     };
     let shade_off = slack.shade.get(index).copied().unwrap_or(0.0);
-    // Cutting the product to a whole number of units may take one more or less.
+    // Truncating the product to whole units may change it by one.
     let off = if shade_off > 0.0 {
         units * (shade_off + ULP) + 1.0
     } else {
@@ -50,12 +50,12 @@ fn needle(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
     [(shade * units).floor(), off]
 }
 
-/// Loss down to the middle of each sample, and how far a twin's may be off, from each sample's own.
+/// Accumulates the samples' own losses down to the middle of each sample, with error bounds.
 fn down(samples: usize, own: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
     let mut above = [0.0; 2];
     let sample = |sample| {
         let [loss, off] = own(sample);
-        // Half of the sample's own loss, again cut to whole units.
+        // Half of the sample's own loss, again truncated to whole units.
         let halved = if off > 0.0 { 0.5 * off + 1.0 } else { 0.0 };
         let found = [above[0] + (0.5 * loss).floor(), above[1] + halved];
         above = [above[0] + loss, above[1] + off];
@@ -64,7 +64,7 @@ fn down(samples: usize, own: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
     (0..samples).map(sample).collect()
 }
 
-/// One-way transmittance of every sample, and how far a twin's may be off, before the mean over the beam.
+/// Returns the one-way transmittance of every sample before the mean over the beam, with error bounds.
 fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
     if !opens(step.tables) {
@@ -115,18 +115,18 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
         .collect()
 }
 
-/// One-way transmittance of a sample, and how far a twin's may be off.
+/// Returns the one-way transmittance for a loss, and its error bound.
 fn one_way(loss: f64, off: f64) -> [f64; 2] {
     let exponent = 0.5 * exponent_per_unit();
     let left = |units: f64| (units.clamp(0.0, f64::from(MOST_UNITS)) * exponent).exp2();
     let (most, least) = (left(loss - off), left(loss + off));
     let largest = (loss + off) * exponent.abs();
-    // Units stored (1/2), the factor stored (1/2), product (1); then the exponential.
+    // Units stored (1/2), factor stored (1/2), product (1); then the exponential.
     let relative = exp2(largest, 2.0 * ULP * largest);
     [left(loss), most - least + most * relative.min(1.0) + TINY]
 }
 
-/// Past the pass that takes the mean over the beam.
+/// Propagates the bounds through the mean over the beam.
 pub fn carry(step: &Step, slack: &mut Slack) {
     let Some(kernel) = &step.tables.penumbra else {
         return slack.fault("a shadow without a kernel");
@@ -148,7 +148,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                 }
             }
             let (mean, off) = (mean / norm, off / norm);
-            // As in `blur`: weights stored (1/2), products (1) and sums; where the kernel is cut, a division.
+            // As in `blur`: weights stored (1/2), products (1) and sums; for a truncated kernel also a division.
             let off = off + ((1.5 + 2.0 * weights.len() as f64) * ULP + DIVIDE) * (mean + off) / norm.min(1.0);
             let index = line * samples + sample;
             let [own, own_off] = through[line];
@@ -156,7 +156,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             let [left, off] = match [step.after, step.twin].map(|beam| is_opaque(beam.label[index])) {
                 [false, false] => [mean, off],
                 [true, true] => darker,
-                // Within rounding of the face of something opaque: anything between.
+                // Within rounding of the face of something opaque: any value between.
                 [true, false] => [darker[0], mean - darker[0] + off.max(own_off)],
                 [false, true] => [mean, mean - darker[0] + off.max(own_off)],
             };
@@ -170,7 +170,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// First opaque samples of the scanlines, for both backends.
+/// Returns the first opaque sample of each scanline, for both backends.
 fn tops(step: &Step) -> [Vec<u32>; 2] {
     let (lines, samples) = (step.lines(), step.samples());
     let opaque = opaque_units(step.tables.sample_mm());
@@ -181,12 +181,12 @@ fn tops(step: &Step) -> [Vec<u32>; 2] {
     })
 }
 
-/// Rounding error of the norm of two numbers: squares below the smallest normal number may be flushed to zero.
+/// Returns the rounding error of the norm of two numbers: squares below the smallest normal number may be flushed to zero.
 fn norm(size: f64) -> f64 {
     (ROOT + 4.0 * ULP) * size + 2.0 * TINY.sqrt()
 }
 
-/// Past the pass that adds mirror images.
+/// Propagates the bounds through the pass that adds mirror images.
 pub fn carry_mirror(step: &Step, slack: &mut Slack) {
     let (lines, samples) = (step.lines(), step.samples());
     let spacing = spacing(step.tables);
@@ -196,7 +196,7 @@ pub fn carry_mirror(step: &Step, slack: &mut Slack) {
     let carried = slack.amplitude.clone();
     for line in 0..lines {
         let row = line * samples;
-        // Image with its error, for each of the backends.
+        // Mirror image with its error bound, for each backend.
         let images = [(&tops[0], step.after), (&tops[1], step.twin)].map(|(tops, beam)| {
             let mut images = vec![[0.0; 2]; samples];
             let depth = tops[line] as usize;
@@ -213,7 +213,7 @@ pub fn carry_mirror(step: &Step, slack: &mut Slack) {
                 if !(-2.0..lines as f64 + 1.0).contains(&from_line) || !(-2.0..samples as f64 + 1.0).contains(&from) {
                     continue;
                 }
-                // Some twenty operations on lengths up to the radius of the far end, and on what they are in scanlines.
+                // About twenty operations on lengths up to the radius of the far end, also in units of scanlines.
                 let apart = spacing[0] + spacing[1] * from.max(0.5);
                 let radius = if spacing[1] > 0.0 { spacing[0] / spacing[1] } else { 0.0 } + samples as f64;
                 let off = 20.0 * ULP * 2.0 * radius;
@@ -247,21 +247,21 @@ pub fn carry_mirror(step: &Step, slack: &mut Slack) {
         let least = tops[0][line].min(tops[1][line]) as usize;
         for sample in least..samples {
             let [[exact, off], [twin, twin_off]] = [images[0][sample], images[1][sample]];
-            // The norm of a pair moves by no more than either of it.
+            // The norm of a pair moves by at most the change of either component.
             slack.amplitude[row + sample] +=
                 (exact - twin).abs() + off.max(twin_off) + norm(before[row + sample].hypot(exact));
         }
     }
 }
 
-/// Past the pass that repeats echoes.
+/// Propagates the bounds through the pass that adds reverberation.
 pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
     let (lines, samples) = (step.lines(), step.samples());
     let [tops, of_twin] = tops(step);
     for line in 0..lines {
         let row = line * samples;
         let before = &step.before.amplitude[row..][..samples];
-        // Gain with its error, and the echoes that come of it.
+        // Gain with its error bound, and the resulting echoes.
         let repeated = |tops: &[u32], labels: &[u8]| {
             let depth = tops[line] as usize;
             if depth >= samples {
@@ -271,7 +271,7 @@ pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
             let [one_way, off] = one_way(f64::from(step.after.loss[at]), slack.loss[at]);
             let share = share(step.tables) * reflection(step.tables, [labels[at], labels[at + 1]]);
             let gain = share * one_way * one_way * directivity(tops, line, samples, spacing(step.tables));
-            // Twice the loss one way; some seventy operations on numbers up to 1 in the directivity, the reflection and the product.
+            // Twice the one-way loss; about seventy operations on numbers up to 1 in the directivity, the reflection and the product.
             let off = share * ((2.0 * one_way + off) * off + 70.0 * ULP);
             let mut echoes = before.to_vec();
             for sample in depth..samples {
@@ -285,7 +285,7 @@ pub fn carry_reverberation(step: &Step, slack: &mut Slack) {
         let least = tops[line].min(of_twin[line]) as usize;
         for sample in least..samples {
             let [now, from] = [row + sample, row + sample - least];
-            // The norm of a pair moves by no more than either of it.
+            // The norm of a pair moves by at most the change of either component.
             slack.amplitude[now] +=
                 (gain + gain_off) * slack.amplitude[from] + gain_off * echoes[sample - least] + norm(echoes[sample]);
             slack.amplitude[now] += (echoes[sample] - others[sample]).abs();

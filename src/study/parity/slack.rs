@@ -1,4 +1,4 @@
-//! How far a twin may lie from the reference, carried from pass to pass.
+//! Error bounds of a twin against the reference, propagated from pass to pass.
 
 use super::Case;
 use super::{
@@ -8,39 +8,39 @@ use crate::synth::layers::Beam;
 use crate::synth::tables::Tables;
 use crate::synth::{FrameState, SynthError};
 
-/// Bounds on the departure of a twin from the reference, sample by sample of the central plane.
+/// Bounds on the deviation of a twin from the reference, for each sample of the central plane.
 #[derive(Clone, Default)]
 pub struct Slack {
-    /// Of each coordinate of the position, mm.
+    /// Bound of each coordinate of the position, mm.
     pub position: Vec<[f64; 3]>,
-    /// Samples within rounding of the surface of a mesh, which the twin took for the other side of it.
+    /// Samples within rounding of a mesh surface that the twin assigned to its other side.
     pub torn: Vec<bool>,
-    /// Of the echo amplitude, or of the grey level after `tone`.
+    /// Bound of the echo amplitude, or of the grey level after `tone`.
     pub amplitude: Vec<f64>,
-    /// Of the complex echo of surfaces and needles, with its size.
+    /// Bound and size of the complex echo of surfaces and needles.
     pub specular: Vec<[f64; 2]>,
-    /// Of the share of the plane that the needle fills.
+    /// Bound of the share of the plane filled by the needle.
     pub mask: Vec<f64>,
-    /// Of the share of the beam that is in the shadow of the needle.
+    /// Bound of the share of the beam in the shadow of the needle.
     pub shade: Vec<f64>,
-    /// Of the loss, fixed-point units.
+    /// Bound of the loss, fixed-point units.
     pub loss: Vec<f64>,
-    /// Samples whose label the twin reads otherwise.
+    /// Number of samples whose label differs in the twin.
     pub labels_apart: usize,
-    /// The largest departure so far as a share of its bound.
+    /// Largest deviation so far as a fraction of its bound.
     pub share: f64,
-    /// Departures that rounding cannot explain.
+    /// Deviations that rounding cannot explain.
     pub faults: Vec<String>,
 }
 
 impl Slack {
-    /// Notes what rounding cannot explain.
+    /// Records a deviation that rounding cannot explain.
     pub fn fault(&mut self, what: impl Into<String>) {
         self.faults.push(what.into());
     }
 }
 
-/// One pass of a case: the reference before and after it, and the twin after it. State and beams are seen from the local origin.
+/// One pass of a case: the reference before and after it, and the twin after it. State and beams are relative to the local origin.
 pub struct Step<'a> {
     pub case: &'a Case,
     pub tables: &'a Tables,
@@ -59,46 +59,46 @@ impl Step<'_> {
         self.tables.samples()
     }
 
-    /// Scanline and sample of an index in beam space.
+    /// Returns the scanline and sample of an index in beam space.
     pub fn place(&self, index: usize) -> (usize, usize) {
         (index / self.samples(), index % self.samples())
     }
 
-    /// The same in words.
+    /// Describes the scanline and sample of an index in words.
     fn at(&self, index: usize) -> String {
         let (line, sample) = self.place(index);
         format!("line {line}, sample {sample}")
     }
 }
 
-/// Takes the bounds past one pass.
+/// Propagates the bounds through one pass.
 pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
     match pass {
-        // The bound of the geometry covers both.
+        // The bound of `geometry` covers both passes.
         "geometry" => geometry::carry(step, slack),
         "contact" => {}
         "warp" => warp::carry(step, slack),
         "slice" => slice::carry(step, slack),
         "texture" => texture::carry(step, slack),
         "thickness" => thickness::carry(step, slack)?,
-        // The first passes of the speckle leave nothing in the beam; the last carries them all.
+        // The first speckle passes leave nothing in the beam; the last carries their errors.
         "speckle_scatter" | "speckle_specular" | "speckle_axial" => {}
         "speckle_lateral" => speckle::carry(step, slack),
         "interface" => interface::carry(step, slack),
         "needle" => needle::carry(step, slack),
         "shadow_loss" => shadow::carry_loss(step, slack),
-        // What the rays let through is not in the beam; the last pass carries it.
+        // The transmittance of the rays is not in the beam; the last pass carries it.
         "shadow_rays" | "shadow_aperture" => {}
         "shadow" => shadow::carry(step, slack),
         "shadow_reflectors" => {}
         "shadow_mirror" => shadow::carry_mirror(step, slack),
         "shadow_reverberation" => shadow::carry_reverberation(step, slack),
-        // It leaves nothing in the beam; the next pass carries it.
+        // Leaves nothing in the beam; the next pass carries its error.
         "refraction_phase" => {}
         "refraction" => refraction::carry(step, slack),
         "blur" => blur::carry(step, slack),
         "receiver" => receiver::carry(step, slack),
-        // It leaves nothing in the beam; the tone carries it.
+        // Leaves nothing in the beam; `tone` carries its error.
         "tone_auto_gain" => {}
         "tone" => tone::carry(step, slack),
         // Pixels are compared by `pixels`.
@@ -108,7 +108,7 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
     Ok(())
 }
 
-/// Notes where a twin lies further from the reference than the bounds allow.
+/// Records deviations of a twin beyond the bounds.
 pub fn compare(step: &Step, slack: &mut Slack) {
     let mut found = Departures::default();
     let (exact, twin) = (step.after, step.twin);
@@ -137,7 +137,7 @@ pub fn compare(step: &Step, slack: &mut Slack) {
     for (what, exact, twin, bounds) in fields {
         found.same_count(what, exact.len(), twin.len());
         for (index, (&a, &b)) in exact.iter().zip(twin).enumerate() {
-            // What no pass has written yet is zero on all backends.
+            // Values not yet written by any pass are zero on all backends.
             let bound = bounds.get(index).copied().unwrap_or(0.0);
             found.within(step, index, what, [a, b, bound]);
         }
@@ -146,7 +146,7 @@ pub fn compare(step: &Step, slack: &mut Slack) {
     slack.faults.append(&mut found.faults);
 }
 
-/// What one comparison finds.
+/// Result of one comparison.
 #[derive(Default)]
 struct Departures {
     share: f64,

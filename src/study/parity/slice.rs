@@ -1,5 +1,5 @@
-//! Slice: the label of every sample. A twin may read another label only where the sample provably lies within rounding of
-//! a place where the label changes.
+//! Error bounds of the slice: the label of every sample. A twin may read another label only where the sample provably lies within rounding
+//! of a label boundary.
 
 use std::collections::BTreeSet;
 
@@ -9,15 +9,15 @@ use crate::synth::tables::Tables;
 use super::rounding::ULP;
 use super::slack::{Slack, Step};
 
-/// Losses of one term of an index, in ULP: the matrix stored (1/2), product (1), three sums (3).
+/// Rounding error of one term of an index, in ULP: matrix stored (1/2), product (1), three sums (3).
 const TERM: f64 = 4.5;
 
-/// Losses of a share of the votes: eight weights of two products each from fractions that lose one difference each, and
-/// up to seven sums, of weights that sum to 1.
+/// Rounding error of a share of the votes under trilinear interpolation, in ULP: eight weights of two products each from fractions that
+/// lose one difference each, and up to seven sums, of weights that sum to 1.
 const SHARE: f64 = 2.0 + 3.0 + 7.0;
 
-/// The same of B-splines: weights of up to eight operations each from a fraction that loses a difference, two products, and
-/// sums of four by four by four terms, of weights that sum to 1.
+/// Rounding error of a share of the votes under B-splines, in ULP: weights of up to eight operations each from a fraction that loses a
+/// difference, two products, and sums of four by four by four terms, of weights that sum to 1.
 const SMOOTH_SHARE: f64 = 3.0 * (8.0 + 1.0) + 2.0 + 12.0 + 16.0;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
@@ -38,7 +38,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// The labels that rounding may give a sample at a reference position (with its flag; seen from the local origin) known to `off` mm.
+/// Returns the labels possible within rounding at a reference position (with its flag; relative to the local origin) known to `off` mm.
 pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
     if flag == 1.0 {
         return BTreeSet::from([0]);
@@ -80,7 +80,7 @@ pub fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]
     labels
 }
 
-/// Indices along an axis of `size` voxels as they may be once they are mirrored at its ends; those that lie on an end stay within.
+/// Mirrors a range of indices along an axis of `size` voxels at both ends; indices on an end stay within.
 fn folded([low, high]: [f64; 2], size: f64) -> [f64; 2] {
     // Negation and differences of numbers up to twice the size lose 2 ULP of it.
     let off = 2.0 * ULP * (2.0 * size + low.abs().max(high.abs()));
@@ -97,7 +97,7 @@ fn folded([low, high]: [f64; 2], size: f64) -> [f64; 2] {
         (least.min(at), most.max(at))
     });
     let (least, most) = (least - off, most + off);
-    // What is mirrored at the upper end is kept from it.
+    // Indices mirrored at the upper end keep a distance from it.
     let least = if high >= ends[1] {
         least.min(ends[1] - 1.01 * WITHIN)
     } else {
@@ -109,7 +109,7 @@ fn folded([low, high]: [f64; 2], size: f64) -> [f64; 2] {
     [least, most].map(|at| at.clamp(ends[0] + 1e-9, ends[1] - 1e-9))
 }
 
-/// Labels of the voxels whose cells the box of indices touches.
+/// Collects the labels of the voxels whose cells the box of indices touches.
 fn nearest(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet<u8>) {
     let size = tables.volume.size();
     let range = |axis: usize| {
@@ -125,8 +125,8 @@ fn nearest(tables: &Tables, low: [f64; 3], high: [f64; 3], labels: &mut BTreeSet
     }
 }
 
-/// Labels whose share of the votes may be the largest somewhere in the box of indices. Shares are continuous across cells
-/// and change by at most 1 a voxel along each axis, trilinear or of B-splines.
+/// Collects the labels whose share of the votes may be the largest somewhere in the box of indices. Shares, trilinear or of B-splines, are
+/// continuous across cells and change by at most 1 per voxel along each axis.
 fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labels: &mut BTreeSet<u8>) {
     let index: [f64; 3] = std::array::from_fn(|axis| 0.5 * (low[axis] + high[axis]));
     let off: f64 = (0..3).map(|axis| 0.5 * (high[axis] - low[axis])).sum();
@@ -156,7 +156,7 @@ fn vote(tables: &Tables, low: [f64; 3], high: [f64; 3], boundary: Boundary, labe
         let plane = move |k: i64| (first[1]..=last[1]).flat_map(move |j| (first[0]..=last[0]).map(move |i| [i, j, k]));
         (first[2]..=last[2]).flat_map(plane)
     };
-    // Cells that the box touches.
+    // Cells touched by the box.
     let [first, last] = [low, high].map(|ends| ends.map(|at| at.floor() as i64));
     let mut shares = vec![0.0; tables.volume.labels().len()];
     for voxel in voxels(first.map(|n| n - beyond), last.map(|n| n + 1 + beyond)) {

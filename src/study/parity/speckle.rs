@@ -1,29 +1,29 @@
-//! Speckle: a lattice interpolated at positions known to within rounding, then two convolutions and a modulus.
+//! Error bounds of speckle: a lattice interpolated at positions known to within rounding, two convolutions and a modulus.
 
 use super::rounding::{DIVIDE, ROOT, ULP};
 use super::slack::{Slack, Step};
 use super::warp;
 
-/// A scatterer is a complex number whose parts are uniform in +-sqrt(6) / 2: its modulus is at most sqrt(3).
+/// Largest modulus of a scatterer, a complex number whose parts are uniform in +-sqrt(6) / 2: sqrt(3).
 const SCATTERER: f64 = 1.732_050_807_568_877_2;
 
-/// The interpolated scatterers are divided by the product over the axes of sqrt(f^2 + (1 - f)^2), which is at least
-/// sqrt(1/2): at most sqrt(8) times as large.
+/// Largest interpolated scatterer. The interpolation divides by the product over the axes of sqrt(f^2 + (1 - f)^2), each at least
+/// sqrt(1/2), so the result grows by at most sqrt(8).
 pub(super) const LOUDEST: f64 = SCATTERER * 2.828_427_124_746_190_3;
 
-/// Change of the interpolated value a lattice step along one axis: with q = 1 / sqrt(f^2 + (1 - f)^2), at most
-/// q_y q_z (2 |S| q_x + |S| |q_x'|), where q <= sqrt 2 and |q'| <= 1.089.
+/// Change of the interpolated value per lattice step along one axis: with q = 1 / sqrt(f^2 + (1 - f)^2), at most q_y q_z (2 |S| q_x + |S|
+/// |q_x'|), where q <= sqrt 2 and |q'| <= 1.089.
 pub(super) const SLOPE: f64 = 2.0 * SCATTERER * (2.0 * std::f64::consts::SQRT_2 + 1.089);
 
-/// Losses of the interpolation, in ULP of the loudest: differences (2), products (3) and eight sums (8) of the weighted
-/// corners, and for the scale three sums of squares (4 each), two products, root and division.
+/// Rounding error of the interpolation, relative to the loudest: differences (2), products (3) and eight sums (8) of the weighted corners,
+/// and for the scale three sums of squares (4 each), two products, root and division.
 pub(super) const INTERPOLATION: f64 = 13.0 * ULP + (6.0 + 2.0) * ULP + ROOT + DIVIDE + ULP;
 
-/// Losses of a position in lattice units, in ULP of it: mix of two scanlines (3), offset (3), sum (1), lattice distance
-/// stored (1/2) and product (1).
+/// Rounding error of a position in lattice units, in ULP of it: mix of two scanlines (3), offset (3), sum (1), lattice distance stored
+/// (1/2) and product (1).
 const POSITION: f64 = 8.5;
 
-/// Mix of two positions: the share is a division.
+/// Rounding error of the mix of two positions, whose weight is a quotient.
 const MIX: f64 = DIVIDE + 3.0 * ULP;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
@@ -37,7 +37,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     let planes: f64 = own.planes.iter().map(|weight| weight.abs()).sum();
     let reach_mm = own.plane_mm * (own.planes.len() as f64 - 1.0) / 2.0;
     let outermost = step.state.probe_to_world.fixed_view::<3, 1>(0, 2) * reach_mm;
-    // Bound and size of the echo at each fine scanline and sample.
+    // Error bound and size of the echo at each fine scanline and sample.
     let mut echoes = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {
         let (line, rest) = (fine / over, fine % over);
@@ -65,7 +65,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             let loud = planes * LOUDEST;
             let at = nearest * samples + sample;
             let (amplitude, off) = (step.before.amplitude[at], slack.amplitude[at]);
-            // Echoes of surfaces and needles, between two scanlines, times a stored factor, added.
+            // Echoes of surfaces and needles, interpolated between two scanlines, times a stored factor, added.
             let specular = [a, b].map(|at| slack.specular.get(at).copied().unwrap_or([0.0; 2]));
             let factor = own.specular.of::<f64>()[sample];
             let [off_specular, size] = [0, 1].map(|part| factor * specular[0][part].max(specular[1][part]));
@@ -92,7 +92,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     sum = add(sum, weight.abs(), echoes[fine * samples + at]);
                 }
             }
-            // One more product, by a stored factor, at the ends.
+            // One more product with a stored factor at the ends.
             let factor = own.ends.of::<f64>()[sample];
             spread[fine * samples + sample] = rounded(sum, axial.len() + 2).map(|x| x * factor);
         }
@@ -112,20 +112,20 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             let scale = own
                 .edge(line, lines)
                 .map_or(1.0, |row| own.edges.of::<f64>()[row * samples + sample]);
-            // The modulus, a root of a sum of two squares; at the edges times a stored factor.
+            // The modulus: root of a sum of two squares; at the edges times a stored factor.
             let modulus = ROOT + 2.0 * ULP + 1.5 * ULP;
             slack.amplitude[line * samples + sample] = scale * (off + modulus * size);
         }
     }
 }
 
-/// The bound adds up thousands of roundings (kernel taps, corners, terms) as if all pointed one way. Roundings that are
-/// independent add up by their squares (N. J. Higham and T. Mary, SIAM J. Sci. Comput. 41(5), 2019): of `n` of one size the
-/// sum is the bound over sqrt(n). With more than 400 in every echo of these scenes a twentieth is left, typically.
+/// Ratio of typical error to bound. The bound adds thousands of roundings (kernel taps, corners, terms) as if all had the same sign.
+/// Independent roundings add in quadrature (N. J. Higham and T. Mary, SIAM J. Sci. Comput. 41(5), 2019): the sum of `n` of equal size is
+/// the bound over sqrt(n). With more than 400 in every echo of these scenes, typically a twentieth remains.
 const TYPICAL: f64 = 1.0 / 20.0;
 
-/// Checks the root mean square of the departures, which an error too small for the bounds would still raise. Samples whose
-/// bound is wide because a label near them is in doubt are left to the bounds.
+/// Checks the root mean square of the deviations, which an error too small for the bounds would still raise. Samples with a wide bound
+/// because of a doubtful label nearby are excluded; only the bounds apply to them.
 pub fn check_typical(step: &Step, slack: &mut Slack) {
     let mut bounds = slack.amplitude.clone();
     bounds.sort_by(f64::total_cmp);
@@ -154,7 +154,7 @@ fn add(sum: [f64; 2], weight: f64, term: [f64; 2]) -> [f64; 2] {
     [sum[0] + weight * term[0], sum[1] + weight * term[1]]
 }
 
-/// A sum of weighted terms: weights stored (1/2), products (1), as many sums as terms.
+/// Bounds a sum of weighted terms: weights stored (1/2), products (1), as many sums as terms.
 fn rounded([off, size]: [f64; 2], terms: usize) -> [f64; 2] {
     [off + (1.5 + terms as f64) * ULP * size, size]
 }

@@ -1,17 +1,17 @@
-//! Texture: trilinear look-up in the atlas at a position known to within rounding.
+//! Error bounds of the texture pass: a trilinear look-up in the atlas at a position known to within rounding.
 
 use super::rounding::ULP;
 use super::slack::{Slack, Step};
 
-/// Losses of one term of a voxel index, in ULP: product (1) and two sums (2); the rows are stored alike on all backends.
+/// Rounding error of one term of a voxel index, in ULP: product (1) and two sums (2); all backends store the same rows.
 const TERM: f64 = 3.0;
 
-/// Losses of the look-up, in ULP of the largest value: three mixes in a row, each a difference, a product and a sum of
-/// numbers up to twice as large, and the share, which lost 1 in the difference with its floor.
+/// Rounding error of the look-up, in ULP of the largest value: three successive mixes, each a difference, a product and a sum of numbers up
+/// to twice as large, and the weight, which lost 1 in the difference with its floor.
 const MIXES: f64 = 3.0 * 4.0 + 3.0;
 
-/// Losses of `amplitude * (1 + strength * (value - 1))`, in ULP of its terms: strength stored (1/2), difference, product,
-/// sum and product.
+/// Rounding error of `amplitude * (1 + strength * (value - 1))`, in ULP of its terms: strength stored (1/2), difference, product, sum and
+/// product.
 const APPLY: f64 = 4.5;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
@@ -45,7 +45,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// How far a look-up may be off, and the largest value that it can give.
+/// Returns the error bound of a look-up and the largest value that it can give.
 fn look_up(step: &Step, entry: usize, p: [f64; 3], off: [f64; 3]) -> (f64, f64) {
     let Some(atlas) = &step.tables.atlas else {
         return (0.0, 0.0);
@@ -64,6 +64,6 @@ fn look_up(step: &Step, entry: usize, p: [f64; 3], off: [f64; 3]) -> (f64, f64) 
             terms(off) + TERM * ULP * terms(p)
         })
         .sum();
-    // Between neighbouring voxels a value changes by no more than the whole range.
+    // Between neighbouring voxels a value changes by no more than the full range.
     ((most - least) * steps + MIXES * ULP * most, most)
 }

@@ -1,5 +1,5 @@
-//! Thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are followed as the
-//! central planes of probes moved along the elevation, and there every label that rounding allows counts.
+//! Error bounds of slice thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are treated as
+//! central planes of probes moved in elevation, where every label possible within rounding is taken into account.
 
 use crate::effects::geometry::plane_step;
 use nalgebra::{Matrix4, Vector3};
@@ -11,7 +11,7 @@ use crate::synth::SynthError;
 use crate::synth::layers::Beam;
 use crate::synth::tables::Tables;
 
-/// Losses of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root halves them.
+/// Rounding error of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root halves it.
 const SUM: f64 = 11.5;
 
 pub fn carry(step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
@@ -29,7 +29,7 @@ pub fn carry(step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
             *square += weight * off * off;
         }
     }
-    // A root of a weighted sum of squares is a norm: it moves by no more than the norm of what its terms move by.
+    // The root of a weighted sum of squares is a norm: its change is at most the norm of the changes of its terms.
     let rounding = 0.5 * SUM * ULP + ROOT;
     slack.amplitude = squares
         .iter()
@@ -39,7 +39,7 @@ pub fn carry(step: &Step, slack: &mut Slack) -> Result<(), SynthError> {
     Ok(())
 }
 
-/// Bounds on the amplitudes of the sub-plane at elevation `z` mm before the average.
+/// Bounds the amplitudes of the sub-plane at elevation `z` mm before averaging.
 fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, SynthError> {
     let mut case = step.case.clone();
     case.settings.effects.thickness = None;
@@ -58,8 +58,8 @@ fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, Synth
     let mut slack = Slack::default();
     let empty = Beam::default();
     for at in 0..=last {
-        // The reference stands in for the twin, whose labels nobody can read: where rounding could change a label, all that
-        // it could become count, in `doubt` below.
+        // The reference stands in for the twin, whose labels cannot be read: where rounding could change a label, `doubt` below counts
+        // every possible outcome.
         let own = Step {
             case: step.case,
             tables: exact.tables(),
@@ -89,7 +89,7 @@ fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, Synth
     Ok(doubt(exact.tables(), &trail.beams.swap_remove(last), &slack))
 }
 
-/// The bounds of `slack`, and where a label is in doubt the whole range of amplitudes.
+/// Returns the bounds of `slack`, widened to the full range of amplitudes where a label is in doubt.
 fn doubt(tables: &Tables, beam: &Beam, slack: &Slack) -> Vec<f64> {
     let most = tables
         .label_rows

@@ -1,5 +1,6 @@
-//! Tone: a logarithm, clamped. Its slope is steep for faint echoes, so the bound is taken at both ends of the interval that
-//! the amplitude is known to. Automatic gain is a ratio of two sums over a band of depth, of terms that rise with the amplitude: so are its ends.
+//! Error bounds of the tone pass: a clamped logarithm. Its slope is steep for faint echoes, so both ends of the amplitude interval are
+//! mapped. Automatic gain is a ratio of two sums over a depth band of terms that increase with amplitude, so its ends are mapped in the
+//! same way.
 
 use crate::effects::tone::auto_gain::{AutoGain, BANDS, HEARD, MOST, PRIOR, SILENT, at, gains, middle, range};
 use crate::effects::tone::{MID_GREY, Tone};
@@ -7,10 +8,10 @@ use crate::effects::tone::{MID_GREY, Tone};
 use super::rounding::{DIVIDE, ULP, log2, pow};
 use super::slack::{Slack, Step};
 
-/// Echoes below this are black on all backends.
+/// Amplitude below which echoes are black on all backends.
 const SMALLEST: f64 = 1e-10;
 
-/// Lowest and highest.
+/// Lower and upper bound.
 type Ends = [f64; 2];
 
 pub fn carry(step: &Step, slack: &mut Slack) {
@@ -43,7 +44,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Least and most automatic gain of a band, octaves.
+/// Returns the bounds of the automatic gain of a band, octaves.
 fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
     let gain = step.tables.gain.of::<f64>();
     let range = range(band, step.samples());
@@ -58,7 +59,7 @@ fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
             let off = off + 3.0 * ULP * (echo + off);
             for (end, echo) in [(echo - off).max(0.0), echo + off].into_iter().enumerate() {
                 let side = 2.0 * end as f64 - 1.0;
-                // Difference, at most 0.3 where it is not clamped (1), its constant stored (1/2), both times 5; then the factor stored and the
+                // Difference, at most 0.3 where not clamped (1), its constant stored (1/2), both times 5; then the factor stored and the
                 // product, at most 1 (2).
                 let own_weight = ((echo - SILENT) / (HEARD - SILENT) + side * 5.0 * ULP).clamp(0.0, 1.0);
                 weight[end] += own_weight;
@@ -77,24 +78,24 @@ fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
     let room = own.ceiling - middle;
     // Ceiling and gain stored (1/2 each), difference (1).
     let room_off = log2(middle) + ULP * (own.ceiling.abs() + 1.0 + room.abs());
-    // The louder the tissue the less gain.
+    // Louder tissue gets less gain.
     [1, 0].map(|end| {
         let side = 1.0 - 2.0 * end as f64;
         let octaves = level[end].log2();
         let gain = -own.share * octaves;
-        // The share stored and multiplied (2).
+        // Share stored and multiplied (2).
         let off = own.share * log2(octaves) + 2.0 * ULP * gain.abs();
         (gain + side * off).min((room + side * room_off).max(0.0))
     })
 }
 
-/// Least and most automatic gain at a sample, octaves.
+/// Returns the bounds of the automatic gain at a sample, octaves.
 fn lifted(exact: &[f64; BANDS], ends: &[Ends; BANDS], sample: usize, samples: usize) -> Ends {
     let largest = ends
         .iter()
         .flatten()
         .fold(0.0f64, |most, octaves| most.max(octaves.abs()));
-    // The place is off by 5 of 16, which moves the gain by at most twice the largest; difference, product and sum lose 4 of that.
+    // An error of 5 of 16 in the position moves the gain by at most twice the largest; difference, product and sum lose 4 of that.
     let rounding = (5.0 * 16.0 * 2.0 + 4.0) * ULP * largest;
     let found = at(exact, sample, samples);
     [0, 1].map(|end| {
@@ -105,7 +106,7 @@ fn lifted(exact: &[f64; BANDS], ends: &[Ends; BANDS], sample: usize, samples: us
     })
 }
 
-/// Lowest and highest grey level of an amplitude that is lifted by some octaves.
+/// Returns the bounds of the grey level of an amplitude raised by some octaves.
 fn compressed(tone: &Tone, amplitude: f64, lifted: f64) -> Ends {
     let per_octave = 20.0 * 2f64.log10() / tone.dynamic_range_db;
     let octaves = amplitude.max(SMALLEST).log2();

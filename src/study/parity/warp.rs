@@ -1,5 +1,5 @@
-//! Warp: the reference position of every sample. A twin may choose another element only if the sample provably lies within
-//! rounding of it, and another side of the mesh's surface only within rounding of that surface.
+//! Error bounds of the warp: the reference position of every sample. A twin may choose another element only if the sample provably lies
+//! within rounding of it, and the other side of the mesh surface only within rounding of that surface.
 
 use crate::mechanics::mesh::{NONE, TetMesh};
 use nalgebra::{Matrix3, Vector3};
@@ -7,17 +7,17 @@ use nalgebra::{Matrix3, Vector3};
 use super::rounding::ULP;
 use super::slack::{Slack, Step};
 
-/// Losses of one term of the map, in ULP: gradient stored (1/2), product (1), three sums (3).
+/// Rounding error of one term of the map, in ULP: gradient stored (1/2), product (1), three sums (3).
 const TERM: f64 = 4.5;
 
-/// Slack of a barycentric coordinate in the locator, ULP a unit of (1 + aspect), and of the point, ULP of the largest
-/// coordinate over the least height (the constants of the locator, argued there, of 16 and 2 epsilons; an epsilon is 1 ULP),
-/// with as much again for the rounding of the coordinate that is tested.
+/// Tolerances of point location: for a barycentric coordinate in ULP per unit of (1 + aspect), and for the point in ULP of the largest
+/// coordinate over the least height. They are the locator's constants of 16 and 2 epsilons, derived there (an epsilon is 1 ULP), doubled
+/// for the rounding of the tested coordinate.
 const COORDINATE: f64 = 2.0 * 16.0;
 const POINT: f64 = 2.0 * 2.0;
 
-/// Bound on each coordinate of a vector (mm, world) that the element of a sample carries to the reference state: what a twin
-/// in another element makes of it, and the rounding of the map.
+/// Bounds each coordinate of a vector (mm, world) that a sample's element maps to the reference state: the difference between the elements
+/// of reference and twin, and the rounding of the map.
 pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
     let Some(mesh) = step.tables.mesh.as_deref() else {
         return [0.0; 3];
@@ -31,8 +31,8 @@ pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3]
     let apart = carried(&exact) - carried(&twin);
     std::array::from_fn(|row| {
         let rounding = twin.as_ref().map_or(0.0, |element| {
-            // Nodes are stored in single precision: each edge is off by ULP times the largest coordinate at most, and the
-            // map by itself times that over the least height. Then gradient stored (1/2), product (1), two sums (2).
+            // Nodes are stored in single precision: each edge is off by at most ULP times the largest coordinate, and the map by itself
+            // times that over the least height. Then gradient stored (1/2), product (1), two sums (2).
             let stored = 3.0 * 3f64.sqrt() * ULP * element.largest / element.least_height;
             (stored + 3.5 * ULP) * element.gradient.row(row).norm() * vector.norm()
         });
@@ -40,12 +40,12 @@ pub fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3]
     })
 }
 
-/// One tetrahedron in its two states.
+/// Tetrahedron in its reference and deformed states.
 struct Tetrahedron {
     corner: Vector3<f64>,
-    /// World offset from the corner to the last three barycentric coordinates.
+    /// Map from world offset to the last three barycentric coordinates.
     to_bary: Matrix3<f64>,
-    /// World offset to reference offset.
+    /// Map from world offset to reference offset.
     gradient: Matrix3<f64>,
     reference: Vector3<f64>,
     diameter: f64,
@@ -69,7 +69,7 @@ impl Tetrahedron {
                 diameter = diameter.max((a - b).norm());
             }
         }
-        // The gradient of a coordinate is one over its height.
+        // The gradient of a barycentric coordinate has the length 1 / height.
         let rows = [0, 1, 2].map(|row| to_bary.row(row).transpose());
         let first = -(rows[0] + rows[1] + rows[2]);
         let steepest = rows.iter().chain([&first]).fold(0.0f64, |a, row| a.max(row.norm()));
@@ -96,18 +96,19 @@ impl Tetrahedron {
         self.reference + self.gradient * (p - self.corner)
     }
 
-    /// How far below zero a twin may see the least coordinate of a point that it knows to `off` mm, and hold the point yet.
+    /// Returns how far below zero the least barycentric coordinate may be, in a twin that knows the point to `off` mm, with the point still
+    /// accepted.
     fn coordinate_slack(&self, off: f64) -> f64 {
         let aspect = 1.0 + self.diameter / self.least_height;
         (COORDINATE * aspect + POINT * self.largest / self.least_height) * ULP + off / self.least_height
     }
 
-    /// Bound on each coordinate of the mapped position, for a point known to `off` mm.
+    /// Bounds each coordinate of the mapped position of a point known to `off` mm.
     fn map_slack(&self, p: Vector3<f64>, off: [f64; 3]) -> [f64; 3] {
         let d = p - self.corner;
         std::array::from_fn(|row| {
             let g = |c: usize| self.gradient[(row, c)].abs();
-            // The nodes are stored in single precision; a point inside moves with the average of them.
+            // Nodes are stored in single precision; a point inside moves with their weighted mean.
             let moved: f64 = (0..3)
                 .map(|c| g(c) * (off[c] + 0.5 * ULP * self.largest + ULP * d[c].abs()))
                 .sum();
@@ -181,7 +182,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Samples so near to a surface of the mesh, deformed or not, that rounding may put them on the other side.
+/// Finds the samples so close to a surface of the mesh, deformed or not, that rounding may move them across it.
 pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
     let Some(mesh) = step.tables.mesh.as_deref() else {
         return vec![false; step.before.position.len()];
@@ -198,7 +199,7 @@ pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
         .collect()
 }
 
-/// The largest distance at which rounding decides: the slack of a coordinate times the height, in the worst element.
+/// Returns the largest distance at which rounding decides: the slack of a coordinate times the height, in the worst element.
 fn surface_slack(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>, off: f64) -> f64 {
     let worst = (0..mesh.elements().len() as u32)
         .map(|element| Tetrahedron::new(mesh, nodes, nodes, element))
@@ -208,7 +209,7 @@ fn surface_slack(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>, off: f64) 
     worst.0 + 0.5 * ULP * worst.1
 }
 
-/// Distance from a point to the boundary faces of the mesh, mm.
+/// Returns the distance from a point to the boundary faces of the mesh, mm.
 fn surface_distance(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>) -> f64 {
     let mut nearest = f64::INFINITY;
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
@@ -223,7 +224,7 @@ fn surface_distance(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>) -> f64 
     nearest
 }
 
-/// Distance from a point to a triangle: to its plane if it projects inside, else to the nearest of its edges.
+/// Returns the distance from a point to a triangle: to its plane if the point projects inside, otherwise to its nearest edge.
 fn triangle_distance([a, b, c]: [Vector3<f64>; 3], p: Vector3<f64>) -> f64 {
     let normal = (b - a).cross(&(c - a)).normalize();
     let inside = [(a, b), (b, c), (c, a)]

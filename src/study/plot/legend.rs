@@ -1,24 +1,25 @@
-//! The legend of a plot.
+//! Plot legend.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::{Layout, MARK, Marker, PAGE, Plot, colour, marker};
 
-/// Distance of the lines of a legend, and of its parts beyond that, pixels.
+/// Line spacing of the legend, and extra spacing between its parts, pixels.
 const LINE: i32 = 24;
 const GAP: i32 = 12;
-/// Distance of the lines of one name, pixels.
+/// Line spacing within a wrapped name, pixels.
 const WRAPPED: i32 = 18;
-/// Characters of a name that fit beside the axes or into half the width of a page, and into all of it: 8 pixels each at most.
+/// Characters of a name that fit beside the axes or into half the width of a page, and into its full width: at most 8 pixels each.
 const HALF: usize = 23;
 const FULL: usize = 52;
 
-/// A line of the legend: its shape, or none for that of the front; and its name.
+/// Line of the legend: its marker (`None` for the front) and its name.
 type Key<'a> = (Option<(Marker, RGBAColor)>, &'a str);
 
 impl Plot {
-    /// Colours, shapes and the front: one below the other beside the axes, or in two columns below them where the names of a part are short.
+    /// Draws colours, markers and the front: one below the other beside the axes, or in two columns below them if the names of a part are
+    /// short.
     pub(super) fn legend<'a, DB: DrawingBackend + 'a>(
         &self,
         area: &DrawingArea<DB, Shift>,
@@ -50,7 +51,7 @@ impl Plot {
         Ok(())
     }
 
-    /// The parts of the legend: what each colour means, what each shape does, and the front, which has no shape of a point.
+    /// Returns the parts of the legend: meanings of colours, meanings of markers, and the front, which has no marker.
     fn keys(&self) -> Vec<Vec<Key<'_>>> {
         let mut named: Vec<usize> = Vec::new();
         let mut colours = Vec::new();
@@ -68,7 +69,7 @@ impl Plot {
         parts.into_iter().filter(|part| !part.is_empty()).collect()
     }
 
-    /// Height of the legend below the axes, pixels.
+    /// Returns the height of the legend below the axes, pixels.
     pub(super) fn legend_height(&self) -> i32 {
         let rows = |part: &Vec<Key<'_>>| -> i32 {
             let rows = part.chunks(columns(part, Layout::Page));
@@ -78,13 +79,13 @@ impl Plot {
     }
 }
 
-/// Height of a row of the legend, pixels.
+/// Returns the height of a row of the legend, pixels.
 fn height(row: &[Key<'_>], layout: Layout) -> i32 {
     let lines = row.iter().map(|(_, name)| wrapped(name, layout).len() as i32);
     LINE + WRAPPED * (lines.max().unwrap_or(1) - 1)
 }
 
-/// A name in lines that fit, broken between words where it can be.
+/// Wraps a name into lines that fit, between words if possible.
 fn wrapped(name: &str, layout: Layout) -> Vec<String> {
     let most = match layout {
         Layout::Alone => HALF,
@@ -108,7 +109,7 @@ fn wrapped(name: &str, layout: Layout) -> Vec<String> {
     lines
 }
 
-/// Columns of a part of the legend.
+/// Returns the number of columns of a part of the legend.
 fn columns(part: &[Key<'_>], layout: Layout) -> usize {
     let short = part.iter().all(|(_, name)| name.chars().count() <= HALF);
     if layout == Layout::Page && short { 2 } else { 1 }

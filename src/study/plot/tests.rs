@@ -53,7 +53,7 @@ fn svg_and_pixels_show_the_series() {
     assert_eq!(svg, plot().svg().unwrap());
 }
 
-/// Long names of adapters are broken into lines: no letter is cut off at the right edge.
+/// Long adapter names are wrapped: no letter is cut off at the right edge.
 #[test]
 fn long_names_stay_within_the_picture() {
     let mut plot = plot();
@@ -123,7 +123,7 @@ fn rounding_at_zero_is_labelled_zero() {
     assert!(labels.contains(&"0") && !svg.contains("e-1"), "{svg}");
 }
 
-/// A logarithmic axis shows powers of ten: there is one in it, however near to each other its values are.
+/// A logarithmic axis always includes a power of ten, even if its values are close together.
 #[test]
 fn a_logarithmic_axis_has_a_number_on_it() {
     let axis = Axis::log("ratio");

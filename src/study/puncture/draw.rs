@@ -1,19 +1,19 @@
-//! A picture of the slice, as an SVG document.
+//! SVG picture of the slice.
 
 use std::fmt::Write;
 
 use super::liver::Liver;
 
-/// Pixels a millimetre.
+/// Pixels per millimetre.
 const SCALE: f64 = 6.0;
 const MARGIN_MM: f64 = 8.0;
-/// Room above the capsule for the needle, mm.
+/// Space above the capsule for the needle, mm.
 const ABOVE_MM: f64 = 12.0;
 
-/// Relative strain of the darkest colour.
+/// Relative strain shown in the darkest colour.
 const DARKEST: f64 = 1.0;
 
-/// The slice under displacements, coloured by its relative strain, with the needle `travel_mm` on its way.
+/// Draws the displaced slice, coloured by its relative strain, with the needle after `travel_mm` of travel.
 pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
     let nodes = liver.body.nodes();
     let place = |node: u32| {
@@ -36,7 +36,7 @@ pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
     for ((corners, strain), vein) in liver.body.elements().iter().zip(strains).zip(&liver.vein) {
         let points = corners.map(|node| pixel(place(node)));
         let fill = if *vein { "#3b1f6b".to_owned() } else { colour(strain) };
-        // Strings in memory can always be written.
+        // Writing to a string in memory cannot fail.
         let _ = write!(text, "<path d=\"");
         for (at, [x, y]) in points.iter().enumerate() {
             let _ = write!(text, "{}{x:.1} {y:.1}", if at == 0 { "M" } else { "L" });
@@ -52,7 +52,7 @@ pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
     text
 }
 
-/// From pale to dark red.
+/// Returns a colour from pale to dark red.
 fn colour(strain: f64) -> String {
     let share = (strain / DARKEST).clamp(0.0, 1.0);
     let mix = |from: f64, to: f64| (from + share * (to - from)).round() as u8;

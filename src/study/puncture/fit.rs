@@ -1,10 +1,10 @@
-//! Modulus, knee and stiffening of the slice that fit a measured force on a needle (section 4.2.2 of Kobayashi et al. 2010, which fitted E0,
-//! e0 and a by hand).
+//! Fit of the slice's modulus, knee and stiffening to a measured needle force (section 4.2.2 of Kobayashi et al. 2010, which fitted E0, e0
+//! and a by hand).
 //!
-//! Only the first push counts, until the force drops, as in Kobayashi et al. 2010. All forces of the slice are in proportion to the modulus: it
-//! follows from knee and stiffening by linear least squares, and those two are sought by the method of Levenberg and Marquardt, from
-//! the options' on. A curve that does not leave the straight line, or leaves it slowly, does not tell the two apart: the answer says
-//! how well it fits, not that no other would.
+//! Only the first push is used, until the force drops, as in Kobayashi et al. 2010. All forces of the slice are proportional to the
+//! modulus: it follows from knee and stiffening by linear least squares, and these two are fitted by the Levenberg-Marquardt method,
+//! starting from the options. A curve that stays straight, or bends slowly, does not distinguish the two: the result states how well it
+//! fits, not that no other would.
 
 use std::path::Path;
 
@@ -14,56 +14,57 @@ use serde::Serialize;
 use super::{PunctureError, PunctureOptions, pushing};
 use crate::read;
 
-/// Names of the columns.
+/// Column names.
 const COLUMNS: [&str; 2] = ["travel_mm", "force_n"];
-/// The fewest points for three unknowns.
+/// Least number of points for three unknowns.
 const FEWEST: usize = 4;
-/// A force that falls to this share of the largest so far has dropped: a membrane is punctured.
+/// Fraction of the largest force so far at which the force counts as dropped: a membrane is punctured.
 const DROP: f64 = 0.8;
-/// Iterations at most; the relative change of the squared residual that ends them; and its share of the squared forces that is none.
+/// Maximum number of iterations, the relative change of the squared residual that ends them, and its fraction of the squared forces that
+/// counts as zero.
 const MOST: usize = 20;
 const SETTLED: f64 = 1e-4;
 const NONE: f64 = 1e-9;
-/// Difference that derivatives are taken over; forces are solved to 1e-6.
+/// Finite difference for derivatives; forces are solved to 1e-6.
 const APART: f64 = 1e-3;
-/// The least knee and stiffening that are tried.
+/// Lower limits of knee and stiffening.
 const LEAST: [f64; 2] = [0.0, 1e-3];
 
-/// A point of a curve.
+/// Point of a force curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Sample {
-    /// The needle's way from the capsule at rest, mm.
+    /// Travel of the needle from the undeformed capsule, mm.
     pub travel_mm: f64,
-    /// Force on it, N.
+    /// Force on the needle, N.
     pub force_n: f64,
 }
 
-/// What fits best.
+/// Result of a fit.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Fitted {
-    /// E0, kPa (kPa s^order).
+    /// Young's modulus below the knee, E0, kPa (kPa s^order).
     pub young_kpa: f64,
-    /// e0.
+    /// Knee strain e0.
     pub knee_strain: f64,
-    /// a.
+    /// Stiffening a.
     pub stiffening: f64,
-    /// Coefficient of determination: 1 of a perfect fit.
+    /// Coefficient of determination, 1 for a perfect fit.
     pub r_squared: f64,
-    /// Root mean square of what is left, N.
+    /// Root mean square of the residual, N.
     pub rms_n: f64,
-    /// Points of the first push, as measured.
+    /// Measured points of the first push.
     pub samples: Vec<Sample>,
-    /// The force of the fit at each.
+    /// Fitted force at each point, N.
     pub force_n: Vec<f64>,
-    /// Iterations made.
+    /// Number of iterations.
     pub iterations: usize,
 }
 
-/// Reads a curve from a CSV file with a header that names the columns `travel_mm` (ascending) and `force_n` among any others, such as
-/// the table that `insonify puncture` writes.
+/// Reads a curve from a CSV file whose header includes the columns `travel_mm` (ascending) and `force_n`, such as the table that `insonify
+/// puncture` writes.
 ///
 /// # Errors
-/// [`PunctureError::Curve`].
+/// [`PunctureError::Curve`] if the file cannot be read or is malformed.
 pub fn read(path: &Path) -> Result<Vec<Sample>, PunctureError> {
     let name = path.display();
     let wrong = |line: Option<u64>, found: String, expected| PunctureError::Curve {
@@ -108,10 +109,10 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, PunctureError> {
     Ok(samples)
 }
 
-/// Fits the slice to a curve, from the options' knee and stiffening on. `progress` hears the share that is done.
+/// Fits the slice to a curve, starting from the options' knee and stiffening. `progress` receives the completed fraction.
 ///
 /// # Errors
-/// [`PunctureError`] for a curve with too few points before the force drops, and where the slice cannot be solved.
+/// [`PunctureError`] for a curve with too few points before the force drops, and if the slice cannot be solved.
 pub fn fit(
     options: &PunctureOptions,
     samples: &[Sample],
@@ -148,7 +149,7 @@ pub fn fit(
                 (at[0] + step[0]).max(LEAST[0]),
                 (at[1] + step[1]).clamp(LEAST[1].ln(), 1e4f64.ln()),
             ];
-            // A slice that cannot be solved is no better.
+            // A slice that cannot be solved counts as no improvement.
             match Trial::of(options, &samples, next) {
                 Ok(trial) if trial.square() < before => {
                     (at, best, gained) = (next, trial, true);
@@ -182,7 +183,7 @@ pub fn fit(
     })
 }
 
-/// What lies on the needle's way before the force drops.
+/// Returns the points before the force drops.
 fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, PunctureError> {
     let mut largest = (0, 0.0);
     for (at, sample) in samples.iter().enumerate() {
@@ -207,11 +208,11 @@ fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, PunctureError> {
     Ok(pushed)
 }
 
-/// A knee and a stiffening tried.
+/// Trial of a knee and a stiffening.
 struct Trial {
-    /// Of the modulus, that fits best.
+    /// Best-fitting factor on the modulus.
     scale: f64,
-    /// The force of the slice less that measured, N.
+    /// Residual: force of the slice less the measured force, N.
     rest: Vec<f64>,
 }
 
@@ -220,7 +221,7 @@ impl Trial {
         let options = PunctureOptions {
             knee_strain: knee,
             stiffening: stiffening.exp(),
-            // It is pushed all the way.
+            // The capsule never breaks, so the needle pushes throughout.
             capsule_n: f64::MAX,
             ..*options
         };
@@ -230,7 +231,7 @@ impl Trial {
         let mut curve = vec![[0.0, 0.0]];
         for at in 1..=steps as usize {
             let travel_mm = (at as f64 * options.step_mm).min(way);
-            // The last step is shorter, and takes as long: forces are those of the way.
+            // The last step is shorter but takes as long: forces depend on the travel.
             let pushed = needle.step(travel_mm, options.step_mm / options.speed_mm_per_s);
             let pushed = pushed.map_err(|cause| PunctureError::Step { travel_mm, cause })?;
             curve.push([travel_mm, pushed.force_n]);
@@ -258,7 +259,7 @@ impl Trial {
     }
 }
 
-/// A curve at a place, linear between its points.
+/// Interpolates a curve linearly between its points.
 fn between(curve: &[[f64; 2]], x: f64) -> f64 {
     let after = curve.partition_point(|point| point[0] < x).clamp(1, curve.len() - 1);
     let [[x0, y0], [x1, y1]] = [curve[after - 1], curve[after]];

@@ -1,4 +1,4 @@
-//! A slice through a liver with a vein in it: triangles in plane strain.
+//! Slice through a liver with a vein: triangles in plane strain.
 
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -11,37 +11,37 @@ use crate::mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
 /// Width of the slice, mm.
 const WIDTH_MM: f64 = 140.0;
 
-/// Columns and rows of quadrilaterals, each split in two.
+/// Columns and rows of quadrilaterals, each split into two triangles.
 const CELLS: [usize; 2] = [64, 40];
 
-/// Where the needle goes in, and how deep the middle of the vein lies below, mm.
+/// Position of the entry along the width, and depth of the vein's centre below it, mm.
 const NEEDLE_MM: f64 = 68.0;
 const VEIN_DEPTH_MM: f64 = 26.0;
 
-/// Half axes of the vein, across and along the needle, mm.
+/// Semi-axes of the vein, across and along the needle, mm.
 const VEIN_MM: [f64; 2] = [10.0, 6.0];
 
-/// Blood moves away along the vein, out of the slice: it is soft, and has no volume to keep. Where little of the vein's height is
-/// left its walls come to lie on each other: beyond this strain it stiffens until it is no softer than they are. Its modulus is a share
-/// of the liver's, so that all forces are in proportion to that.
+/// Modulus of blood as a share of the liver's, and the strain and rate of its stiffening. Blood moves away along the vein, out of the
+/// slice: it is soft and does not preserve its volume. When little of the vein's height is left, its walls touch: beyond this strain the
+/// blood stiffens until it is no softer than they are. A relative modulus keeps all forces proportional to the liver's.
 const BLOOD: f64 = 0.01;
 const CLOSING: [f64; 2] = [0.7, 4e3];
 
-/// The slice, and what the needle meets in it.
+/// Slice of liver and the layers on the needle's path.
 pub struct Liver {
-    /// The body.
+    /// Finite-element sheet of the slice.
     pub body: Arc<Sheet>,
-    /// Its dorsal nodes do not move (section 4.2.2 of Kobayashi et al. 2010).
+    /// Supports: the dorsal nodes do not move (section 4.2.2 of Kobayashi et al. 2010).
     pub supports: Supports<2>,
     /// Whether each triangle is in the vein.
     pub vein: Vec<bool>,
-    /// Where the needle goes in, mm.
+    /// Entry point of the needle, mm.
     pub entry: [f64; 2],
-    /// Liver, the vein, liver behind it.
+    /// Layers on the needle's path: liver, the vein, liver behind it.
     pub layers: Vec<Layer>,
 }
 
-/// Lower and upper outline at a place across, mm.
+/// Returns the lower and upper outline at a position along the width, mm.
 fn outline(x: f64) -> [f64; 2] {
     let along = PI * x / WIDTH_MM;
     let half = 9.0 + 25.0 * along.sin().max(0.0).powf(0.7);
@@ -50,7 +50,7 @@ fn outline(x: f64) -> [f64; 2] {
 }
 
 impl Liver {
-    /// The slice with these properties.
+    /// Creates the slice with the given properties.
     pub fn new(options: &PunctureOptions) -> Result<Liver, PunctureError> {
         let [columns, rows] = CELLS;
         let top = outline(NEEDLE_MM)[1];
@@ -67,7 +67,7 @@ impl Liver {
         for j in 0..rows {
             for i in 0..columns {
                 let [a, b, c, d] = [at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)];
-                // Diagonals follow the wall of the vein; elsewhere they mirror each other at the needle.
+                // Diagonals follow the wall of the vein; elsewhere they are mirrored about the needle.
                 let wall = |node: u32| (radius(nodes[node as usize], centre) - 1.0).abs() < 1e-9;
                 let left = nodes[a as usize][0] < NEEDLE_MM - 1e-9;
                 if wall(a) && wall(c) || !(left || wall(b) && wall(d)) {
@@ -110,11 +110,11 @@ impl Liver {
     }
 }
 
-/// Columns stand closer near the needle, and one on its way.
+/// Returns the position of a column, mm: columns are denser near the needle, and one lies on its path.
 fn column(share: f64) -> f64 {
     let middle = 0.5;
     let from = share - middle;
-    // A cubic: a third of the mean distance at the needle.
+    // Cubic: a third of the mean spacing at the needle.
     let bent = from * (1.0 + 8.0 * from * from) / 3.0;
     if from < 0.0 {
         NEEDLE_MM + 2.0 * bent * NEEDLE_MM
@@ -123,13 +123,13 @@ fn column(share: f64) -> f64 {
     }
 }
 
-/// 1 on the vein's wall, less inside.
+/// Returns the elliptic radius: 1 on the vein's wall, less inside.
 fn radius(p: [f64; 2], centre: [f64; 2]) -> f64 {
     ((p[0] - centre[0]) / VEIN_MM[0]).hypot((p[1] - centre[1]) / VEIN_MM[1])
 }
 
-/// The heights of a column's nodes: evenly from the lower to the upper outline, but two on the vein's wall where it is crossed.
-/// Triangles have an upright edge and a corner in the next column: nodes that keep their order make none invert.
+/// Returns the heights of a column's nodes: evenly spaced from the lower to the upper outline, except for two on the vein's wall where the
+/// column crosses it. Triangles have a vertical edge and a corner in the next column, so none inverts as long as nodes keep their order.
 fn heights(x: f64, centre: [f64; 2]) -> Vec<f64> {
     let [low, high] = outline(x);
     let row = (high - low) / CELLS[1] as f64;

@@ -1,10 +1,10 @@
-//! A puncture in words, as a table and as a plot.
+//! Output of a puncture as text, table and plot.
 
 use super::{NAMES, Puncture};
 use crate::study::plot::{Axis, Marker, Plot, PlotError, Series};
 
 impl Puncture {
-    /// A table, a row a step.
+    /// Returns a CSV table with one row per step.
     pub fn csv(&self) -> String {
         let mut text = "travel_mm,time_s,force_n,tip_n,depth_mm,vein_mm,punctured\n".to_owned();
         for row in &self.rows {
@@ -17,7 +17,7 @@ impl Puncture {
         text
     }
 
-    /// What happened at the punctures, in words.
+    /// Describes the punctures in words.
     pub fn text(&self) -> String {
         let mut text = String::new();
         for (at, row) in self.rows.iter().enumerate() {
@@ -35,10 +35,10 @@ impl Puncture {
     }
 }
 
-/// Force over the needle's way of several runs.
+/// Plots the force against the needle's travel for several runs.
 ///
 /// # Errors
-/// [`PlotError`].
+/// [`PlotError`] if the plot cannot be drawn.
 pub fn curves(runs: &[(&str, &Puncture)]) -> Result<String, PlotError> {
     let series = runs.iter().enumerate().map(|(colour, (name, run))| Series {
         name: (*name).to_owned(),

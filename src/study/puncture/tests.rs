@@ -1,8 +1,8 @@
-//! The shape of the curve, and of the vein.
+//! Tests of the shape of the force curve and of the vein.
 
 use super::*;
 
-/// The needle's force rises faster than its way to the capsule, drops, rises, and drops at the vein, which has flattened.
+/// The needle's force rises faster than linearly up to the capsule, drops, rises, and drops at the vein, which has flattened.
 #[test]
 fn the_curve_has_its_shape() {
     let options = PunctureOptions {
@@ -22,7 +22,7 @@ fn the_curve_has_its_shape() {
         assert!(force(at + 1) < 0.5 * force(at), "{}", run.csv());
     }
     assert!(force(wall) > 2.0 * force(capsule + 2), "{}", run.csv());
-    // Flat, and never inside out.
+    // Flattened, but never inverted.
     let least = run.rows[..=wall]
         .iter()
         .map(|row| row.vein_mm)

@@ -1,4 +1,4 @@
-//! The table of what is measured.
+//! List of measures.
 
 use serde::Serialize;
 
@@ -7,20 +7,20 @@ use super::texture::Texture;
 use super::{Parts, average};
 use crate::study::statistics::{mean, skewness};
 
-/// A measure of one frame.
+/// Measure of one frame.
 #[derive(Debug, Serialize)]
 pub struct Measure {
-    /// Its name in JSON.
+    /// Key in JSON.
     pub key: &'static str,
-    /// Its name.
+    /// Name.
     pub name: &'static str,
-    /// Its unit; empty for a pure number.
+    /// Unit; empty for a pure number.
     pub unit: &'static str,
-    /// What it is.
+    /// Definition.
     pub definition: &'static str,
-    /// The least spread among real frames that is taken for one: frames of one clip differ by less than such frames do.
+    /// Lower limit of the spread among real frames: frames of one clip differ by less than independent frames do.
     pub floor: f64,
-    /// Its value; none where the frame does not show it.
+    /// Function that computes the value; returns `None` if the frame does not show it.
     #[serde(skip)]
     pub(super) of: fn(&Parts) -> Option<f64>,
 }
@@ -57,7 +57,7 @@ fn in_mm(parts: &Parts, axis: usize, pixels: Option<f64>) -> Option<f64> {
     Some(parts.mm?[axis] * pixels?)
 }
 
-/// Every measure, in the order of reports. Uniform windows are 48 x 48 pixels, dark ones 32 x 32, five a frame.
+/// All measures, in the order of reports. Uniform windows are 48 x 48 pixels, dark ones 32 x 32, five per frame.
 pub const MEASURES: &[Measure] = &[
     measure(
         "grey_mean",

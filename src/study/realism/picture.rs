@@ -1,4 +1,4 @@
-//! Frames from files: PNG, folders of PNG, and image sequences.
+//! Input frames from PNG files, folders of them, and image sequences.
 
 use std::fs;
 use std::io::Cursor;
@@ -13,17 +13,17 @@ use crate::synth::layers::Layer;
 use crate::tracking::sequence::Sequence;
 use crate::volume::{At, VolumeError};
 
-/// Least difference between the channels of a pixel that make it a coloured overlay: grey maps of scanners are tinted by less.
+/// Least difference between the channels of a coloured overlay pixel: grey maps of scanners are tinted by less.
 const COLOURED: u8 = 40;
-/// Sides of pixels that are believed, mm.
+/// Plausible pixel sizes, mm.
 pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
-/// Most columns and rows of a PNG file.
+/// Largest number of columns and of rows of a PNG file.
 const LARGEST: u32 = 8192;
 
-/// A frame: luminance (Rec. 709) row by row, rows along depth.
+/// Luminance of a frame (Rec. 709), row by row, rows along depth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
-    /// The file, and of a sequence which frame.
+    /// File name, with the frame number within a sequence.
     pub name: String,
     /// Columns.
     pub width: usize,
@@ -31,20 +31,20 @@ pub struct Picture {
     pub height: usize,
     /// Grey levels, 0 to 255.
     pub grey: Vec<f64>,
-    /// Which pixels are coloured: text, rulers, colour Doppler. Empty where none is.
+    /// Mask of coloured pixels: text, rulers, colour Doppler. Empty if there are none.
     pub overlay: Vec<bool>,
-    /// Distance between columns and between rows, mm; none where nothing states it.
+    /// Distance between columns and between rows, mm; `None` if unknown.
     pub mm: Option<[f64; 2]>,
-    /// Grey levels of a neighbouring frame of the sequence: the next, or of the last the one before.
+    /// Grey levels of a neighbouring frame of the sequence: the next one, or for the last frame the previous one.
     pub neighbour: Option<Vec<f64>>,
 }
 
-/// Reads frames: PNG files, folders of them (without the layers that this program writes beside its frames), and image sequences, of
-/// which up to `per_sequence` evenly spaced frames are taken. The pixel size is that of the sidecar beside a PNG file, or of the sequence:
-/// its spacing, or the scale of its transform from `Image`; else `mm_per_pixel`.
+/// Reads frames from PNG files, folders of them (without the layers that this program writes beside its frames), and image sequences, of
+/// which up to `per_sequence` evenly spaced frames are taken. The pixel size comes from the sidecar of a PNG file or from the sequence (its
+/// spacing, or the scale of its transform from `Image`), otherwise from `mm_per_pixel`.
 ///
 /// # Errors
-/// [`VolumeError`] with the file, what was found and what was expected.
+/// [`VolumeError`] with the file, the content found and the content expected.
 pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -> Result<Vec<Picture>, VolumeError> {
     let mut pictures = Vec::new();
     for path in paths {
@@ -69,7 +69,7 @@ fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
 }
 
-/// PNG files of a folder by name, but for layers and overviews.
+/// Lists the PNG files of a folder by name, without layers and overviews.
 fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
     let beside: Vec<String> = Layer::value_variants()
@@ -129,14 +129,14 @@ fn png(path: &Path) -> Result<Picture, VolumeError> {
     })
 }
 
-/// The pixel size in a sidecar, mm; none where there is none.
+/// Reads the pixel size from a sidecar, mm; `None` if there is none.
 fn pixel_mm(sidecar: &Path) -> Option<f64> {
     let text = read::text(sidecar, read::TOML).ok()?;
     let known: serde_json::Value = serde_json::from_str(&text).ok()?;
     known["image"]["pixel_mm"].as_f64()
 }
 
-/// Evenly spaced frames of a sequence.
+/// Reads evenly spaced frames of a sequence.
 fn sequence(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
     let expected = "frames as .png files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
     if is_dicom(path) {
@@ -180,7 +180,7 @@ fn sequence(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
     Ok(pictures.collect())
 }
 
-/// The scale of a frame's transform from pixels to millimetres; none where there is none, or it is 1 as of an unknown size.
+/// Returns the scale of a frame's transform from pixels to millimetres; `None` if it is missing, or 1 as for an unknown size.
 fn scale(sequence: &Sequence, frame: usize) -> Option<[f64; 2]> {
     let transforms = sequence.frames.get(frame)?.transforms.iter();
     let from_pixels =
@@ -191,7 +191,7 @@ fn scale(sequence: &Sequence, frame: usize) -> Option<[f64; 2]> {
         .find(|mm| *mm != [1.0; 2])
 }
 
-/// Whether a file begins as DICOM files do (DICOM PS3.10, 7.1: 128 bytes, then `DICM`), or is named as one.
+/// Returns whether a file is a DICOM file by its header (DICOM PS3.10, 7.1: 128 bytes, then `DICM`) or its name.
 fn is_dicom(path: &Path) -> bool {
     use std::io::Read;
     let mut start = [0; 132];

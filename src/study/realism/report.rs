@@ -1,4 +1,4 @@
-//! The comparison as text and as a page.
+//! Output of the comparison as text and as a page.
 
 use std::fmt;
 
@@ -10,11 +10,11 @@ use crate::study::page::{Cell, Page, address, escape};
 use crate::study::plot::{Axis, Marker, Plot, PlotError, Series};
 use crate::text;
 
-/// Largest width of the pictures of a page, pixels.
+/// Largest width of the pictures on a page, pixels.
 const WIDE: u32 = 480;
 
 impl Row {
-    /// Name with its unit, both sides, difference and verdict.
+    /// Returns name with unit, both sides, difference and verdict.
     fn words(&self) -> [String; 5] {
         let name = match self.measure.unit {
             "" => self.measure.name.to_owned(),
@@ -48,7 +48,7 @@ impl Verdict {
     }
 }
 
-/// Three significant digits or so.
+/// Formats a number with about three significant digits.
 pub(in crate::study) fn number(value: f64) -> String {
     let digits = match value.abs() {
         100.0.. => 0,
@@ -60,7 +60,7 @@ pub(in crate::study) fn number(value: f64) -> String {
 }
 
 impl Report {
-    /// How many measures are inside and outside, and how that is told.
+    /// States how many measures are inside and outside.
     fn summary(&self) -> String {
         let count = |verdict| self.measures.iter().filter(|row| row.verdict == Some(verdict)).count();
         let (inside, outside) = (count(Verdict::Inside), count(Verdict::Outside));
@@ -72,10 +72,10 @@ impl Report {
         )
     }
 
-    /// The report as one HTML document that asks for nothing from elsewhere, with a picture of each side.
+    /// Returns the report as one self-contained HTML document, with a picture of each side.
     ///
     /// # Errors
-    /// [`PlotError`].
+    /// [`PlotError`] if a plot cannot be drawn.
     pub fn page(&self, frames: &[Picture], real: &[Picture]) -> Result<String, PlotError> {
         let mut page = Page::new("Frames against real frames");
         page.paragraph("", &(self.summary() + "."));
@@ -137,7 +137,7 @@ impl Report {
         Ok(page.finish())
     }
 
-    /// Histogram and autocorrelations, a line each frame.
+    /// Plots histogram and autocorrelations, one line per frame.
     fn plots(&self) -> [Plot; 3] {
         let all = || self.frames.iter().chain(&self.real);
         let scaled = all().all(|frame| frame.mm_per_pixel.is_some());
@@ -202,12 +202,12 @@ impl Report {
     }
 }
 
-/// A name from a file, on one line.
+/// Shortens a name from a file to one line.
 pub(in crate::study) fn named(name: &str) -> String {
     text::tail(name, 2 * text::WIDEST_NAME)
 }
 
-/// A frame made small; none where its pixels do not fill it.
+/// Returns a reduced copy of a frame; `None` if the number of pixels does not match its size.
 pub(in crate::study) fn small(picture: &Picture) -> Option<GrayImage> {
     let (width, height) = (u32::try_from(picture.width).ok()?, u32::try_from(picture.height).ok()?);
     let pixels = picture.grey.iter().map(|&grey| grey as u8).collect();

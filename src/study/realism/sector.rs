@@ -1,25 +1,25 @@
-//! The part of a frame that shows echoes, found from the frame alone, and the face of the array at its top.
+//! Detection of the sector (the part of a frame that shows echoes) and of the array face at its top, from the frame alone.
 
 use super::picture::Picture;
 
-/// Half the side of the square in which grey levels must differ for its middle to be part of the sector, pixels.
+/// Half-width of the square in which grey levels must vary for its centre to belong to the sector, pixels.
 const REACH: usize = 2;
-/// Grey levels by which they must differ: more than a compressed constant area does.
+/// Least variation in grey levels: more than in a compressed constant area.
 const RANGE: f64 = 2.0;
-/// Grey level up to which a pixel counts as black.
+/// Largest grey level that counts as black.
 pub const BLACK: f64 = 2.0;
-/// Columns from which the outline of the array is guessed.
+/// Number of columns from which outlines of the array are proposed.
 const GUESSED: usize = 40;
 /// Distance from the outline within which a column agrees with it, pixels.
 const AGREES: f64 = 1.5;
-/// Curvature up to which an outline is taken for straight, in pixels: a radius of 1000 pixels.
+/// Second divided difference (half the curvature) up to which an outline counts as straight, 1/pixel: a radius of 1000 pixels.
 const STRAIGHT: f64 = 5e-4;
-/// Steepest outline of an array at the middle of the sector.
+/// Largest slope of an array outline at the middle of the sector.
 const STEEPEST: f64 = 0.25;
 
-/// Which pixels lie in the sector: the largest 4-connected region in which grey levels vary (by more than 2 within 5 x 5 pixels, without
-/// coloured overlay), its holes filled, less the 2 pixels that the square adds at its rim. Constant fill and detached text are outside; so is
-/// a part of the sector that is constant and reaches its rim. None where nothing varies.
+/// Finds the pixels in the sector: the largest 4-connected region in which grey levels vary (by more than 2 within 5 x 5 pixels, without
+/// coloured overlay), its holes filled, less the 2 pixels that the square adds at its rim. Constant fill and detached text are outside; so
+/// is a constant part of the sector that reaches its rim. Returns `None` if nothing varies.
 pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
     let size = [picture.width, picture.height];
     let low = spread(&spread(&picture.grey, size, 1, f64::min), size, picture.width, f64::min);
@@ -32,7 +32,7 @@ pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
     let largest = regions.into_iter().max_by_key(Vec::len)?;
     let mut mask = vec![false; live.len()];
     largest.iter().for_each(|&at| mask[at] = true);
-    // What the rim of the picture cannot be reached from is a hole.
+    // A region that cannot be reached from the picture's edge is a hole.
     let outside: Vec<bool> = mask.iter().map(|inside| !inside).collect();
     for hole in self::regions(&outside, picture.width) {
         let at_rim = |&at: &usize| {
@@ -47,7 +47,7 @@ pub fn sector(picture: &Picture) -> Option<Vec<bool>> {
     Some(spread(&spread(&mask, size, 1, both), size, size[0], both))
 }
 
-/// Each value folded with those within [`REACH`] along an axis (`stride` 1: rows; width: columns).
+/// Folds each value with those within [`REACH`] along an axis (`stride` 1: rows; width: columns).
 fn spread<T: Copy>(values: &[T], [width, height]: [usize; 2], stride: usize, fold: impl Fn(T, T) -> T) -> Vec<T> {
     let of = |at: usize| {
         let (place, length) = if stride == 1 {
@@ -64,7 +64,7 @@ fn spread<T: Copy>(values: &[T], [width, height]: [usize; 2], stride: usize, fol
     (0..values.len()).map(of).collect()
 }
 
-/// The 4-connected regions of what is set, each as the places of its pixels.
+/// Returns the 4-connected regions of the set pixels, each as a list of pixel indices.
 pub(super) fn regions(set: &[bool], width: usize) -> Vec<Vec<usize>> {
     let mut left = set.to_vec();
     let mut regions = Vec::new();
@@ -94,9 +94,9 @@ pub(super) fn regions(set: &[bool], width: usize) -> Vec<Vec<usize>> {
     regions
 }
 
-/// Share of the first `depth_mm` below the array that is black or outside the sector. The outline of the array is the line, or the arc that
-/// bulges downwards, that most upper ends of the sector's columns lie on; only lines across it that meet the sector further down count.
-/// None where no outline fits a fifth of the columns.
+/// Returns the share of the first `depth_mm` below the array that is black or outside the sector. The outline of the array is the line, or
+/// downward-bulging arc, that most upper ends of the sector's columns lie on; only scanlines that meet the sector further down count.
+/// `None` if no outline fits a fifth of the columns.
 pub fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
     let (width, mm) = (picture.width, picture.mm?);
     let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
@@ -131,7 +131,7 @@ pub fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f6
     (all > 0).then(|| empty as f64 / all as f64)
 }
 
-/// The lower side of a circle, or a straight line.
+/// Lower side of a circle, or a straight line.
 #[derive(Clone, Copy)]
 enum Outline {
     Arc { centre: [f64; 2], radius: f64 },
@@ -139,7 +139,7 @@ enum Outline {
 }
 
 impl Outline {
-    /// The outline through three points from left to right; none where it bulges upwards.
+    /// Returns the outline through three points from left to right; `None` if it bulges upwards.
     fn through([a, b, c]: [[f64; 2]; 3]) -> Option<Self> {
         let slope = (c[1] - a[1]) / (c[0] - a[0]);
         let curvature = ((c[1] - b[1]) / (c[0] - b[0]) - (b[1] - a[1]) / (b[0] - a[0])) / (c[0] - a[0]);
@@ -153,11 +153,11 @@ impl Outline {
             (square(a) * (c[0] - b[0]) + square(b) * (a[0] - c[0]) + square(c) * (b[0] - a[0])) / area,
         ];
         let radius = (a[0] - centre[0]).hypot(a[1] - centre[1]);
-        // Written so that repeated points, which give no number, are left out.
+        // Written so that repeated points, which give NaN, are excluded.
         (curvature < 0.0 && radius.is_finite()).then_some(Self::Arc { centre, radius })
     }
 
-    /// Height and slope at a column; none beside an arc.
+    /// Returns height and slope at a column; `None` beside an arc.
     fn at(self, x: f64) -> Option<[f64; 2]> {
         match self {
             Self::Line { through, slope } => Some([through[1] + slope * (x - through[0]), slope]),
@@ -169,7 +169,7 @@ impl Outline {
         }
     }
 
-    /// The outline that most points, at least a fifth of them, lie on.
+    /// Finds the outline that most points, and at least a fifth of them, lie on.
     fn of(points: &[[f64; 2]]) -> Option<Self> {
         let last = points.len().checked_sub(1)?;
         let chosen: Vec<[f64; 2]> = (0..GUESSED).map(|n| points[n * last / (GUESSED - 1)]).collect();
@@ -198,7 +198,7 @@ impl Outline {
     }
 }
 
-/// Mean grey level below which parts of a sector are dark: half its own.
+/// Returns the mean grey level below which parts of a sector are dark: half the sector's mean.
 pub(super) fn dark_limit(picture: &Picture, mask: &[bool]) -> f64 {
     let inside = || {
         mask.iter()
@@ -209,22 +209,22 @@ pub(super) fn dark_limit(picture: &Picture, mask: &[bool]) -> f64 {
     0.5 * inside().sum::<f64>() / inside().count() as f64
 }
 
-/// Columns in which a boundary must be found for its width to be told.
+/// Least number of columns with a boundary for its width to be measured.
 const COLUMNS: usize = 16;
-/// Pixels on either side of a boundary that its profile reaches.
+/// Half-length of the profile across a boundary, pixels.
 const PROFILE: usize = 12;
 
-/// The far boundary of a dark region.
+/// Far boundary of a dark region.
 pub struct Edge {
-    /// Distance along the columns over which the mean profile across it rises from 10 % to 90 %, pixels.
+    /// Distance along the columns over which the mean profile across the boundary rises from 10 % to 90 %, pixels.
     pub width: f64,
-    /// Mean distance along a column of the boundary from the mean of its neighbours, pixels: what stairs of voxels leave. None where no three
-    /// columns are neighbours.
+    /// Mean distance of the boundary in a column from the mean of its neighbours, pixels, a measure of voxel staircases. `None` if no three
+    /// columns are adjacent.
     pub jaggedness: Option<f64>,
 }
 
-/// The far boundary of the dark region with the longest one. Dark is below half the sector's mean after a mean over 3 x 3 pixels; beyond the boundary it must
-/// be 1.5 times as bright. None where no boundary goes through 16 columns.
+/// Measures the far boundary of the dark region with the longest one. Dark means below half the sector's mean after a mean over 3 x 3
+/// pixels; beyond the boundary it must be 1.5 times as bright. `None` if no boundary extends over 16 columns.
 pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
     let (width, height) = (picture.width, picture.height);
     let limit = dark_limit(picture, mask);
@@ -274,7 +274,7 @@ pub fn edge(picture: &Picture, mask: &[bool]) -> Option<Edge> {
     before.sort_by(f64::total_cmp);
     let low = before[PROFILE / 4];
     let high = profile[PROFILE..].iter().copied().fold(f64::MIN, f64::max);
-    // Where the profile crosses 90 % at or below the boundary, and 10 % last before that.
+    // The profile crosses 90 % at or below the boundary, and 10 % last before that.
     let level = |share: f64| low + share * (high - low);
     let between = |from: usize, level: f64| from as f64 + (level - profile[from]) / (profile[from + 1] - profile[from]);
     let end = (PROFILE - 4..2 * PROFILE).find(|&n| profile[n + 1] >= level(0.9))?;

@@ -4,14 +4,14 @@ use super::texture::RANGE_DB;
 use super::*;
 use crate::random::{hash3, unit};
 
-/// Independent normal deviates (G. E. P. Box and M. E. Muller 1958), two a place.
+/// Two independent normal deviates per position (G. E. P. Box and M. E. Muller 1958).
 fn normal(x: usize, y: usize, seed: u32) -> [f64; 2] {
     let [a, b, _] = hash3([x as i32, y as i32, 7], [seed, 11]).map(|word| f64::from(unit(word)));
     let radius = (-2.0 * (1.0 - a).ln()).sqrt();
     [radius * (TAU * b).cos(), radius * (TAU * b).sin()]
 }
 
-/// Normal deviates of variance 1 under a Gaussian kernel of standard deviations `sigma` (across, down; 0: none).
+/// Normal deviates of variance 1, filtered by a Gaussian kernel of standard deviations `sigma` (across, down; 0: none).
 fn blurred(width: usize, height: usize, sigma: [f64; 2], seed: u32) -> [Vec<f64>; 2] {
     let kernel = |sigma: f64| -> Vec<f64> {
         let reach = (4.0 * sigma).ceil() as i32;
@@ -67,7 +67,7 @@ fn picture(width: usize, height: usize, grey: impl Fn(usize, usize) -> f64) -> P
     }
 }
 
-/// A linear sector of even texture, with a margin of constant black.
+/// Linear sector of even texture, with a margin of constant black.
 fn even(mean: f64, seed: u32) -> Picture {
     let noise = blurred(200, 160, [2.0, 1.0], seed);
     picture(200, 160, |x, y| match (10..190).contains(&x) && (8..150).contains(&y) {
@@ -113,7 +113,7 @@ fn rayleigh_speckle_has_its_moments_and_widths() {
     }
     for (axis, sigma) in [(0, sigma[1]), (1, sigma[0])] {
         let width = 2.0 * sigma * (-2.0 * f64::ln(low)).sqrt();
-        // Linear interpolation of a curve that is convex there reads a few hundredths of a pixel too much.
+        // Linear interpolation of a convex curve overestimates by a few hundredths of a pixel.
         near("FWHM", over(&|g| g.fwhm[axis].expect("a width")), width, 0.04 * width);
         let lag1 = li2((-0.5 / (sigma * sigma)).exp()) * 6.0 / (PI * PI);
         near("lag-1", over(&|g| g.autocorrelation[axis][1]), lag1, 0.02);
@@ -131,7 +131,7 @@ fn white_noise_is_uncorrelated_and_flat() {
             .collect(),
     )
     .texture();
-    // Standard error of a correlation of 160^2 pairs: 1/160.
+    // The standard error of a correlation of 160^2 pairs is 1/160.
     for axis in [0, 1] {
         near("lag-1", texture.autocorrelation[axis][1], 0.0, 4.0 / 160.0);
         near("GLCM correlation", texture.correlation[axis], 0.0, 4.0 / 160.0);
@@ -150,7 +150,7 @@ fn white_noise_is_uncorrelated_and_flat() {
     near("std", texture.std, 10.0, 0.2);
     near("skewness", texture.skewness, 0.0, 0.07);
     near("SNR after log", texture.snr_log, 10.0, 0.2);
-    // Before log compression amplitudes are log-normal, of this standard deviation of their natural logarithm.
+    // Before log compression, amplitudes are log-normal with this standard deviation of their natural logarithm.
     let s = 10.0 * RANGE_DB / 255.0 / 20.0 * 10f64.ln();
     near("SNR before log", texture.snr_linear, 1.0 / (s * s).exp_m1().sqrt(), 0.1);
     near("Nakagami m", texture.nakagami, 1.0 / (4.0 * s * s).exp_m1(), 0.12);
@@ -170,7 +170,7 @@ fn blurred_noise_has_the_correlation_of_its_kernel() {
         let width = 4.0 * sigma * LN_2.sqrt();
         near("FWHM", texture.fwhm[axis].expect("a width"), width, 0.06 * width);
     }
-    // The power along an axis is that of the kernel, exp(-(2 pi f sigma)^2); the Hann window keeps it from leaking.
+    // The power along an axis is that of the kernel, exp(-(2 pi f sigma)^2); the Hann window prevents leakage.
     let frequencies: Vec<f64> = (1..side).map(|n| n as f64 / side as f64).collect();
     let inside = frequencies.iter().filter(|f| (0.04..0.35).contains(*f));
     let (x, y): (Vec<f64>, Vec<f64>) = inside
@@ -197,7 +197,7 @@ fn a_ramp_is_trend_and_no_texture() {
     let rest = ramp.detrended();
     assert!(std(&rest.values) < 1e-9, "{}", std(&rest.values));
     near("mean", mean(&rest.values), mean(&ramp.values), 1e-9);
-    // Along depth a ramp is trend; across, blocks of 8 columns differ by 8 grey levels: spread of 0, 8, ..., 40.
+    // A ramp along depth is a trend; across, blocks of 8 columns differ by 8 grey levels: spread of 0, 8, ..., 40.
     let across = patch(48, 48, (0..48 * 48).map(|at| (at % 48) as f64).collect());
     let down = patch(48, 48, (0..48 * 48).map(|at| (at / 48) as f64).collect());
     near("down", down.block_spread_db(6), 0.0, 1e-9);
@@ -221,7 +221,7 @@ fn the_sector_is_the_largest_varying_region_without_overlay() {
         let distance = (x as f64 - 100.0).hypot(y as f64 - 80.0);
         assert!(of(x, y) == within(x, y) || (distance - 60.0).abs() < 2.5, "({x}, {y})");
     }
-    // Coloured pixels across the middle cut it in two.
+    // Coloured pixels across the middle divide it.
     frame.overlay = (0..frame.grey.len()).map(|at| (60..70).contains(&(at / 200))).collect();
     let upper = sector::sector(&frame).expect("a sector");
     assert!(!upper[65 * 200 + 60] && !upper[40 * 200 + 100] && upper[110 * 200 + 100]);
@@ -231,7 +231,7 @@ fn the_sector_is_the_largest_varying_region_without_overlay() {
 
 #[test]
 fn emptiness_below_the_array_is_counted() {
-    // A curved array of 60 mm radius and 60 degrees, 50 mm deep, at 0.5 mm a pixel; to the left of the given angle the first 4 mm are empty.
+    // Curved array of 60 mm radius and 60 degrees, 50 mm deep, at 0.5 mm per pixel; left of the given angle the first 4 mm are empty.
     let frame = |empty_up_to_deg: f64| {
         picture(240, 140, |x, y| {
             let (dx, dy) = (0.5 * (x as f64 - 120.0), 0.5 * y as f64 + 52.0 - 5.0);
@@ -254,7 +254,7 @@ fn emptiness_below_the_array_is_counted() {
 
 #[test]
 fn the_far_edge_of_a_dark_region_has_its_width() {
-    // Half the mean of the sector, where the boundary is found, lies above a tenth of the rise, in the last case below.
+    // In the last case, half the mean of the sector, where the boundary is found, lies above a tenth of the rise.
     for (sigma, beyond, elsewhere) in [(1.5, 120.0, 120.0), (3.0, 120.0, 120.0), (2.0, 240.0, 60.0)] {
         // Dark from row 60 to the boundary at row 120, which a Gaussian blurs: 10 to 90 % over 2.563 standard deviations.
         let rise = |y: f64| 0.5 * (1.0 + libm::erf((y - 120.0) / (sigma * 2f64.sqrt())));
@@ -272,7 +272,7 @@ fn the_far_edge_of_a_dark_region_has_its_width() {
         near("10-90 %", edge.width, 2.563 * sigma, 0.1 * 2.563 * sigma);
         assert!(edge.jaggedness.expect("neighbours") < 0.15);
     }
-    // Teeth of one pixel in every other column, which the mean over 3 x 3 leaves a third of, to either side of the mean.
+    // Teeth of one pixel in every other column, of which the mean over 3 x 3 leaves a third, to either side of the mean.
     let teeth = picture(200, 200, |x, y| {
         match (60..120 + x % 2).contains(&y) && (50..150).contains(&x) {
             true => 20.0 + normal(x, y, 4)[0],
@@ -294,7 +294,7 @@ fn dark_windows_are_found_in_fluid() {
         let n = noise[0][y * 240 + x];
         match ((20..110).contains(&x), (60..140).contains(&y)) {
             (true, true) => 12.0 + 4.0 * n,
-            // Sparse specks on black, 30 % of the pixels, are no texture.
+            // Sparse specks on black (30 % of the pixels) do not count as texture.
             (false, true) if (130..220).contains(&x) => 8.0 * f64::from(u8::from(normal(x, y, 9)[0] > 0.5244)),
             _ => 110.0 + 15.0 * n,
         }
@@ -350,7 +350,7 @@ fn differences_are_in_spreads_of_the_real_frames() {
     near("difference", found.difference.expect("known"), 5.0, 0.4);
     assert_eq!(found.verdict, Some(Verdict::Outside));
     assert_eq!(row(&report, "lag1_lateral").verdict, Some(Verdict::Inside));
-    // Standard deviations of the three differ by less than a grey level: the floor counts.
+    // The standard deviations of the three differ by less than a grey level: the floor applies.
     let std = row(&report, "grey_std");
     let (ours, real_std) = (
         std.frames.as_ref().expect("ours").mean,

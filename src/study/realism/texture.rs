@@ -1,4 +1,4 @@
-//! Statistics of the texture in rectangles of grey levels: first order, second order, and by frequency.
+//! First-order, second-order and spectral statistics of the texture in rectangles of grey levels.
 
 use std::f64::consts::TAU;
 
@@ -8,18 +8,18 @@ use super::picture::Picture;
 use super::sector::{BLACK, dark_limit};
 use crate::study::statistics::{full_width, mean, skewness, slope, std};
 
-/// Dynamic range that 255 grey levels are taken to show where echoes are asked for, dB: that of a real frame is unknown.
+/// Dynamic range assumed for 255 grey levels when converting to echoes, dB: that of a real frame is unknown.
 pub const RANGE_DB: f64 = 60.0;
 /// Grey levels of the co-occurrence matrix, over 6 standard deviations about the mean.
 const LEVELS: f64 = 32.0;
-/// Frequencies over which slopes of power are fitted, cycles a pixel.
+/// Frequency range in which slopes of power are fitted, cycles per pixel.
 const BAND: [f64; 2] = [0.04, 0.35];
-/// Rings of equal width that the band is cut into.
+/// Number of rings of equal width in the band.
 const RINGS: usize = 11;
-/// Steps between the places at which windows are tried, pixels.
+/// Spacing of trial windows, pixels.
 const STEP: usize = 8;
 
-/// A rectangle of grey levels, row by row.
+/// Rectangle of grey levels, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Patch {
     /// Columns.
@@ -30,7 +30,7 @@ pub struct Patch {
     pub values: Vec<f64>,
 }
 
-/// A window of a frame, pixels.
+/// Window of a frame, pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Window {
     /// First column.
@@ -48,30 +48,30 @@ pub struct Window {
 pub struct Texture {
     /// Mean grey level.
     pub mean: f64,
-    /// Standard deviation of the grey levels, a trend removed.
+    /// Standard deviation of the detrended grey levels.
     pub std: f64,
-    /// Skewness of the same.
+    /// Skewness of the detrended grey levels.
     pub skewness: f64,
-    /// Mean over standard deviation of grey levels.
+    /// Ratio of mean to standard deviation of the grey levels.
     pub snr_log: f64,
-    /// Mean over standard deviation of the echo amplitude at [`RANGE_DB`]; 1.91 in fully developed speckle.
+    /// Ratio of mean to standard deviation of the echo amplitude at [`RANGE_DB`]; 1.91 in fully developed speckle.
     pub snr_linear: f64,
-    /// Squared mean over variance of the echo intensity at [`RANGE_DB`]: Nakagami's m; 1 in fully developed speckle.
+    /// Nakagami's m, the squared mean over the variance of the echo intensity at [`RANGE_DB`]; 1 in fully developed speckle.
     pub nakagami: f64,
-    /// Autocorrelation of grey levels at whole pixels, from 0.
+    /// Autocorrelation of the grey levels at lags of 0, 1, 2, ... pixels.
     pub autocorrelation: [Vec<f64>; 2],
-    /// Full width at half maximum of that, pixels.
+    /// Full width at half maximum of the autocorrelation, pixels; `None` if it stays above one half.
     pub fwhm: [Option<f64>; 2],
     /// Contrast of the co-occurrence matrix of neighbours.
     pub contrast: [f64; 2],
     /// Correlation of the co-occurrence matrix of neighbours.
     pub correlation: [f64; 2],
-    /// Slope of power over frequency, both logarithmic: axial, lateral, radial.
+    /// Slopes of power against frequency, both logarithmic: axial, lateral, radial.
     pub slopes: [f64; 3],
 }
 
 impl Patch {
-    /// A window of a frame, of the grey levels given.
+    /// Copies a window from the grey levels of a frame with rows of `width` pixels.
     pub fn of(grey: &[f64], width: usize, window: Window) -> Self {
         let rows = (window.y..window.y + window.height).map(|y| &grey[y * width + window.x..][..window.width]);
         Self {
@@ -81,7 +81,7 @@ impl Patch {
         }
     }
 
-    /// The patch less the quadratic surface nearest to it, its mean kept.
+    /// Subtracts the least-squares quadratic surface, keeping the mean.
     pub fn detrended(&self) -> Self {
         let basis = |at: usize| {
             let x = (at % self.width) as f64 / self.width as f64 - 0.5;
@@ -95,7 +95,7 @@ impl Patch {
             normal += row * row.transpose();
             right += row * *value;
         }
-        // A patch of fewer than three columns or rows has no such surface: its mean alone is taken off.
+        // A patch with fewer than three columns or rows does not determine the surface: only its mean is subtracted.
         let surface = normal.cholesky().map(|factor| factor.solve(&right)).unwrap_or_default();
         let rest: Vec<f64> = (0..self.values.len())
             .map(|at| self.values[at] - surface.dot(&basis(at)))
@@ -107,7 +107,7 @@ impl Patch {
         }
     }
 
-    /// Mean of the product of deviations so many columns and rows apart, over the variance.
+    /// Returns the normalised autocovariance at a lag of `dx` columns and `dy` rows.
     pub fn autocorrelation(&self, [dx, dy]: [usize; 2]) -> f64 {
         let middle = mean(&self.values);
         let row = |y: usize| &self.values[y * self.width..][..self.width];
@@ -120,8 +120,8 @@ impl Patch {
         products.sum::<f64>() / count as f64 / variance
     }
 
-    /// Contrast and correlation of the symmetric co-occurrence matrix (R. M. Haralick et al., IEEE Transactions on Systems, Man, and
-    /// Cybernetics 3 (1973) 610) of pixels so many columns and rows apart, in 32 levels over 6 standard deviations.
+    /// Returns contrast and correlation of the symmetric co-occurrence matrix (R. M. Haralick et al., IEEE Transactions on Systems, Man,
+    /// and Cybernetics 3 (1973) 610) of pixels `dx` columns and `dy` rows apart, in 32 levels over 6 standard deviations.
     pub fn co_occurrence(&self, [dx, dy]: [usize; 2]) -> [f64; 2] {
         let (middle, spread) = (mean(&self.values), std(&self.values));
         let level = |at: usize| {
@@ -142,7 +142,7 @@ impl Patch {
         ]
     }
 
-    /// Slopes of the logarithm of power over that of frequency, axial, lateral and radial, under a Hann window.
+    /// Returns the log-log slopes of power against frequency, axial, lateral and radial, under a Hann window.
     pub fn power_slopes(&self) -> [f64; 3] {
         let (width, height) = (self.width, self.height);
         let middle = mean(&self.values);
@@ -202,7 +202,7 @@ impl Patch {
         ]
     }
 
-    /// Everything that is measured of a window.
+    /// Computes all texture statistics of the patch.
     pub fn texture(&self) -> Texture {
         let even = self.detrended();
         let (middle, spread) = (mean(&even.values), std(&even.values));
@@ -234,7 +234,8 @@ impl Patch {
         }
     }
 
-    /// Standard deviation of the means of `across` x `across` equal blocks, a linear trend along depth removed, dB at [`RANGE_DB`].
+    /// Returns the standard deviation of the means of `across` x `across` equal blocks, a linear trend along depth removed, dB at
+    /// [`RANGE_DB`].
     pub fn block_spread_db(&self, across: usize) -> f64 {
         let block = |column: usize, row: usize| {
             let [x, y] = [column * self.width / across, row * self.height / across];
@@ -258,7 +259,7 @@ impl Patch {
     }
 }
 
-/// Sums over rectangles, from the sums over all that lies above and to the left.
+/// Summed-area table: sums over rectangles, from the sums over everything above and to the left.
 struct Sums(Vec<f64>, usize);
 
 impl Sums {
@@ -282,7 +283,7 @@ impl Sums {
     }
 }
 
-/// What windows are chosen by.
+/// Selection criteria of a candidate window.
 struct Looked {
     window: Window,
     mean: f64,
@@ -293,7 +294,7 @@ struct Looked {
     white: f64,
 }
 
-/// All windows of a size that lie in the sector, every 8 pixels.
+/// Evaluates all windows of a size that lie in the sector, every 8 pixels.
 fn looked(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<Looked> {
     let sums = |value: &dyn Fn(usize) -> f64| Sums::of(picture.width, picture.height, value);
     let grey = |at: usize| picture.grey[at];
@@ -334,7 +335,7 @@ fn looked(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<
         .collect()
 }
 
-/// The first of some windows, in ascending order of what they are chosen by, that lie apart.
+/// Picks up to `most` windows in ascending order of their score, each `apart` from those before.
 fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Window, Window) -> bool) -> Vec<Window> {
     windows.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut chosen: Vec<Window> = Vec::new();
@@ -346,8 +347,8 @@ fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Wind
     chosen
 }
 
-/// The most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both added up and
-/// relative to the mean; of a mean in `grey`, at most 2 % of them black or white, half a window apart.
+/// Selects the most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both
+/// added and relative to the mean. Their mean is in `grey`, at most 2 % of them is black or white, and they are half a window apart.
 pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize, grey: [f64; 2]) -> Vec<Window> {
     let fits =
         |it: &Looked| (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0;
@@ -357,8 +358,8 @@ pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most:
     first_apart(windows.map(chosen_by).collect(), most, apart)
 }
 
-/// The darkest windows of a size in the sector that show texture: of a mean below half that of the sector, a standard deviation of a grey
-/// level at least, at most half of them black, and the unevenness of [`uniform_windows`] at most 1; they do not overlap.
+/// Selects the darkest windows of a size in the sector that show texture: mean below half that of the sector, standard deviation of at
+/// least one grey level, at most half black, and unevenness (see [`uniform_windows`]) of at most 1. They do not overlap.
 pub fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
     let limit = dark_limit(picture, mask);
     let fits =

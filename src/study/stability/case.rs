@@ -1,21 +1,21 @@
-//! What a hard case is.
+//! Definition of a hard case and of groups of cases.
 
 use serde::{Deserialize, Serialize};
 
 use super::record::{Record, Unexpected};
 
-/// How long a case runs.
+/// Length of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Effort {
-    /// Smaller counts: what the tests always run.
+    /// Reduced counts, used by the tests.
     Quick,
-    /// The counts that the criterion names.
+    /// Full counts, as stated in the criterion.
     Whole,
 }
 
 impl Effort {
-    /// One value for each.
+    /// Returns the value for this effort.
     pub fn pick<T>(self, quick: T, whole: T) -> T {
         match self {
             Effort::Quick => quick,
@@ -24,26 +24,26 @@ impl Effort {
     }
 }
 
-/// One hard case.
+/// Hard case.
 #[derive(Clone, Copy, Debug)]
 pub struct Case {
-    /// What is hard, in a few words.
+    /// Short description of the difficulty.
     pub name: &'static str,
-    /// What must hold, in words.
+    /// Acceptance criterion in words.
     pub criterion: &'static str,
-    /// Backends and precisions that it covers, such as `cpu f64`.
+    /// Backends and precisions covered, such as `cpu f64`.
     pub covers: &'static [&'static str],
-    /// What its random numbers come from.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// Measures it.
+    /// Function that runs the case and records its figures.
     pub run: fn(&mut Record<'_>) -> Result<(), Unexpected>,
 }
 
-/// Cases of one theme.
+/// Cases on one subject.
 #[derive(Clone, Copy, Debug)]
 pub struct Group {
-    /// The theme.
+    /// Subject.
     pub name: &'static str,
-    /// Its cases, in the order in which they are shown.
+    /// Cases in display order.
     pub cases: &'static [Case],
 }

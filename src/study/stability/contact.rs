@@ -1,4 +1,4 @@
-//! Contact, needle, time.
+//! Cases of contact, needle and time stepping.
 
 mod anatomy;
 mod away;
@@ -14,7 +14,7 @@ mod stiffness;
 
 use super::case::{Case, Group};
 
-/// The cases.
+/// Group of contact cases.
 pub const GROUP: Group = Group {
     name: "Contact, needle, time",
     cases: &[

@@ -1,4 +1,4 @@
-//! Images.
+//! Cases of image synthesis.
 
 mod attenuation;
 mod blurring;
@@ -15,10 +15,10 @@ pub(super) mod setup;
 
 use super::case::{Case, Group};
 
-/// On every backend: both precisions of the reference, and each GPU that the machine has.
+/// All backends: both precisions of the CPU, and each available GPU.
 const ALL: &[&str] = &["cpu f64", "cpu f32", "every gpu"];
 
-/// The cases.
+/// Group of image cases.
 pub const GROUP: Group = Group {
     name: "Images",
     cases: &[

@@ -1,11 +1,11 @@
-//! Fading memory, and stiffening at a knee.
+//! Cases of fading memory, and of stiffening at a knee.
 
 mod crossing;
 mod history;
 
 use super::case::{Case, Group};
 
-/// The cases.
+/// Group of fading-memory cases.
 pub const GROUP: Group = Group {
     name: "Fading memory",
     cases: &[

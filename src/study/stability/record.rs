@@ -1,4 +1,4 @@
-//! What a case measures.
+//! Record of the figures measured by a case.
 
 use std::fmt::Display;
 
@@ -7,21 +7,21 @@ use serde::{Serialize, Serializer};
 use super::case::Effort;
 use crate::random::{hash3, seed_words};
 
-/// One figure.
+/// Measured figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measure {
-    /// What was measured.
+    /// Description of the figure.
     pub what: String,
-    /// The figure.
+    /// Value of the figure.
     #[serde(serialize_with = "number")]
     pub figure: f64,
-    /// The largest figure that holds; none where it is only reported.
+    /// Largest acceptable value; `None` if the figure is only reported.
     pub limit: Option<f64>,
-    /// What else there is to say, such as the words of an error.
+    /// Additional information, such as the text of an error.
     pub note: Option<String>,
 }
 
-/// JSON has no NaN and no infinity, and `null` would hide which it was.
+/// Serialises a number; NaN and infinity, which JSON lacks, are distinguished, as `null` would not.
 fn number<S: Serializer>(figure: &f64, serializer: S) -> Result<S::Ok, S::Error> {
     if figure.is_finite() {
         serializer.serialize_f64(*figure)
@@ -31,20 +31,19 @@ fn number<S: Serializer>(figure: &f64, serializer: S) -> Result<S::Ok, S::Error>
 }
 
 impl Measure {
-    /// Whether it is finite, and at most its limit.
+    /// Returns whether the figure is finite and at most its limit.
     pub fn holds(&self) -> bool {
         self.figure.is_finite() && self.limit.is_none_or(|limit| self.figure <= limit)
     }
 
-    /// How many times larger the figure might be: limit over figure. None where there is no limit, or nothing to compare: the
-    /// figure is exactly zero, or must be.
+    /// Returns the margin: limit over figure. `None` if there is no limit, or if the figure is exactly zero or must be.
     pub fn margin(&self) -> Option<f64> {
         let margin = self.limit? / self.figure;
         (margin.is_finite() && margin > 0.0).then_some(margin)
     }
 }
 
-/// Why a case could not go on: an error that it does not expect.
+/// Unexpected error that ends a case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unexpected(String);
 
@@ -55,13 +54,13 @@ impl<E: std::error::Error> From<E> for Unexpected {
 }
 
 impl Unexpected {
-    /// In other words than those of an error.
+    /// Creates an error from a description.
     pub fn new(what: impl Into<String>) -> Self {
         Unexpected(what.into())
     }
 }
 
-/// What a case writes its figures to.
+/// Collector of the figures of a case.
 pub struct Record<'a> {
     effort: Effort,
     seed: u64,
@@ -70,7 +69,7 @@ pub struct Record<'a> {
 }
 
 impl<'a> Record<'a> {
-    /// An empty one. `progress` is told the share of the case that is done.
+    /// Creates an empty record. `progress` receives the completed fraction of the case.
     pub fn new(effort: Effort, seed: u64, progress: &'a mut dyn FnMut(f64)) -> Self {
         Record {
             effort,
@@ -80,37 +79,37 @@ impl<'a> Record<'a> {
         }
     }
 
-    /// How long to run.
+    /// Returns the length of the run.
     pub fn effort(&self) -> Effort {
         self.effort
     }
 
-    /// The seed of the case.
+    /// Returns the seed of the case.
     pub fn seed(&self) -> u64 {
         self.seed
     }
 
-    /// A number in [-1, 1) that depends on the case's seed and this index alone.
+    /// Returns a number in [-1, 1) that depends only on the case's seed and this index.
     pub fn noise(&self, index: u64) -> f64 {
         noise(self.seed, index)
     }
 
-    /// Notes a figure that must not exceed a limit.
+    /// Records a figure that must not exceed a limit.
     pub fn under(&mut self, what: impl Into<String>, figure: f64, limit: f64) {
         self.note(what, figure, Some(limit), None);
     }
 
-    /// Notes a figure that must be exactly zero: a count of what is wrong, or a difference.
+    /// Records a figure that must be exactly zero: a count of errors, or a difference.
     pub fn zero(&mut self, what: impl Into<String>, figure: f64) {
         self.under(what, figure.abs(), 0.0);
     }
 
-    /// Notes a figure that the criterion does not bound.
+    /// Records a figure that the criterion does not bound.
     pub fn report(&mut self, what: impl Into<String>, figure: f64) {
         self.note(what, figure, None, None);
     }
 
-    /// Notes whether something is refused with the error expected: a wrong answer counts 1, where 0 must be.
+    /// Records whether something is refused with the expected error: 1 for a wrong answer, where 0 is required.
     pub fn refused<T, E: Display>(
         &mut self,
         what: impl Into<String>,
@@ -125,17 +124,17 @@ impl<'a> Record<'a> {
         self.note(what, wrong, Some(0.0), Some(note));
     }
 
-    /// Notes an error that was not expected.
+    /// Records an unexpected error.
     pub fn fail(&mut self, Unexpected(error): Unexpected) {
         self.note("unexpected error", 1.0, Some(0.0), Some(error));
     }
 
-    /// Tells how much of the case is done, 0 to 1.
+    /// Reports the completed fraction of the case, 0 to 1.
     pub fn done(&mut self, share: f64) {
         (self.progress)(share);
     }
 
-    /// All figures, in the order in which they came.
+    /// Returns all figures in the order of recording.
     pub fn into_measures(self) -> Vec<Measure> {
         self.measures
     }
@@ -150,7 +149,7 @@ impl<'a> Record<'a> {
     }
 }
 
-/// A number in [-1, 1) that depends on its arguments alone.
+/// Returns a number in [-1, 1) that depends only on its arguments.
 pub fn noise(seed: u64, index: u64) -> f64 {
     let [low, high] = seed_words(index);
     let words = hash3([low as i32, high as i32, 0], seed_words(seed));
@@ -158,7 +157,7 @@ pub fn noise(seed: u64, index: u64) -> f64 {
     bits as f64 / (1u64 << 51) as f64 - 1.0
 }
 
-/// The largest magnitude; NaN where there is one. Zero of none.
+/// Returns the largest magnitude; NaN if any value is NaN, zero for no values.
 pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     let larger = |a: f64, b: f64| {
         if a.is_nan() || b.is_nan() {
@@ -170,7 +169,7 @@ pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(0.0, larger)
 }
 
-/// The largest difference over the largest magnitude of `expected`; zero of equals, even where all are zero.
+/// Returns the largest difference relative to the largest magnitude of `expected`; zero for equal values, even if all are zero.
 pub fn relative(found: &[f64], expected: &[f64]) -> f64 {
     let difference = largest(found.iter().zip(expected).map(|(found, expected)| found - expected));
     if difference == 0.0 && found.len() == expected.len() {

@@ -1,4 +1,4 @@
-//! Remeshing and constraints.
+//! Cases of remeshing and constraints.
 
 mod counts;
 mod devices;
@@ -11,7 +11,7 @@ mod tip;
 
 use super::case::{Case, Group};
 
-/// The cases.
+/// Group of remeshing cases.
 pub const GROUP: Group = Group {
     name: "Remeshing and constraints",
     cases: &[

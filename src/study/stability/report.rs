@@ -1,4 +1,4 @@
-//! What cases came to, and how it reads.
+//! Results of the cases, and their output.
 
 mod page;
 mod plot;
@@ -13,27 +13,27 @@ use super::record::Measure;
 use crate::study::machine::Machine;
 use table::Table;
 
-/// What one case came to.
+/// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(into = "JudgedCase")]
 pub struct CaseReport {
-    /// Its group.
+    /// Name of the group.
     pub group: String,
-    /// What is hard.
+    /// Name of the case.
     pub name: String,
-    /// What must hold.
+    /// Acceptance criterion.
     pub criterion: String,
-    /// Backends and precisions.
+    /// Backends and precisions covered.
     pub covers: Vec<String>,
-    /// Seed of its random numbers.
+    /// Seed of the random numbers.
     pub seed: u64,
-    /// How long it took.
+    /// Running time, s.
     pub seconds: f64,
-    /// All figures.
+    /// Recorded figures.
     pub measures: Vec<Measure>,
 }
 
-/// A case with what follows from its figures, for JSON.
+/// Case with its derived verdict, for JSON.
 #[derive(Serialize)]
 struct JudgedCase {
     group: String,
@@ -78,12 +78,12 @@ impl From<CaseReport> for JudgedCase {
 }
 
 impl CaseReport {
-    /// Whether every figure holds. A case without figures has shown nothing, and does not.
+    /// Returns whether every figure passes. A case without figures fails.
     pub fn holds(&self) -> bool {
         !self.measures.is_empty() && self.measures.iter().all(Measure::holds)
     }
 
-    /// The figure that decides: one that does not hold, or the one nearest to its limit, or the first.
+    /// Returns the decisive figure: one that fails, otherwise the one nearest to its limit, otherwise the first.
     pub fn worst(&self) -> Option<&Measure> {
         let rank = |measure: &&Measure| match (measure.holds(), measure.limit, measure.margin()) {
             (false, ..) => -1.0,
@@ -94,7 +94,7 @@ impl CaseReport {
         self.measures.iter().min_by(|a, b| rank(a).total_cmp(&rank(b)))
     }
 
-    /// The figures that do not hold.
+    /// Returns the figures that fail.
     pub fn failures(&self) -> impl Iterator<Item = &Measure> {
         self.measures.iter().filter(|measure| !measure.holds())
     }
@@ -104,14 +104,14 @@ impl CaseReport {
     }
 }
 
-/// What all cases came to.
+/// Results of all cases of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// How long they ran.
+    /// Length of the run.
     pub effort: Effort,
-    /// What they ran on.
+    /// Machine used.
     pub machine: Machine,
-    /// Each case.
+    /// Results of the cases.
     pub cases: Vec<CaseReport>,
 }
 
@@ -140,7 +140,7 @@ fn margin(measure: &Measure) -> String {
     }
 }
 
-/// What does not hold, one line each.
+/// Describes a figure that fails, on one line.
 pub(super) fn sentence(measure: &Measure) -> String {
     let mut line = format!("{}: {}", measure.what, short(measure.figure));
     if let Some(limit) = measure.limit {
@@ -155,17 +155,12 @@ pub(super) fn sentence(measure: &Measure) -> String {
 }
 
 impl Report {
-    /// Whether every case holds.
-    pub fn holds(&self) -> bool {
-        self.cases.iter().all(CaseReport::holds)
-    }
-
-    /// Cases that do not hold.
+    /// Returns the number of cases that fail.
     pub fn failed(&self) -> usize {
         self.cases.iter().filter(|case| !case.holds()).count()
     }
 
-    /// The names of the groups, in the order of their first case.
+    /// Returns the names of the groups in the order of their first case.
     fn groups(&self) -> Vec<&str> {
         let mut groups: Vec<&str> = self.cases.iter().map(|case| case.group.as_str()).collect();
         groups.dedup();
@@ -180,7 +175,7 @@ impl Report {
         self.effort.pick("quick counts", "whole counts")
     }
 
-    /// The report with every figure, in Markdown.
+    /// Returns the report with every figure in Markdown.
     pub fn markdown(&self) -> String {
         let mut text = format!(
             "# Hard cases\n\n{} of {} hold ({}, {}).\n\nMargin: how many times larger the figure might be. Figures without a limit \

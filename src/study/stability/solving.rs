@@ -1,4 +1,4 @@
-//! Elements, solvers, the inverse.
+//! Cases of elements, solvers and the dense inverse.
 
 mod elements;
 mod inverse;
@@ -11,7 +11,7 @@ mod singular;
 
 use super::case::{Case, Group};
 
-/// The cases.
+/// Group of solver cases.
 pub const GROUP: Group = Group {
     name: "Elements, solvers, inverse",
     cases: &[

@@ -8,7 +8,7 @@ fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
     }
 }
 
-/// A small block of 500 nodes whose steps take 0.2 ms, 0.3 with a probe; 1,500 and 3,500 nodes take 0.5 and 2.5 ms more.
+/// Costs of a small block of 500 nodes whose steps take 0.2 ms, 0.3 with a probe; 1,500 and 3,500 nodes take 0.5 and 2.5 ms more.
 fn made_up() -> StepCosts {
     let dial = |key: &str, rungs: Vec<Rung>| Dial {
         keys: vec![key.to_owned()],
@@ -31,7 +31,7 @@ fn keys(costs: &Costs) -> Vec<String> {
     costs.dials.iter().map(|dial| dial.keys.join(",")).collect()
 }
 
-/// Nodes that are stated count by straight lines, those that are open are a choice, and those of a file are said not to be counted.
+/// Stated nodes are interpolated linearly, open ones are a choice, and those of a file are reported as not counted.
 #[test]
 fn nodes_count_wherever_they_are_known() {
     let at = |nodes| {
@@ -98,11 +98,11 @@ fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_ne
     };
     assert_eq!(lengths(&whole), ["20", "10"]);
     assert_eq!(lengths(&of(Some(15.0))), ["10"]);
-    // What has nothing to offer is no choice.
+    // A dial without rungs is no choice.
     assert_eq!(keys(&of(Some(5.0))), [LEVEL, THINNING]);
 }
 
-/// Every dial has the rungs of its table, and what they add is counted from the steps of the usual needle on the small block.
+/// Every dial has the rungs of its table, with times relative to the steps of the usual needle on the small block.
 #[test]
 fn studies_of_insertions_give_costs_of_every_key() {
     let options = |nodes, parts| InsertionOptions {

@@ -1,11 +1,12 @@
-//! What to take of a table: the cheapest way that stays within an error that a user would notice.
+//! Recommendations from a table: the cheapest variant whose error a user would not notice.
 //!
-//! Nothing here knows what a study compares. Rows that differ only in conditions are one way: it counts with the worst of its
-//! costs and errors (of ways that cost the same the one that errs least is taken), and only where it was measured under all conditions that its rivals were.
+//! This module is independent of what a study compares. Rows that differ only in conditions form one variant: it counts with its worst cost
+//! and error (among variants of equal cost the one with the smallest error is taken), and only if it was measured under all conditions that
+//! occur.
 
 use serde::{Deserialize, Serialize};
 
-use super::pace::Beat;
+use super::real_time::Beat;
 use super::render::number;
 use super::{Row, Table};
 
@@ -17,51 +18,51 @@ pub const FORCE_N: (f64, &str) = (0.1, "less than a hand notices beside 1 to 2 N
 /// Tolerance for grey levels, with its reason.
 pub const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only side by side");
 
-/// Costs, or errors, that differ by no more than this factor count as the same.
+/// Factor within which costs or errors count as equal.
 pub(super) const SAME: f64 = 1.05;
 
-/// What a user wants of a table.
+/// Goal of a user who chooses from a table.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Goal {
-    /// Key of the axis to keep small.
+    /// Key of the axis to minimise.
     pub cost: &'static str,
-    /// Key of the axis that says how wrong a way is.
+    /// Key of the error axis.
     pub error: &'static str,
-    /// Tolerance, in the unit of its axis.
+    /// Tolerance, in the unit of the error axis.
     pub within: f64,
     /// Reason for the tolerance.
     pub reason: &'static str,
-    /// What is chosen, in a few words; the title of the table where there are none.
+    /// Short name of the choice; if empty, the title of the table is used.
     pub choosing: &'static str,
-    /// Keys of axes that a reader wants to see beside those two, such as the spread of the cost, or memory.
+    /// Keys of axes shown beside those two, such as the spread of the cost, or memory.
     pub beside: Vec<&'static str>,
-    /// Keys of factors that are given, such as the size of a mesh: each of their combinations gets advice of its own.
+    /// Keys of given factors, such as the size of a mesh: each combination of their choices gets separate advice.
     pub each: Vec<&'static str>,
-    /// Keys of factors under all of whose choices a way must do.
+    /// Keys of condition factors: a variant must be suitable under all of their choices.
     pub over: Vec<&'static str>,
-    /// A choice of a factor that only shows what the thing is worth, and why it is never advised.
+    /// Factor, choice and reason of a baseline that is only shown for comparison and never recommended.
     pub baseline: Option<(&'static str, &'static str, &'static str)>,
-    /// What must be done in time, and the key of the axis that says what it takes, ms; none where it is done once.
+    /// Recurring task, and key of the axis with its time, ms; `None` for a task done once.
     pub every: Option<(Beat, &'static str)>,
 }
 
-/// One recommendation.
+/// Recommendation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Advice {
-    /// What is chosen.
+    /// Name of the choice.
     pub choosing: String,
-    /// Under which given choices; empty where there are none.
+    /// Fixed choices that the recommendation applies to; empty if there are none.
     pub given: String,
-    /// What to take; none where nothing stays within the goal.
-    pub take: Option<Way>,
-    /// Units of cost and error; empty where they have none.
+    /// Recommended variant; `None` if no variant meets the goal.
+    pub take: Option<Variant>,
+    /// Units of cost and error; empty where there is none.
     pub units: [String; 2],
-    /// All of it in words.
+    /// Recommendation in words.
     pub words: String,
 }
 
 impl Goal {
-    /// The cheapest way within a limit that is given with its reason, such as [`SHIFT_MM`].
+    /// Creates a goal: the cheapest variant within a tolerance given with its reason, such as [`SHIFT_MM`].
     pub fn new(cost: &'static str, error: &'static str, (within, reason): (f64, &'static str)) -> Self {
         Goal {
             cost,
@@ -77,37 +78,37 @@ impl Goal {
         }
     }
 
-    /// What is chosen, in a few words.
+    /// Sets the short name of the choice.
     pub fn choosing(mut self, what: &'static str) -> Self {
         self.choosing = what;
         self
     }
 
-    /// What to show beside cost and error.
+    /// Sets the axes shown beside cost and error.
     pub fn beside(mut self, axes: &[&'static str]) -> Self {
         self.beside = axes.to_vec();
         self
     }
 
-    /// Advice for each choice of these factors.
+    /// Sets the factors with separate advice for each of their choices.
     pub fn each(mut self, factors: &[&'static str]) -> Self {
         self.each = factors.to_vec();
         self
     }
 
-    /// A choice of a factor is a baseline, never advised for this reason.
+    /// Marks a choice of a factor as a baseline, which is not recommended for the given reason.
     pub fn baseline(mut self, factor: &'static str, choice: &'static str, reason: &'static str) -> Self {
         self.baseline = Some((factor, choice, reason));
         self
     }
 
-    /// It is done in every frame or step, whose time is on this axis, ms.
+    /// Declares a task done in every frame or step, with its time on this axis, ms.
     pub fn in_every(mut self, beat: Beat, time: &'static str) -> Self {
         self.every = Some((beat, time));
         self
     }
 
-    /// Ways must do under all choices of these factors.
+    /// Sets the factors under all of whose choices a variant must be suitable.
     pub fn over(mut self, factors: &[&'static str]) -> Self {
         self.over = factors.to_vec();
         self
@@ -115,7 +116,7 @@ impl Goal {
 }
 
 impl Advice {
-    /// The words, with what is given before them.
+    /// Returns the recommendation in words, preceded by the fixed choices.
     pub fn sentence(&self) -> String {
         match self.given.is_empty() {
             true => self.words.clone(),
@@ -124,28 +125,28 @@ impl Advice {
     }
 }
 
-/// One way of doing a thing, over all conditions.
+/// Variant, aggregated over all conditions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Way {
-    /// Its choices.
+pub struct Variant {
+    /// Choices that identify the variant.
     pub name: String,
-    /// The largest of its costs.
+    /// Largest cost over the conditions.
     pub cost: f64,
-    /// The largest of its errors.
+    /// Largest error over the conditions.
     pub error: f64,
-    /// Whether it is what others are compared with.
+    /// Whether the variant is the gold standard.
     pub gold: bool,
 }
 
 impl Table {
-    /// What to take, by the goal of the table; nothing without one.
+    /// Returns recommendations according to the goal of the table; empty without a goal.
     pub fn advice(&self) -> Vec<Advice> {
         let Some(goal) = &self.goal else { return Vec::new() };
         let groups = self.groups(goal);
         groups.iter().map(|rows| self.advise(goal, rows)).collect()
     }
 
-    /// The rows under each combination of the choices that are given.
+    /// Groups the rows by the given choices.
     pub(super) fn groups(&self, goal: &Goal) -> Vec<Vec<&Row>> {
         let mut groups: Vec<(Vec<&str>, Vec<&Row>)> = Vec::new();
         for row in &self.rows {
@@ -158,7 +159,7 @@ impl Table {
         groups.into_iter().map(|(_, rows)| rows).collect()
     }
 
-    /// What is chosen, in words.
+    /// Returns the name of the choice.
     pub(super) fn choosing(&self, goal: &Goal) -> String {
         match goal.choosing.is_empty() {
             true => self.title.clone(),
@@ -166,13 +167,13 @@ impl Table {
         }
     }
 
-    /// The choices that rows share, in words.
+    /// Describes the given choices that the rows share.
     pub(super) fn given(&self, goal: &Goal, rows: &[&Row]) -> String {
         let first = rows.first();
         first.map_or(String::new(), |row| self.name(row, |key| goal.each.contains(&key)))
     }
 
-    /// Unit of an axis; empty where there is none.
+    /// Returns the unit of an axis; empty if there is none.
     pub(super) fn unit(&self, key: &str) -> &'static str {
         self.axis(key).map_or("", |at| self.axes[at].unit())
     }
@@ -180,23 +181,24 @@ impl Table {
     fn advise(&self, goal: &Goal, rows: &[&Row]) -> Advice {
         let (ways, wrong) = self.ways(goal, rows);
         let (cost_unit, error_unit) = (self.unit(goal.cost), self.unit(goal.error));
-        let cost = |way: &Way| format!("{} {cost_unit}", number(way.cost)).trim_end().to_owned();
+        let cost = |way: &Variant| format!("{} {cost_unit}", number(way.cost)).trim_end().to_owned();
         let error = |error: f64| format!("{} {error_unit}", number(error)).trim_end().to_owned();
         let limit = format!("{} {error_unit} ({})", goal.within, goal.reason);
-        let fits = |way: &&Way| way.error <= goal.within;
-        let order = |a: &&Way, b: &&Way| a.error.total_cmp(&b.error).then(a.cost.total_cmp(&b.cost));
+        let fits = |way: &&Variant| way.error <= goal.within;
+        let order = |a: &&Variant, b: &&Variant| a.error.total_cmp(&b.error).then(a.cost.total_cmp(&b.cost));
         let least = ways
             .iter()
             .filter(fits)
             .map(|way| way.cost)
             .fold(f64::INFINITY, f64::min);
-        // What costs the same is told apart by its error, not by the noise of the clock.
-        let alike = |way: &&Way| way.cost <= SAME * least;
+        // Among equal costs the error decides, not the noise of the clock.
+        let alike = |way: &&Variant| way.cost <= SAME * least;
         let take = ways.iter().filter(fits).filter(alike).min_by(order);
         let cheaper = ways
             .iter()
             .filter(|way| take.is_some_and(|take| SAME * way.cost < take.cost) && way.error > goal.within);
-        let nearest = |ways: &mut dyn Iterator<Item = &Way>| ways.min_by(|a, b| a.error.total_cmp(&b.error)).cloned();
+        let nearest =
+            |ways: &mut dyn Iterator<Item = &Variant>| ways.min_by(|a, b| a.error.total_cmp(&b.error)).cloned();
         let mut words = match take {
             Some(take) if take.gold => format!(
                 "Recommended: {} (the gold standard): {}. Nothing cheaper has an error within {limit}.",
@@ -243,8 +245,8 @@ impl Table {
         }
     }
 
-    /// The ways among rows, and how many rows are flagged.
-    pub(super) fn ways(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Way>, usize) {
+    /// Aggregates rows into variants; returns them with the number of flagged rows.
+    pub(super) fn ways(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Variant>, usize) {
         let fixed = |key: &&str| goal.each.contains(key) || goal.over.contains(key);
         let all = self.conditions(goal, rows);
         let name = |row: &Row| self.name(row, |key| !fixed(&key));
@@ -273,7 +275,7 @@ impl Table {
             };
             let complete = self.conditions(goal, &own) == all && own.iter().all(|row| row.flag.is_none());
             complete.then_some(())?;
-            Some(Way {
+            Some(Variant {
                 cost: most(goal.cost, None)?,
                 error: most(goal.error, Some(0.0))?,
                 gold: own.iter().all(|row| row.gold),
@@ -284,7 +286,7 @@ impl Table {
         (names.into_iter().filter_map(way).collect(), wrong)
     }
 
-    /// The combinations of conditions that occur, each once.
+    /// Returns the distinct combinations of conditions.
     fn conditions<'a>(&self, goal: &Goal, rows: &[&'a Row]) -> Vec<Vec<&'a str>> {
         let mut found: Vec<Vec<&str>> = rows.iter().map(|row| self.choices(row, &goal.over)).collect();
         found.sort_unstable();
@@ -292,13 +294,13 @@ impl Table {
         found
     }
 
-    /// The choices of a row for some factors.
+    /// Returns the choices of a row for some factors.
     pub(super) fn choices<'a>(&self, row: &'a Row, keys: &[&str]) -> Vec<&'a str> {
         let found = keys.iter().filter_map(|key| self.factor(key));
         found.map(|at| row.choices[at].as_str()).collect()
     }
 
-    /// Choices of a row in words; each as [`Factor::name`] has it.
+    /// Describes choices of a row, each by [`Factor::name`].
     fn name(&self, row: &Row, wanted: impl Fn(&'static str) -> bool) -> String {
         let pairs = self.factors.iter().zip(&row.choices);
         let words = pairs.filter(|(factor, _)| wanted(factor.key));

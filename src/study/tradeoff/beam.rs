@@ -1,7 +1,6 @@
-//! What the choices in a beam on a hyperelastic foundation do to the needle, and cost: length of elements, friction, and material and
-//! compression model. The last is the study of figures 7 and 8 of Wang et al. 2023, where the truth was
-//! measured; here it is this program's own fine solution, so that nothing but the choice differs.
-//! Last, springs and beam as models of a needle in insertion.
+//! Beam on a hyperelastic foundation: effect and cost of element length, friction, and material and compression model. The last is the
+//! study of figures 7 and 8 of Wang et al. 2023, in which the truth was measured; here it is a fine solution by this program, so that only
+//! the choice differs. Finally, springs and beam are compared as needle models in insertion.
 
 mod elements;
 mod friction;
@@ -16,7 +15,7 @@ use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Problem, S
 use crate::study::beam::INITIAL_LENGTH_MM;
 use crate::study::machine::Machine;
 
-/// This study among all.
+/// Registration of this study.
 pub const ENTRY: Entry = Entry {
     name: "beam",
     title: "The needle as a beam",
@@ -28,7 +27,7 @@ pub const ENTRY: Entry = Entry {
     },
 };
 
-/// Elements of what counts as the truth, mm.
+/// Element length of the reference solution, mm.
 const FINE_MM: f64 = 0.1;
 
 const fn factor(key: &'static str, label: &'static str) -> Factor {
@@ -44,10 +43,10 @@ const fn axis(key: &'static str, heading: &'static str, label: &'static str, log
     }
 }
 
-/// Studies all of it.
+/// Runs the study.
 ///
 /// # Errors
-/// [`BeamError`] of a needle without a shape.
+/// [`BeamError`] if a needle shape cannot be solved.
 pub fn study() -> Result<Study, BeamError> {
     let tables = vec![
         elements::table()?,
@@ -94,7 +93,7 @@ fn solve(problem: &Problem, base: &Base) -> Result<Shape, BeamError> {
     FoundationBeam::new(problem)?.solve(base)
 }
 
-/// Largest distance between two shapes of the same needle at the points of the first, mm.
+/// Returns the largest distance between two shapes of the same needle at the points of the first, mm.
 fn apart(shape: &Shape, other: &Shape) -> f64 {
     let apart = shape
         .points

@@ -1,7 +1,7 @@
-//! Every study after the other, into one report.
+//! All studies, run in sequence into one report.
 //!
-//! [`STUDIES`] is the one place where a study is made known: what is not in it has no row, no plot and no advice anywhere. Nothing
-//! beyond this list knows what studies compare.
+//! [`STUDIES`] is the only registry of studies: one that is not listed has no row, plot or advice anywhere. No code outside this list knows
+//! what the studies compare.
 
 use std::error::Error;
 use std::time::Instant;
@@ -12,26 +12,26 @@ use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use crate::study::machine::{self, Machine};
 use crate::study::stability::Effort;
 
-/// Is told what a study does, and the share that is done.
+/// Callback that receives the current task of a study and the completed fraction.
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
-/// Why a study could not be made.
+/// Error of a study that failed.
 pub type Unmeasured = Box<dyn Error + Send + Sync>;
 
-/// A study that takes part.
+/// Registration of a study.
 #[derive(Clone, Copy, Debug)]
 pub struct Entry {
-    /// Its name, as that of its subcommand.
+    /// Name of the study and of its subcommand.
     pub name: &'static str,
-    /// Heading of its chapter.
+    /// Title of its chapter.
     pub title: &'static str,
-    /// What a reader learns from it.
+    /// Question that the study answers.
     pub question: &'static str,
-    /// Makes it.
+    /// Function that runs the study.
     pub run: fn(&Means, Effort, Progress<'_>) -> Result<Study, Unmeasured>,
 }
 
-/// All that take part, in the order in which they are shown.
+/// All studies, in display order.
 pub const STUDIES: &[Entry] = &[
     image::ENTRY,
     remesh::ENTRY,
@@ -41,17 +41,17 @@ pub const STUDIES: &[Entry] = &[
     history::ENTRY,
 ];
 
-/// What the machine has to measure on.
+/// Devices available for measurements.
 #[derive(Default)]
 pub struct Means {
-    /// Devices that open.
+    /// Devices that could be opened.
     pub gpus: Vec<Gpu>,
-    /// What is not measured, and why.
+    /// Devices that are not measured, and why.
     pub missing: Vec<String>,
 }
 
 impl Means {
-    /// All hardware devices of this machine; software ones run on the CPU.
+    /// Opens all hardware devices of this machine; software devices run on the CPU.
     pub fn here() -> Self {
         let mut means = Means::default();
         for found in adapter::list() {
@@ -76,8 +76,8 @@ impl Means {
     }
 }
 
-/// Makes every study of a list, and says what to take at a pace. `progress` is told what is being done and the share that is done, ascending from 0 to 1. A study
-/// that cannot be made is named in the report with its reason; the others go on.
+/// Runs every study of a list and derives the recommendations at a pace. `progress` receives the current task and the completed fraction,
+/// increasing from 0 to 1. A study that fails is listed in the report with its error; the others continue.
 pub fn gather(entries: &[Entry], means: &Means, effort: Effort, pace: Pace, progress: Progress<'_>) -> Report {
     let start = Instant::now();
     let (mut chapters, mut missing) = (Vec::new(), Vec::new());

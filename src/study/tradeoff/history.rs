@@ -1,8 +1,8 @@
-//! Rules of fading memory: what a history of so many steps costs under each, and how far it is from the exact law.
+//! Quadrature rules of fading memory: cost and error against the exact law, by number of steps.
 //!
-//! A spring-pot creeps under a stress that jumps to 1 at the start and then swings around it. Its strain is known in closed form. Every
-//! rule follows the same stress over the same time in as many steps as asked, at every one of which the strain is asked for, as a
-//! simulation does; the whole is timed. Steps are equal, or alternate between two lengths (where a rule takes them).
+//! A spring-pot creeps under a stress that jumps to 1 at the start and then oscillates about it. Its strain is known in closed form. Every
+//! rule follows the same stress over the same time in the requested number of steps and evaluates the strain at each of them, as a
+//! simulation does; the complete run is timed. Steps are equal, or alternate between two lengths (where a rule supports this).
 
 mod report;
 
@@ -16,12 +16,12 @@ use crate::study::fractional::{of_power, of_sine};
 use crate::study::stability::Effort;
 use report::Report;
 
-/// What to study.
+/// Options of the study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HistoryOptions {
-    /// Order of the spring-pot, 0 to 1 (default 0.1, as of liver).
+    /// Order of the spring-pot, 0 to 1 (default 0.1, liver).
     pub order: f64,
-    /// Numbers of steps, each from 10 on (default 100 to 100,000).
+    /// Numbers of steps, each 10 or more (default 100 to 100,000).
     pub steps: Vec<usize>,
 }
 
@@ -35,7 +35,7 @@ impl Default for HistoryOptions {
 }
 
 impl HistoryOptions {
-    /// What is studied at an effort: the default, or short histories.
+    /// Returns the options for an effort: the default, or short histories.
     pub fn of(effort: Effort) -> Self {
         let usual = HistoryOptions::default();
         effort.pick(
@@ -48,7 +48,7 @@ impl HistoryOptions {
     }
 }
 
-/// This study among all.
+/// Registration of this study.
 pub const ENTRY: Entry = Entry {
     name: "history",
     title: "Fading memory",
@@ -56,27 +56,27 @@ pub const ENTRY: Entry = Entry {
     run: |_, effort, progress| Ok(study(&HistoryOptions::of(effort), progress)?),
 };
 
-/// How long the history takes, s, and how fast the stress swings, rad/s: five times.
+/// Duration of the history, s, and angular frequency of the stress, rad/s: five periods.
 const LENGTH_S: f64 = 10.0;
 const FREQUENCY: f64 = 5.0 * TAU / LENGTH_S;
-/// Times at which the strain is compared.
+/// Number of times at which the strain is compared.
 const SAMPLES: usize = 40;
-/// Unequal steps are this much longer and shorter than their mean.
+/// Relative deviation of unequal steps from their mean.
 const UNEVEN: f64 = 0.3;
-/// Most steps of unequal length for the rules that then compute all weights anew at each.
+/// Maximum number of unequal steps for the rules that recompute all weights at each of them.
 const MOST_UNEVEN: usize = 10_000;
 
-/// A history is followed again until this is spent, s.
+/// Minimum total time over which a history is repeated, s.
 const REPEATED_S: f64 = 0.05;
 
-/// The lengths of steps.
+/// Step lengths.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Lengths {
     Equal,
     Unequal,
 }
 
-/// One way to follow the history.
+/// Rule with its step lengths and number of steps.
 #[derive(Clone, Copy, Debug)]
 struct Contender {
     name: &'static str,
@@ -85,19 +85,19 @@ struct Contender {
     steps: usize,
 }
 
-/// How it did.
+/// Measurement of one contender.
 #[derive(Clone, Copy, Debug)]
 struct Measured {
-    /// Largest error at the samples over the largest strain.
+    /// Largest error at the samples relative to the largest strain.
     error: f64,
-    /// Of all steps, s.
+    /// Total time of all steps in the fastest run, s.
     seconds: f64,
-    /// The same the slowest time over, s.
+    /// Total time of all steps in the slowest run, s.
     slowest_s: f64,
     bytes: usize,
 }
 
-/// Names of the sums of exponentials, and their tolerances.
+/// Names and tolerances of the sums of exponentials.
 const EXPONENTIALS: [(&str, f64); 3] = [
     ("exponentials, 1e-4", 1e-4),
     ("exponentials, 1e-7", 1e-7),
@@ -109,7 +109,7 @@ const FULL: [(&str, Rule); 3] = [
     ("Gruenwald-Letnikov", Rule::GruenwaldLetnikov),
 ];
 
-/// Studies every rule. `progress` is told what is being done and the share that is done, ascending from 0 to 1.
+/// Studies every rule. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
 /// [`HistoryError`] for an order outside 0 to 1.
@@ -165,7 +165,7 @@ fn strain(order: f64, t: f64) -> f64 {
 }
 
 impl Contender {
-    /// Short histories are followed several times: the fastest counts.
+    /// Measures the contender; short histories are repeated and the fastest run counts.
     fn measure(&self, order: f64, samples: &[f64]) -> Result<Measured, HistoryError> {
         let mut best = self.follow(order, samples)?;
         let mut spent = best.seconds;
@@ -179,7 +179,7 @@ impl Contender {
     }
 
     fn follow(&self, order: f64, samples: &[f64]) -> Result<Measured, HistoryError> {
-        // Steps that are compared; unequal ones come in pairs, so that every second time is as if they were equal.
+        // Compared steps: unequal ones come in pairs, so that every second time equals that of equal steps.
         let compared: Vec<usize> = samples
             .iter()
             .map(|share| (share * self.steps as f64) as usize / 2 * 2)

@@ -1,19 +1,19 @@
-//! Images: what each way of making one costs, and how many grey levels or millimetres it is off.
+//! Image synthesis: cost of each variant, and its error in grey levels or millimetres.
 //!
-//! | table | what is varied | gold standard |
+//! | table | varied | gold standard |
 //! |---|---|---|
 //! | `image_grid` | scanlines by samples | the finest grid, double precision |
 //! | `image_backend` | double and single precision, each GPU | double precision on the CPU |
-//! | `image_labels` | label of the nearest voxel or voted, voxel size | closed-form boundaries |
-//! | `image_effects` | one effect left out or simpler | every usual effect in double precision |
-//! | `image_sampling` | samples down a shadow, scanlines across a blur | the finest of them |
+//! | `image_labels` | label of the nearest voxel or by vote, voxel size | closed-form boundaries |
+//! | `image_effects` | one effect omitted or simplified | all default effects in double precision |
+//! | `image_sampling` | samples along a shadow, scanlines across a blur | the finest grid |
 //! | `image_texture` | solid texture (trilinear), constant echo | trilinear in double precision |
-//! | `image_lookup` | nearest voxel, trilinear look-up of a texture by itself | trilinear in double precision |
-//! | `image_grain` | no grain, additive noise, fully developed speckle | Rayleigh statistics, the lengths asked for |
+//! | `image_lookup` | nearest voxel, trilinear look-up of a texture in isolation | trilinear in double precision |
+//! | `image_grain` | no grain, additive noise, fully developed speckle | Rayleigh statistics, requested correlation lengths |
 //! | `image_location` | walk, grid, exhaustive search for the element of a sample | exhaustive search |
 //!
-//! Grey levels are compared on the scan-converted picture, inside the sector. A level that is brighter or darker as a whole than its
-//! standard, or that is further from it than a coarser one, is no approximation and is flagged.
+//! Grey levels are compared in the scan-converted picture, inside the sector. A variant that is uniformly brighter or darker than its
+//! standard, or further from it than a coarser variant, is not a valid approximation and is flagged.
 
 mod compare;
 mod effects;
@@ -39,28 +39,28 @@ use crate::study::machine::Machine;
 use crate::study::stability::Effort;
 use crate::synth::SynthError;
 
-/// What to study.
+/// Options of the study.
 #[derive(Debug)]
 pub struct ImageOptions {
-    /// Scanlines by samples, from the coarsest to the finest, which is the standard of the others and none of the choices (two or
-    /// more).
+    /// Grids of scanlines by samples, from the coarsest to the finest (two or more). The finest is the gold standard and not one of the
+    /// choices.
     pub grids: Vec<[u32; 2]>,
     /// Edge of the phantom's voxels, mm.
     pub voxel_mm: f64,
-    /// What the grids of the other tables are divided by, 1 or more.
+    /// Divisor of the grids of the other tables, 1 or more.
     pub coarsen: u32,
-    /// Nodes of the meshes that points are located in.
+    /// Numbers of nodes of the meshes for point location.
     pub nodes: Vec<usize>,
-    /// Points that are located in each frame.
+    /// Number of points located in each frame.
     pub points: usize,
-    /// How long a way is timed, once it has three frames.
+    /// Time spent on each variant, with at least three frames.
     pub patience: Duration,
-    /// GPUs to measure beside the CPU.
+    /// GPUs to measure in addition to the CPU.
     pub gpus: Vec<Gpu>,
 }
 
 impl ImageOptions {
-    /// A study of five minutes at most on two cores.
+    /// Returns the options of a full study, at most five minutes on two cores.
     pub fn whole(gpus: Vec<Gpu>) -> Self {
         Self {
             grids: vec![
@@ -80,7 +80,7 @@ impl ImageOptions {
         }
     }
 
-    /// A first look, in seconds.
+    /// Returns the options of a quick study, which takes seconds.
     pub fn quick(gpus: Vec<Gpu>) -> Self {
         Self {
             grids: vec![[64, 128], [128, 256], [256, 512], [512, 1024], [1024, 2048]],
@@ -94,7 +94,7 @@ impl ImageOptions {
     }
 }
 
-/// This study among all.
+/// Registration of this study.
 pub const ENTRY: Entry = Entry {
     name: "image",
     title: "Images",
@@ -110,31 +110,31 @@ pub const ENTRY: Entry = Entry {
     },
 };
 
-/// Why images cannot be studied.
+/// Error of an image study.
 #[derive(Debug, thiserror::Error)]
 pub enum ImageError {
-    /// A frame cannot be made.
+    /// A frame cannot be rendered.
     #[error(transparent)]
     Synth(#[from] SynthError),
-    /// The scene of the study is none.
+    /// The scene of the study is invalid.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// The mesh of the study is none.
+    /// The mesh of the study is invalid.
     #[error(transparent)]
     Mesh(#[from] InvalidMesh),
-    /// Nodes that are not those of the mesh.
+    /// The number of nodes differs from that of the mesh.
     #[error(transparent)]
     Nodes(#[from] NodeCount),
-    /// A GPU fails.
+    /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// Nothing to compare.
+    /// There are fewer than two grids to compare.
     #[error("{0} grids: expected two or more, the finest of which is the standard of the others")]
     Grids(usize),
 }
 
 impl ImageError {
-    /// Whether the machine failed, rather than the input.
+    /// Returns whether the machine failed, rather than the input.
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
@@ -161,13 +161,13 @@ const P99: Axis = Axis::log(
 );
 const BIAS: Axis = Axis::linear("bias_grey", "mean grey", "mean difference, grey levels");
 
-/// What is known of a picture: time, memory, error.
+/// Axes of a picture: time, memory, error.
 const PICTURE: [Axis; 6] = [MEDIAN, P95, MEMORY, RMS, P99, BIAS];
 
-/// Studies images. `progress` is told what is being done and the share that is done, ascending from 0 to 1.
+/// Studies images. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`ImageError`].
+/// [`ImageError`] if a scene or mesh is invalid or a frame cannot be rendered.
 pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, ImageError> {
     let mut notes = Vec::new();
     if options.gpus.is_empty() {
@@ -205,7 +205,7 @@ pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send
     })
 }
 
-/// Fills tables, and notes what it left out.
+/// Function that measures tables, and notes what it left out.
 type Measure = fn(&ImageOptions, &mut Vec<String>) -> Result<Vec<Table>, ImageError>;
 
 fn about(options: &ImageOptions) -> Vec<(&'static str, String)> {

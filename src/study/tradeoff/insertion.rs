@@ -1,18 +1,18 @@
-//! Needle insertions: what each way to calculate them costs, and how far it is from the best.
+//! Needle insertions: cost and error of each computational choice.
 //!
-//! Every part drives several models along one insertion and compares what hand and image get. Steps are calculated several times
-//! over, the contenders of a part in turn; the time of a step is the least of these, since other work on the machine only adds.
+//! Every part drives several models along one insertion and compares what hand and image receive. Steps are computed several times, the
+//! contenders of a part in turn; the time of a step is the minimum, since other load on the machine only adds to it.
 //!
-//! | module | what it compares |
+//! | module | comparison |
 //! |---|---|
-//! | `levels` | levels of remeshing, a probe moved sideways midway (Goksel et al. 2011, figures 13c and 14) |
+//! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c and 14) |
 //! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A) |
-//! | `thinning` | every n-th candidate of the probe |
-//! | `pieces` | lengths of the links of a needle of angular springs, and of the elements of a beam |
-//! | `mesh` | nodes of the mesh |
+//! | `thinning` | every n-th probe candidate |
+//! | `pieces` | link lengths of an angular-spring needle, and element lengths of a beam |
+//! | `mesh` | number of mesh nodes |
 //! | `masses` | masses and springs against finite elements |
 //!
-//! `course` moves hands and clocks, `columns` has the columns that tables share.
+//! `course` moves the instruments and times the steps; `columns` contains the columns common to the tables.
 
 mod bevel;
 mod columns;
@@ -33,27 +33,27 @@ use super::{Figure, Study, Table};
 use crate::study::machine::Machine;
 use crate::study::stability::Effort;
 
-/// What can be compared.
+/// Part of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// Levels of remeshing.
+    /// Remeshing levels.
     Levels,
     /// Bevels.
     Bevel,
     /// Masses and springs against finite elements.
     Masses,
-    /// Candidates of the probe.
+    /// Thinning of the probe candidates.
     Thinning,
-    /// Links of the needle.
+    /// Link length of an angular-spring needle.
     Links,
-    /// Elements of a needle that is a beam.
+    /// Element length of a beam needle.
     Elements,
-    /// Nodes of the mesh.
+    /// Number of mesh nodes.
     Mesh,
 }
 
 impl Part {
-    /// All of them.
+    /// All parts.
     pub const ALL: [Part; 7] = [
         Part::Levels,
         Part::Mesh,
@@ -77,20 +77,20 @@ impl Part {
     }
 }
 
-/// What to study, and at what size.
+/// Options of the study.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InsertionOptions {
-    /// Nodes of the block, about (default 3,300: the detailed model of Goksel et al. 2011).
+    /// Approximate number of nodes of the block (default 3,300: the detailed model of Goksel et al. 2011).
     pub nodes: usize,
-    /// How deep the needle goes, mm (10 to 80, default 60).
+    /// Insertion depth, mm (10 to 80, default 60).
     pub depth_mm: f64,
-    /// How deep it goes into the block of PVC, mm (10 to 140, default 140).
+    /// Insertion depth in the block of PVC, mm (10 to 140, default 140).
     pub bevel_depth_mm: f64,
-    /// Whether bevels of half and one and a half times the usual length and finer meshes are compared too (default true).
+    /// Whether bevels of half and one and a half times the default length and finer meshes are compared too (default true).
     pub bevel_sweep: bool,
-    /// How often every step is calculated and timed (default 3).
+    /// Number of times that every step is computed and timed (default 3).
     pub passes: usize,
-    /// What to compare (default all).
+    /// Parts to run (default all).
     pub parts: Vec<Part>,
 }
 
@@ -107,7 +107,7 @@ impl Default for InsertionOptions {
     }
 }
 
-/// This study among all.
+/// Registration of this study.
 pub const ENTRY: Entry = Entry {
     name: "insertion",
     title: "Needle insertion",
@@ -124,7 +124,7 @@ pub const ENTRY: Entry = Entry {
 };
 
 impl InsertionOptions {
-    /// What is studied at an effort: the default, or a small block and short ways.
+    /// Returns the options for an effort: the default, or a small block and short insertions.
     pub fn of(effort: Effort) -> Self {
         effort.pick(
             InsertionOptions {
@@ -164,10 +164,10 @@ impl InsertionOptions {
     }
 }
 
-/// Told what is being done and the share that is done, ascending from 0 to 1.
+/// Callback that receives the current task and the completed fraction, increasing from 0 to 1.
 type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
-/// What a part has found out.
+/// Results of a part.
 #[derive(Default)]
 struct Findings {
     about: Vec<(&'static str, String)>,
@@ -176,10 +176,10 @@ struct Findings {
     notes: Vec<String>,
 }
 
-/// Studies insertions. `progress` is told what is being done and the share that is done, ascending from 0 to 1.
+/// Studies insertions. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`InsertionStudyError`]; memory is checked before anything large is allocated.
+/// [`InsertionStudyError`]; memory is checked before any large allocation.
 pub fn study(
     options: &InsertionOptions,
     progress: &mut (dyn FnMut(&str, f64) + Send),

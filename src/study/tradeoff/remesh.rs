@@ -1,22 +1,22 @@
-//! Levels of remeshing: what each costs and how far it is from the truth, on one mesh after another.
+//! Remeshing levels: cost and error on one or more meshes.
 //!
-//! A needle goes into the mesh along a line. Wherever it enters an element, a corner of that is moved to its tip; then it is
-//! withdrawn and the moves are undone, and so on, as often as asked. Every contender follows the same moves, is timed at each of
-//! them with its K^c read, and is compared with a gold standard that is factored from the moved mesh and solved with iterative
-//! refinement in the same run: K^c, sampled columns of K^-1 and the displacements under a fixed load in some states of the first
-//! insertion, of which the worst counts, and K^c again after more and more updates.
+//! A needle enters the mesh along a line. Wherever it enters an element, a corner of that element is moved to its tip; then it is withdrawn
+//! and the moves are undone, repeatedly. Every contender follows the same moves, is timed at each of them including a read of its K^c, and
+//! is compared with a gold standard that is factorised from the moved mesh and solved with iterative refinement in the same run: K^c,
+//! sampled columns of K^-1 and the displacements under a fixed load in some states of the first insertion, of which the worst counts, and
+//! K^c again after increasing numbers of updates.
 //!
-//! Promises are checked: a contender that claims to be exact up to rounding must leave a relative residual |K X e - e| / (|K| |X e|) and
-//! errors of K^-1, K^c and displacements below the limits at which the levels rebuild themselves (see
+//! Guarantees are checked: a contender that claims to be exact up to rounding must keep the relative residual |K X e - e| / (|K| |X e|) and
+//! the errors of K^-1, K^c and displacements below the limits at which the levels rebuild themselves (see
 //! [`Options`](crate::mechanics::tissue::remesh::Options)), or its row is flagged.
 //!
-//! | module | what it holds |
+//! | module | contents |
 //! |---|---|
 //! | [`subject`] | mesh, supports, contacts and moves |
-//! | [`gold`] | the truth |
-//! | [`contender`] | the ways to follow |
-//! | `switching` | pivots against a new factorisation where contacts switch |
-//! | [`bandwidth`] | how fast this machine copies |
+//! | [`gold`] | reference solutions |
+//! | [`contender`] | update methods |
+//! | `switching` | pivots against refactorisation in contact switching |
+//! | [`bandwidth`] | memory bandwidth of this machine |
 
 pub mod bandwidth;
 pub mod contender;
@@ -46,29 +46,29 @@ use gold::Gold;
 use report::Report;
 use subject::Subject;
 
-/// States of the first insertion in which errors are looked at.
+/// Number of states of the first insertion in which errors are evaluated.
 const STATES: usize = 8;
 
-/// Why level IV is no choice, however near it is after a few moves.
+/// Reason for never recommending level IV, however accurate it is after a few moves.
 pub const FROZEN: &str = "it never updates the compliance, so that its error grows with the moves of the mesh";
 
-/// What takes less counts as this, ms: clocks are no finer, and level IV does nothing.
+/// Lower limit of times, ms: clocks are no finer, and level IV does nothing.
 const GRAIN_MS: f64 = 1e-3;
 
-/// What to study, and for how long.
+/// Options of the study.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RemeshOptions {
     /// Young's modulus, kPa (default 10).
     pub young_kpa: f64,
     /// Poisson's ratio (default 0.45, as in Goksel et al. 2011).
     pub poisson: f64,
-    /// Most moves of one insertion (default 24).
+    /// Maximum number of moves in one insertion (default 24).
     pub moves: usize,
-    /// Updates, insertions and withdrawals together (default 1,000).
+    /// Number of updates, counting insertions and withdrawals (default 1,000).
     pub updates: usize,
-    /// A contender ends early when it has taken this long and the needle has been in once (default 120 s).
+    /// Time after which a contender ends early, once the needle has been fully inserted (default 120 s).
     pub patience: Duration,
-    /// Whether the levels in f64 and f32 on the CPU take part, as do the others that it runs.
+    /// Whether the f64 and f32 levels on the CPU take part, along with the other CPU contenders.
     pub cpu: bool,
 }
 
@@ -86,7 +86,7 @@ impl Default for RemeshOptions {
 }
 
 impl RemeshOptions {
-    /// What is studied, and how long, at an effort: the default, or few updates of few moves.
+    /// Returns the options for an effort: the default, or few updates of few moves.
     pub fn of(effort: Effort) -> Self {
         let usual = RemeshOptions::default();
         effort.pick(
@@ -100,15 +100,14 @@ impl RemeshOptions {
     }
 }
 
-/// Nodes of the mesh that is studied where no other is asked for; quickly, and wholly: those of the detailed model of Goksel et al.
-/// 2011.
+/// Default number of nodes of the mesh, for a quick run and for a full one: the latter is the detailed model of Goksel et al. 2011.
 pub const NODES: (usize, usize) = (500, 3300);
-/// Sizes that the report of all studies compares.
+/// Mesh sizes compared in the report of all studies, for a quick run and for a full one.
 const GATHERED: (&[usize], &[usize]) = (&[500], &[500, 1500, 3300]);
-/// Updates and patience of a contender in that report, at whole length.
+/// Number of updates and patience of a contender in that report, for a full run.
 const GATHERED_UPDATES: (usize, Duration) = (200, Duration::from_secs(8));
 
-/// This study among all.
+/// Registration of this study.
 pub const ENTRY: Entry = Entry {
     name: "remesh",
     title: "Remeshing",
@@ -129,35 +128,35 @@ pub const ENTRY: Entry = Entry {
     },
 };
 
-/// How a contender did.
+/// Measurements of a contender.
 #[derive(Clone, Debug, Default)]
 pub struct Measured {
     /// Time of each update, ms.
     pub times_ms: Vec<f64>,
-    /// Time of updates on a device, ms.
+    /// Time of each update on a device, ms.
     pub device_ms: Vec<f64>,
-    /// Time to get ready: the inverse where one is needed, and the first K^c, ms.
+    /// Preparation time: the inverse where one is needed, and the first K^c, ms.
     pub prepare_ms: f64,
-    /// Bytes held at the end.
+    /// Bytes in use at the end.
     pub held: usize,
-    /// Bytes of large matrices read and written by an update, where known.
+    /// Bytes of large matrices read and written by each update, where known.
     pub bytes: Vec<usize>,
-    /// Updates after which everything was computed anew.
+    /// Number of updates that recomputed everything.
     pub rebuilds: usize,
-    /// The worst of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in Frobenius and
-    /// 2-norms; the relative residual of the sampled columns; the largest error of displacements for each newton of load, mm.
+    /// Worst errors of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in Frobenius and 2-norms;
+    /// the relative residual of the sampled columns; the largest error of displacements per newton of load, mm.
     pub errors: Option<[f64; 5]>,
-    /// Error of K^c after so many updates.
+    /// Numbers of updates, each with the error of K^c after them.
     pub drift: Vec<(usize, f64)>,
-    /// What went wrong.
+    /// Description of a failure or a violated guarantee.
     pub flag: Option<String>,
 }
 
-/// Studies the meshes, smallest first or in any order. `gpus` are measured beside the CPU. `progress` is told what is being done
-/// and the share that is done, ascending from 0 to 1.
+/// Studies the meshes, in any order. `gpus` are measured in addition to the CPU. `progress` receives the current task and the completed
+/// fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`StudyError`]; memory is checked before anything large is allocated.
+/// [`StudyError`]; memory is checked before any large allocation.
 pub fn study(
     meshes: &[TetMesh],
     gpus: &[Gpu],
@@ -228,14 +227,14 @@ fn one(
     Ok(())
 }
 
-/// The gold standards that contenders are compared with, after so many updates.
+/// Gold standards with the number of updates after which each applies.
 pub struct Truth(Vec<(usize, Gold)>);
 
 impl Truth {
-    /// Computes them.
+    /// Computes the gold standards.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if a state of the mesh cannot be solved.
     pub fn new(subject: &Subject, options: &RemeshOptions) -> Result<Truth, StudyError> {
         let mut mesh = subject.mesh.clone();
         let mut states = Vec::new();
@@ -252,18 +251,19 @@ impl Truth {
     }
 }
 
-/// Whether all errors are looked at: in [`STATES`] states of the first insertion, the last of them when the needle is in.
+/// Returns whether all errors are evaluated after an update: in [`STATES`] states of the first insertion, the last of them with the needle
+/// fully inserted.
 fn is_sampled(update: usize, inserted: usize) -> bool {
     update <= inserted && update * STATES / inserted > (update - 1) * STATES / inserted
 }
 
-/// Whether the error of K^c is looked at: after 1, 3, 10, 30, ... updates and the last.
+/// Returns whether the error of K^c is evaluated: after 1, 3, 10, 30, ... updates and after the last.
 fn is_checkpoint(update: usize, updates: usize) -> bool {
     let decade = 10usize.pow(update.max(1).ilog10());
     update <= updates && (update == decade || update == 3 * decade || update == updates)
 }
 
-/// Runs one contender. What it fails of is in its flag.
+/// Runs one contender; a failure is reported in its flag.
 pub fn measure(contender: &mut dyn Contender, subject: &Subject, truth: &Truth, options: &RemeshOptions) -> Measured {
     let mut measured = Measured::default();
     if let Err(error) = run(contender, subject, truth, options, &mut measured) {
@@ -317,7 +317,7 @@ fn run(
         }
     }
     measured.held = contender.held();
-    // Measuring the device costs a wait at each update, so it is done apart from the clock on the wall.
+    // Timing on the device requires a wait at each update, so it is done apart from wall-clock timing.
     let done = measured.times_ms.len();
     if contender.time_device()? {
         for update in done..done + 2 * inserted {
@@ -329,10 +329,10 @@ fn run(
     Ok(())
 }
 
-/// Checks what the study of a mesh needs at its height against what there is.
+/// Compares the peak memory of a study of one mesh with the available memory.
 fn check_memory(size: usize, gpus: &[Gpu], available: Option<usize>) -> Result<(), StudyError> {
     let [double, single] = [Symmetric::<f64>::bytes_of(size), Symmetric::<f32>::bytes_of(size)];
-    // Both bases and one that follows; software adapters keep theirs in the same memory.
+    // Both bases and one working copy; software adapters keep theirs in the same memory.
     let software = gpus.iter().any(|gpu| gpu.report().software);
     let device = if software { single } else { 0 };
     let samples = 2 * STATES * size_of::<f64>() * size * gold::SAMPLES;

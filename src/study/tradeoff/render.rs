@@ -1,4 +1,4 @@
-//! Text, JSON, CSV and plots of a study.
+//! Output of a study as text, JSON, CSV and plots.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -10,25 +10,25 @@ use crate::output::atomic::{self, WriteError};
 use crate::output::png::{self, PngError};
 use crate::study::plot::{self, Marker, Plot, PlotError, Series};
 
-/// Why the files of a study cannot be written.
+/// Error of writing the files of a study.
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
-    /// The disk refuses.
+    /// A file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The disk refuses a picture.
+    /// A picture cannot be written.
     #[error(transparent)]
     Png(#[from] PngError),
     /// A plot cannot be drawn.
     #[error(transparent)]
     Plot(#[from] PlotError),
-    /// What was measured cannot be told.
+    /// The report cannot be serialised as JSON.
     #[error("the report cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
 }
 
 impl Study {
-    /// The study for people: settings, tables, notes.
+    /// Returns the study as text: settings, tables, notes.
     pub fn text(&self) -> String {
         let mut text = String::new();
         for (key, value) in &self.about {
@@ -50,7 +50,7 @@ impl Study {
         text
     }
 
-    /// The study for programs.
+    /// Returns the study as JSON.
     pub fn json(&self) -> Value {
         let about: Map<String, Value> = self
             .about
@@ -72,7 +72,7 @@ impl Study {
         })
     }
 
-    /// The plots, each with the stem of its files. One without a point is left out.
+    /// Returns the plots, each with the stem of its files; plots without points are omitted.
     pub fn plots(&self) -> Vec<(&str, Plot)> {
         let figures = self.figures.iter().filter_map(|figure| {
             let table = self.tables.iter().find(|table| table.key == figure.table)?;
@@ -81,11 +81,11 @@ impl Study {
         figures.collect()
     }
 
-    /// Writes every table as CSV, the whole as JSON, every plot as PNG and SVG, and a page that shows all of it into a folder that exists. Returns the
-    /// names of the files, in the order written.
+    /// Writes every table as CSV, the study as JSON, every plot as PNG and SVG, and a page of everything into an existing folder. Returns
+    /// the file names in the order written.
     ///
     /// # Errors
-    /// [`RenderError`]. Each file appears whole or not at all.
+    /// [`RenderError`]. Each file is written completely or not at all.
     pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
         let mut files = Vec::new();
         let mut put = |name: String, bytes: &[u8]| -> Result<(), RenderError> {
@@ -117,7 +117,7 @@ impl Study {
 }
 
 impl Table {
-    /// What errors are against; aligned columns; best choices have a star, flags stand behind.
+    /// Returns the table as text: its gold standard and aligned columns, with a star for best choices and flags at the end of rows.
     pub fn text(&self) -> String {
         let shown: Vec<usize> = (0..self.axes.len())
             .filter(|at| self.rows.iter().any(|row| row.values[*at].is_some()))
@@ -150,7 +150,7 @@ impl Table {
         for (at, line) in lines.iter().enumerate() {
             let mut out = String::new();
             for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
-                // Names to the left, numbers to the right.
+                // Names are left-aligned, numbers right-aligned.
                 let _ = match column <= self.factors.len() {
                     true => write!(out, "{cell:<width$}  "),
                     false => write!(out, "{cell:>width$}  "),
@@ -164,7 +164,7 @@ impl Table {
         text
     }
 
-    /// Comma-separated values with a header; full precision, nothing where nothing was measured.
+    /// Returns comma-separated values with a header, in full precision, empty where nothing was measured.
     pub fn csv(&self) -> String {
         let keys = self.factors.iter().map(|factor| factor.key);
         let keys = keys
@@ -212,7 +212,7 @@ impl Table {
         })
     }
 
-    /// The plot of a figure; none without a point.
+    /// Returns the plot of a figure; `None` if it has no points.
     pub(super) fn plot(&self, figure: &Figure) -> Option<Plot> {
         let (x, y) = (self.axis(figure.x)?, self.axis(figure.y)?);
         let colour = self.factor(figure.colour)?;
@@ -261,7 +261,7 @@ impl Table {
     }
 }
 
-/// Where a name is among those seen, at the end if it is new.
+/// Returns the index of a name in `seen`, appending it if it is new.
 fn place(seen: &mut Vec<String>, name: &str) -> usize {
     seen.iter().position(|other| other == name).unwrap_or_else(|| {
         seen.push(name.to_owned());
@@ -277,7 +277,7 @@ fn axis(axis: &Axis) -> plot::Axis {
 }
 
 impl Row {
-    /// A value in words: counts whole; a gold standard is off by nothing that could be measured.
+    /// Formats a value: integers in full; the gold standard has no measurable error.
     pub(super) fn figure(&self, at: usize) -> String {
         match self.values[at] {
             Some(value) if value.fract() == 0.0 && value.abs() < 1e12 => whole(value),
@@ -288,7 +288,7 @@ impl Row {
     }
 }
 
-/// A cell of comma-separated values.
+/// Quotes a cell of comma-separated values where necessary.
 pub fn quoted(text: &str) -> String {
     match text.contains([',', '"', '\n']) {
         true => format!("\"{}\"", text.replace('"', "\"\"")),
@@ -296,7 +296,7 @@ pub fn quoted(text: &str) -> String {
     }
 }
 
-/// Three digits, with a power of ten where the number is small or large.
+/// Formats a number with three digits, with a power of ten if it is small or large.
 pub fn number(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
@@ -310,7 +310,7 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// A whole number, in groups of three digits from 10,000 on.
+/// Formats an integer, in groups of three digits from 10,000 on.
 fn whole(value: f64) -> String {
     let digits = format!("{:.0}", value.abs());
     let sign = if value < 0.0 { "-" } else { "" };

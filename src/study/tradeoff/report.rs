@@ -1,7 +1,7 @@
-//! What all studies came to: data that outlives the run, as a page, Markdown, JSON and CSV.
+//! Report of all studies: persistent data, and output as a page, Markdown, JSON and CSV.
 //!
-//! A [`Report`] is made from studies and knows nothing of what they compare. Everything shown is made from it; read back from its
-//! JSON it equals what was written.
+//! A [`Report`] is made from studies without knowledge of what they compare. All output is derived from it; a report read back from its
+//! JSON equals the one written.
 
 mod markdown;
 mod page;
@@ -16,69 +16,69 @@ use serde::{Deserialize, Serialize};
 
 use super::advice::Advice;
 use super::render::{RenderError, number, quoted};
-use super::{Beat, InTime, Pace, Row, Study, Table, pace};
+use super::{Beat, InTime, Pace, Row, Study, Table, real_time};
 use crate::output::atomic;
 use crate::study::machine::Machine;
 use crate::study::plot::Plot;
 use crate::study::stability::Effort;
 
-/// What all studies came to.
+/// Report of all studies.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Report {
-    /// Version of this form.
+    /// Version of the format.
     pub format: u32,
-    /// What measured it.
+    /// Name and version of the program.
     pub program: String,
-    /// When, in UTC.
+    /// Date in UTC.
     pub date: String,
-    /// How long it was let run.
+    /// Length of the run.
     pub effort: Effort,
-    /// How often frames and steps are wanted.
+    /// Required rates of frames and steps.
     pub pace: Pace,
-    /// On what.
+    /// Machine used.
     pub machine: Machine,
-    /// How long it took, s.
+    /// Total duration, s.
     pub seconds: f64,
-    /// What was not measured, and why.
+    /// Devices that were not measured, and why.
     pub notes: Vec<String>,
-    /// Studies that could not be made.
+    /// Studies that failed.
     pub missing: Vec<Missing>,
-    /// The others.
+    /// Results of the other studies.
     pub chapters: Vec<Chapter>,
 }
 
-/// A study that could not be made.
+/// Study that failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Missing {
-    /// Its name.
+    /// Name of the study.
     pub name: String,
-    /// Why.
+    /// Reason of the failure.
     pub reason: String,
 }
 
-/// What one study came to.
+/// Results of one study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Chapter {
-    /// Its name.
+    /// Name.
     pub name: String,
-    /// Heading.
+    /// Title.
     pub title: String,
-    /// What it answers.
+    /// Question that the study answers.
     pub question: String,
-    /// How long it took, s.
+    /// Duration, s.
     pub seconds: f64,
     /// Settings and sizes.
     pub about: Vec<(String, String)>,
-    /// Its tables but for long traces, which are plotted alone.
+    /// Tables, except long traces, which are only plotted.
     pub sections: Vec<Section>,
     /// What was left out, and why.
     pub notes: Vec<String>,
-    /// Its plots.
+    /// Plots.
     #[serde(skip)]
     drawings: Vec<Drawing>,
 }
 
-/// A plot with the stem of its file and the key of its table.
+/// Plot with the stem of its file and the key of its table.
 #[derive(Clone, Debug, PartialEq)]
 struct Drawing {
     stem: String,
@@ -86,51 +86,51 @@ struct Drawing {
     plot: Plot,
 }
 
-/// A table.
+/// Table of results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Section {
-    /// Its key.
+    /// Key.
     pub key: String,
-    /// Heading.
+    /// Title.
     pub title: String,
-    /// What errors are against; empty where there are none.
+    /// Gold standard that errors refer to; empty if the table has no errors.
     pub gold: String,
-    /// What tells rows apart.
+    /// Columns that distinguish the rows.
     pub factors: Vec<Column>,
-    /// What was measured.
+    /// Columns of measured quantities.
     pub axes: Vec<Column>,
-    /// Which axes count first: cost, error, and what stands beside them; all where there is nothing to choose.
+    /// Indices of the primary axes: cost, error, and those shown beside them; all axes if the table offers no choice.
     pub first: Vec<usize>,
-    /// The rows.
+    /// Rows.
     pub rows: Vec<Row>,
-    /// Which of them are the best.
+    /// Whether each row is among the best.
     pub best: Vec<bool>,
-    /// What that says; empty where no row is.
-    pub meaning_of_best: String,
-    /// What to take.
+    /// Meaning of the mark of the best rows; empty if no row is marked.
+    pub meaning_of_pareto: String,
+    /// Recommendations.
     pub advice: Vec<Advice>,
-    /// What to take at the pace that is wanted.
+    /// Recommendations at the required pace.
     pub in_time: Vec<InTime>,
 }
 
-/// A column of a table.
+/// Column of a table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Column {
     /// Key.
     pub key: String,
-    /// Heading, short.
+    /// Short heading.
     pub heading: String,
-    /// What it is, in full.
+    /// Full description.
     pub label: String,
-    /// Its unit; empty where there is none.
+    /// Unit; empty if there is none.
     pub unit: String,
 }
 
 impl Report {
-    /// Version of the form.
+    /// Version of the format.
     pub const FORMAT: u32 = 3;
 
-    /// Rows that break what they promise: chapter, table and flag.
+    /// Returns the flagged rows with their chapter and table.
     pub fn wrong(&self) -> impl Iterator<Item = (&Chapter, &Section, &Row)> {
         let sections = self.chapters.iter().flat_map(|chapter| {
             let own = chapter.sections.iter();
@@ -142,13 +142,13 @@ impl Report {
         })
     }
 
-    /// What to take at the pace that is wanted, in the order of the chapters.
+    /// Returns the recommendations at the required pace, in the order of the chapters.
     pub fn in_time(&self) -> impl Iterator<Item = &InTime> {
         let sections = self.chapters.iter().flat_map(|chapter| &chapter.sections);
         sections.flat_map(|section| &section.in_time)
     }
 
-    /// Heading of what to take at the pace that is wanted, and what its times are.
+    /// Returns the heading of the recommendations at the required pace, and an explanation of their times.
     fn at_this_pace(&self) -> [String; 2] {
         let Pace { frames, steps } = self.pace;
         [
@@ -159,20 +159,20 @@ impl Report {
                  medians of the steps that remesh.",
                 number(self.pace.ms(Beat::Frame)),
                 number(self.pace.ms(Beat::Step)),
-                pace::NOTHING
+                real_time::NOTHING
             ),
         ]
     }
 
-    /// The report for programs.
+    /// Returns the report as JSON.
     ///
     /// # Errors
-    /// None that the report can cause: its numbers are finite.
+    /// A [`serde_json::Error`], which does not occur, since all numbers are finite.
     pub fn json(&self) -> serde_json::Result<String> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 
-    /// Every figure in a line of its own: study, table, choices, axis, unit, value, and what is said of the row.
+    /// Returns every figure on a line of its own: study, table, choices, axis, unit, value, and the marks of the row.
     pub fn csv(&self) -> String {
         let mut text = "study,table,choices,axis,unit,value,best,gold,flag\n".to_owned();
         for (chapter, section) in self
@@ -210,11 +210,11 @@ impl Report {
         text
     }
 
-    /// Writes `index.html`, `report.md`, `results.json`, `results.csv` and the plots into a folder that exists. Returns the names of
-    /// the files, in the order written.
+    /// Writes `index.html`, `report.md`, `results.json`, `results.csv` and the plots into an existing folder. Returns the file names in the
+    /// order written.
     ///
     /// # Errors
-    /// [`RenderError`]. Each file appears whole or not at all.
+    /// [`RenderError`]. Each file is written completely or not at all.
     pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
         let mut files = Vec::new();
         let mut put = |name: String, text: &str| -> Result<(), RenderError> {
@@ -234,7 +234,7 @@ impl Report {
 }
 
 impl Chapter {
-    /// What a study came to.
+    /// Creates the chapter of a study.
     pub fn of(name: &str, question: &str, study: &Study, pace: &Pace, took: Duration) -> Self {
         let figures = study.figures.iter().filter_map(|figure| {
             let table = study.tables.iter().find(|table| table.key == figure.table)?;
@@ -269,7 +269,7 @@ impl Chapter {
         }
     }
 
-    /// Its plots of a table; those of traces, which have no section, with none.
+    /// Returns the plots of a table, or with `None` those of traces, which have no section.
     fn drawings_of(&self, section: Option<&Section>) -> impl Iterator<Item = &Drawing> {
         self.drawings.iter().filter(move |drawing| match section {
             Some(section) => section.key == drawing.table,
@@ -286,7 +286,7 @@ impl Section {
             label: factor.label.to_owned(),
             unit: String::new(),
         });
-        // Columns that nobody filled tell nothing.
+        // Columns without values are omitted.
         let filled = |at: &usize| table.rows.iter().any(|row| row.values[*at].is_some());
         let shown: Vec<usize> = (0..table.axes.len()).filter(filled).collect();
         let axes = shown.iter().map(|at| &table.axes[*at]).map(|axis| Column {
@@ -316,18 +316,18 @@ impl Section {
             first: first.into_iter().filter_map(place).collect(),
             rows: table.rows.iter().map(row).collect(),
             best: table.best(),
-            meaning_of_best: table.meaning_of_best(),
+            meaning_of_pareto: table.meaning_of_pareto(),
             advice: table.advice(),
             in_time: table.in_time(pace),
         }
     }
 
-    /// The rows, each with whether it is one of the best.
+    /// Returns the rows, each with whether it is one of the best.
     fn judged(&self) -> impl Iterator<Item = (&Row, bool)> {
         self.rows.iter().zip(self.best.iter().copied())
     }
 
-    /// What the columns of some axes are, and the marks of the rows.
+    /// Describes the columns of some axes, and the marks of the rows.
     fn legend(&self, axes: &[usize]) -> String {
         let axes = axes.iter().map(|at| &self.axes[*at]);
         let columns = axes.filter(|axis| axis.heading != axis.label);
@@ -338,7 +338,7 @@ impl Section {
             none if none.is_empty() => none,
             some => format!("Columns: {some}."),
         };
-        let best = match self.meaning_of_best.as_str() {
+        let best = match self.meaning_of_pareto.as_str() {
             "" => String::new(),
             meaning => format!("{meaning}."),
         };
@@ -346,7 +346,7 @@ impl Section {
         words.collect::<Vec<_>>().join(" ")
     }
 
-    /// The words of the flag, gold and best of a row, with a class for each.
+    /// Returns the labels of a row (flagged, gold standard, best), each with a CSS class.
     fn tags((row, best): (&Row, bool)) -> Vec<(&'static str, String)> {
         let flag = row.flag.as_ref().map(|flag| ("bad", format!("WRONG: {flag}")));
         let gold = row.gold.then(|| ("plain", "gold standard".to_owned()));

@@ -41,7 +41,7 @@ fn row(table: &mut Table, choices: [&str; 3], values: [Option<f64>; 3], flag: Op
     );
 }
 
-/// Four ways at one size, one of them wrong, and two at another.
+/// Returns four variants at one size, one of them flagged, and two at another.
 fn table() -> Table {
     let goal = Goal::new("ms", "error", (0.1, "nobody sees it")).each(&["size"]);
     let mut table = Table::new("ways", "Ways", &FACTORS, &AXES).seeking(goal);
@@ -92,17 +92,17 @@ fn study() -> Study {
 fn the_best_are_found_within_each_group_and_broken_promises_are_none() {
     let mut table = table();
     assert_eq!(table.best(), [true, true, false, false, true, false]);
-    // The gold standard errs by nothing, whatever it costs.
+    // The gold standard has no error, whatever it costs.
     row(&mut table, ["10", "finest", "a"], [Some(9.0), None, None], None);
     table.mark_gold("way", "finest");
     assert_eq!(table.best(), [false, true, false, false, true, false, true]);
     assert_eq!(
-        table.meaning_of_best(),
+        table.meaning_of_pareto(),
         "best: no other row with the same size has both less \"ms\" and less \"err\""
     );
-    // Where there is nothing to choose, nothing is best.
+    // Without a goal no row is best.
     table.goal = None;
-    assert!(!table.best().contains(&true) && table.meaning_of_best().is_empty());
+    assert!(!table.best().contains(&true) && table.meaning_of_pareto().is_empty());
 }
 
 #[test]

@@ -1,9 +1,9 @@
-//! Tissue that stiffens and creeps: what schemes and models cost, and how far they are from the truth.
+//! Stiffening and creeping tissue: cost and error of solution schemes and tissue models.
 //!
-//! A plate comes down onto a block and stays. One table compares the schemes with full Newton of a hundredth of their tolerance in
-//! elastic tissue: Euler's steps as Kobayashi et al. 2010 have them, with the consistent tangent, and with the balance put right; modified
-//! Newton-Raphson plain and accelerated; full Newton. The other compares models with the finest one, viscoelastic tissue by the law
-//! of rates in four times as many steps, and each with itself in four times as many: what a model leaves out, and what its steps do.
+//! A plate comes down onto a block and stays. One table compares schemes in elastic tissue with full Newton at a hundredth of their
+//! tolerance: Euler's steps as in Kobayashi et al. 2010, with the consistent tangent, and with the imbalance corrected; modified
+//! Newton-Raphson, plain and accelerated; full Newton. The other compares models with the finest one, viscoelastic tissue by the rate law
+//! in four times as many steps, and each model with itself in four times as many: the error of the model, and the error of its steps.
 
 mod subject;
 #[cfg(test)]
@@ -18,26 +18,26 @@ use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening, Nonlin
 use crate::study::machine::Machine;
 use crate::study::spread::Spread;
 use crate::study::stability::Effort;
-use subject::{Model, Subject, Walked, Way};
+use subject::{Model, Subject, Variant, Walked};
 
-/// What to study.
+/// Options of the study.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TissueOptions {
     /// Nodes of the block (default 1,000).
     pub nodes: usize,
-    /// Young's modulus below the knee, kPa (default 1.16, porcine liver's).
+    /// Young's modulus below the knee, kPa (default 1.16, porcine liver).
     pub young_kpa: f64,
     /// Poisson's ratio (default 0.45).
     pub poisson: f64,
-    /// Relative strain above which it stiffens (default 0.303).
+    /// Relative strain above which the tissue stiffens (default 0.303).
     pub knee_strain: f64,
-    /// How fast (default 20).
+    /// Rate of stiffening above the knee (default 20).
     pub stiffening: f64,
     /// Order of the viscosity (default 0.1).
     pub order: f64,
-    /// How far the plate goes down, mm (default 12).
+    /// Final displacement of the plate, mm (default 12).
     pub depth_mm: f64,
-    /// The least and the most steps until it is down, doubled in between (default 5 to 20).
+    /// Smallest and largest number of loading steps, doubled in between (default 5 to 20).
     pub steps: [u32; 2],
 }
 
@@ -56,7 +56,7 @@ impl Default for TissueOptions {
     }
 }
 
-/// This study among all.
+/// Registration of this study.
 pub const ENTRY: Entry = Entry {
     name: "tissue",
     title: "Tissue that stiffens and creeps",
@@ -69,7 +69,7 @@ pub const ENTRY: Entry = Entry {
 };
 
 impl TissueOptions {
-    /// A block of as many nodes as Goksel et al. 2011 have, and steps until errors end.
+    /// Returns options with as many nodes as Goksel et al. 2011 have, and enough steps for the errors to vanish.
     pub fn full() -> Self {
         let usual = TissueOptions::default();
         TissueOptions {
@@ -79,7 +79,7 @@ impl TissueOptions {
         }
     }
 
-    /// What is studied at an effort: the default, or a small block and few steps.
+    /// Returns the options for an effort: the default, or a small block and few steps.
     pub fn of(effort: Effort) -> Self {
         let usual = TissueOptions::default();
         let quick = TissueOptions {
@@ -91,28 +91,28 @@ impl TissueOptions {
     }
 }
 
-/// Why tissue cannot be studied.
+/// Error of a tissue study.
 #[derive(Debug, thiserror::Error)]
 pub enum TissueError {
-    /// There is no such mesh.
+    /// The mesh cannot be created.
     #[error(transparent)]
     Mesh(#[from] InvalidMesh),
-    /// The material is no material.
+    /// The material parameters are invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// What stiffens is none.
+    /// The stiffening parameters are invalid.
     #[error(transparent)]
     Stiffening(#[from] InvalidStiffening),
-    /// The mesh makes no body.
+    /// The mesh is not a valid body.
     #[error(transparent)]
     Body(#[from] InvalidBody),
-    /// The body cannot be solved.
+    /// The nonlinear problem cannot be solved.
     #[error(transparent)]
     Nonlinear(#[from] NonlinearError),
-    /// There is no such history.
+    /// The viscoelastic history cannot be followed.
     #[error(transparent)]
     Creep(#[from] CreepError),
-    /// The truth itself does not come out.
+    /// The gold standard cannot be solved.
     #[error("what all else is compared with cannot be solved: {0}")]
     Gold(String),
 }
@@ -168,7 +168,7 @@ const OWN: Axis = axis(
     true,
 );
 
-/// Tolerance of the schemes; the gold standard has a hundredth of it.
+/// Tolerance of the schemes; the gold standard uses a hundredth of it.
 const TOLERANCE: f64 = 1e-8;
 
 fn schemes() -> [(&'static str, Scheme); 6] {
@@ -190,10 +190,10 @@ const ALL_MODELS: [(&str, Model); 4] = [
     ("viscoelastic, rate", Model::Viscous(Memory::Rate)),
 ];
 
-/// Studies a block. `progress` is told what is being done and the share that is done, ascending from 0 to 1.
+/// Runs the study. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`TissueError`].
+/// [`TissueError`] if the block cannot be created or the gold standard cannot be solved.
 pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, TissueError> {
     let subject = Subject::new(options)?;
     let counts: Vec<u32> = std::iter::successors(Some(options.steps[0].max(1)), |steps| steps.checked_mul(2))
@@ -220,7 +220,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
     for (name, scheme) in schemes() {
         for &steps in &counts {
             next(&format!("{name}, {steps} steps"));
-            let way = Way {
+            let way = Variant {
                 model: Model::Nonlinear,
                 scheme,
                 steps,
@@ -266,7 +266,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
         };
         for &steps in &counts {
             next(&format!("{name}, {steps} steps"));
-            let way = Way {
+            let way = Variant {
                 model,
                 scheme: Scheme::MODIFIED,
                 steps,
@@ -293,12 +293,12 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
     Ok(finish(options, &subject, vec![table, models]))
 }
 
-/// Full Newton to a hundredth of the tolerance.
+/// Solves by full Newton to a hundredth of the tolerance.
 fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walked, TissueError> {
-    // An elastic body's way does not matter; large steps may not converge.
+    // An elastic body is path-independent; large steps may not converge.
     let least = if hold { steps } else { steps.max(8) };
     let tolerance = 1e-2 * TOLERANCE;
-    let walked = subject.walk(&Way {
+    let walked = subject.walk(&Variant {
         model,
         scheme: Scheme::Newton,
         steps: least,
@@ -328,7 +328,7 @@ fn relative(found: &[f64], expected: &[f64]) -> f64 {
     off_mm(found, expected) / largest
 }
 
-/// The largest difference, mm.
+/// Returns the largest difference, mm.
 fn off_mm(found: &[f64], expected: &[f64]) -> f64 {
     let pairs = found.iter().zip(expected);
     pairs.fold(0.0, |a: f64, (x, y)| a.max((x - y).abs()))

@@ -1,9 +1,9 @@
-//! What the buffers of a plan hold before any pass has run.
+//! Initial contents of the buffers of a plan.
 
 use crate::effects::pass::{Band, Resource};
 use crate::synth::tables::Tables;
 
-/// What a buffer holds before the first frame; empty for what passes write first.
+/// Contents of a buffer before the first frame; empty for buffers that passes write first.
 pub(super) fn contents(resource: Resource, tables: &Tables, band: Band) -> Vec<u8> {
     let floats = |values: &[f32]| bytemuck::cast_slice(values).to_vec();
     match resource {

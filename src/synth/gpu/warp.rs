@@ -1,4 +1,4 @@
-//! The deforming mesh on the GPU: what the warp pass reads, kept in step with the states of the mesh.
+//! Deforming mesh on the GPU: buffers of the warp pass, synchronised with the states of the mesh.
 
 use crate::effects::pass::Resource;
 use crate::mechanics::mesh::TetMesh;
@@ -7,7 +7,7 @@ use crate::mechanics::mesh::map::{Moved, States};
 use crate::mechanics::mesh::pack::{self, Piece, WarpBuffer, WarpParams};
 use crate::synth::FrameState;
 
-/// The mesh, and what of it the buffers do not hold yet.
+/// The mesh, and the parts that are not yet in the buffers.
 pub(super) struct Warp {
     states: States<f32>,
     params: WarpParams,
@@ -29,7 +29,7 @@ impl Warp {
         }
     }
 
-    /// The buffer of a resource was made anew and holds nothing.
+    /// Marks the buffer of a resource as recreated and empty.
     pub fn buffer_is_new(&mut self, resource: Resource) {
         self.topology_due |= resource == Resource::Adjacency;
         if matches!(
@@ -40,7 +40,7 @@ impl Warp {
         }
     }
 
-    /// Moves the nodes as a frame says.
+    /// Moves the nodes to the state of a frame.
     pub fn update(&mut self, state: &FrameState) -> Result<(), NodeCount> {
         let moved = self.states.update(state.nodes.as_deref(), state.reference.as_deref())?;
         self.due.deformed |= moved.deformed;
@@ -51,7 +51,7 @@ impl Warp {
         Ok(())
     }
 
-    /// What has to be written before the next frame.
+    /// Data to be written before the next frame.
     pub fn pieces(&self) -> impl Iterator<Item = (Resource, Piece<'_>)> {
         let topology = self.topology_due.then(|| pack::topology(&self.states));
         let reference = self.due.reference.then(|| pack::reference(&self.states));
@@ -68,7 +68,7 @@ impl Warp {
         })
     }
 
-    /// All pieces are written.
+    /// Marks all pieces as written.
     pub fn is_uploaded(&mut self) {
         (self.due, self.topology_due) = (Moved::default(), false);
     }

@@ -74,7 +74,7 @@ fn all_of_a_frame_moves_together() {
     assert_eq!(seen.nodes.as_deref(), Some(&[[0.25, 2.0, -3.0], [0.75, 2.0, -3.0]][..]));
     assert_eq!(seen.reference.as_deref(), Some(&[[0.125, 2.0, -3.0]][..]));
 
-    // The memory of nodes is kept while frames have none.
+    // The memory of nodes is reused while frames have none.
     let memory = seen.nodes.as_ref().map(|nodes| nodes.as_ptr());
     let nodes = world.nodes.take();
     world.needle = None;

@@ -1,4 +1,4 @@
-//! Fat: lobules and septa.
+//! Textures of fat: lobules and septa.
 
 use super::cells::Cells;
 use super::field::{Grid, Seed, bump, smoothstep};

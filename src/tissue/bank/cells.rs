@@ -7,25 +7,25 @@ use crate::random::unit;
 pub(super) struct Cells {
     counts: [i32; 3],
     box_mm: [f32; 3],
-    /// Position of each point within its box, in boxes, and a number of its own in [0, 1).
+    /// Position of each point within its box, in boxes, and a random number in [0, 1) per cell.
     points: Vec<([f32; 3], f32)>,
 }
 
-/// Where a position lies among cells.
+/// Location of a position within its cell.
 pub(super) struct Place {
     /// Distance to the nearest wall, mm.
     pub wall_mm: f32,
-    /// How far the wall's normal lies along each axis: 1 along it, 0 across it.
+    /// Absolute cosine of the angle between the wall's normal and each axis: 1 along it, 0 across it.
     pub facing: [f32; 3],
-    /// A number in [0, 1) that belongs to the cell.
+    /// Random number of the cell in [0, 1).
     pub id: f32,
 }
 
-/// Share of a box over which its point may wander; the rest keeps cells from becoming slivers.
+/// Fraction of a box over which its point is jittered; the rest avoids sliver cells.
 const JITTER: f32 = 0.85;
 
 impl Cells {
-    /// Cells of about `box_mm`, adjusted so that a whole number fits the period of `grid`.
+    /// Creates cells of about `box_mm`, adjusted so that a whole number fits the period of `grid`.
     pub fn new(grid: &Grid, seed: Seed, stream: u32, box_mm: [f32; 3]) -> Self {
         let period = grid.period_mm();
         let counts = [0, 1, 2].map(|axis| (period[axis] / box_mm[axis]).round().max(1.0) as i32);
@@ -46,7 +46,7 @@ impl Cells {
         }
     }
 
-    /// Where `position` (mm) lies. Nearness is measured in boxes, so that cells are as flat as their boxes.
+    /// Locates `position` (mm). Distances are measured in boxes, so that cells are as flat as their boxes.
     pub fn place(&self, position: [f32; 3]) -> Place {
         let scaled = [0, 1, 2].map(|axis| position[axis] / self.box_mm[axis]);
         let home = scaled.map(|x| x.floor() as i32);
@@ -68,7 +68,7 @@ impl Cells {
             }
         }
         let [(first, a, id), (second, b, _)] = nearest;
-        // The wall is the plane second - first = 0; its distance is that difference over its gradient, taken in mm.
+        // The wall is the plane second - first = 0; its distance is that difference over its gradient, in mm.
         let gradient = [0, 1, 2].map(|axis| 2.0 * (b[axis] - a[axis]) / self.box_mm[axis]);
         let steepness = gradient.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-6);
         Place {

@@ -1,4 +1,4 @@
-//! What fills hollow organs, and phantoms' gel.
+//! Textures of the contents of hollow organs, and of phantoms' gel.
 
 use super::field::{Grid, Seed, smoothstep};
 
@@ -14,7 +14,7 @@ pub(super) fn bile(grid: &Grid, seed: Seed) -> Vec<f32> {
     grid.fill(|i, _| 2.5 * haze[i])
 }
 
-/// Patches of fluid and of solids, with bubbles that shine.
+/// Patches of fluid and of solids, with bright bubbles.
 pub(super) fn bowel(grid: &Grid, seed: Seed) -> Vec<f32> {
     let patches = grid.gaussian(seed, 0, [3.2; 3]);
     let lumps = grid.gaussian(seed, 1, [1.3; 3]);
@@ -26,13 +26,13 @@ pub(super) fn bowel(grid: &Grid, seed: Seed) -> Vec<f32> {
     })
 }
 
-/// An uneven mirror: bright patches.
+/// An irregular mirror: bright patches.
 pub(super) fn gas(grid: &Grid, seed: Seed) -> Vec<f32> {
     let patches = grid.gaussian(seed, 0, [2.0; 3]);
     grid.fill(|i, _| 3.0 * patches[i])
 }
 
-/// As even as a moulded phantom.
+/// Homogeneous, as a moulded phantom.
 pub(super) fn gel(grid: &Grid, seed: Seed) -> Vec<f32> {
     let grain = grid.gaussian(seed, 0, [0.6; 3]);
     grid.fill(|i, _| 0.6 * grain[i])

@@ -1,10 +1,10 @@
-//! Muscle and connective tissue: strands and layers.
+//! Textures of muscle and connective tissue: strands and layers.
 
 use super::cells::Cells;
 use super::field::{Grid, Seed, bump, smoothstep};
 use super::strands::Strands;
 
-/// Fibres along the first axis: dark fascicles, faint walls of perimysium between them that come and go, and bright
+/// Fibres along the first axis: dark fascicles, faint intermittent walls of perimysium between them, and bright
 /// strands of fibrous and fatty tissue 5 to 30 mm long.
 pub(super) fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     let streaks = grid.gaussian(seed, 0, [5.0, 0.4, 0.5]);
@@ -44,7 +44,7 @@ pub(super) fn skin(grid: &Grid, seed: Seed) -> Vec<f32> {
     grid.fill(|i, _| 4.5 * layers[i] + 1.2 * grain[i] - 9.0 * smoothstep(1.6, 2.4, pits[i]))
 }
 
-/// Loose connective tissue: wisps that wind in all directions over an uneven ground.
+/// Loose connective tissue: wisps that wind in all directions over an irregular background.
 pub(super) fn soft_tissue(grid: &Grid, seed: Seed) -> Vec<f32> {
     let ground = grid.gaussian(seed, 0, [2.5; 3]);
     let grain = grid.gaussian(seed, 1, [0.8; 3]);

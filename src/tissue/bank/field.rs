@@ -10,7 +10,7 @@ pub(super) struct Grid {
     pub spacing_mm: [f32; 3],
 }
 
-/// The seed of one texture, from which each of its fields takes a stream of its own.
+/// Seed of one texture; each of its fields uses a separate stream.
 #[derive(Clone, Copy)]
 pub(super) struct Seed {
     words: [u32; 2],
@@ -24,13 +24,13 @@ impl Seed {
         .stream(0x8000_0000 | texture)
     }
 
-    /// The hash words of stream `number`.
+    /// Hash words of stream `number`.
     fn stream(self, number: u32) -> Self {
         let [a, b, _] = hash3([number as i32, 0x5eed, 0], self.words);
         Self { words: [a, b] }
     }
 
-    /// Three words for a lattice point in stream `number`.
+    /// Hash function from a lattice point to three words in stream `number`.
     pub fn words(self, number: u32) -> impl Fn([i32; 3]) -> [u32; 3] + Sync {
         let words = self.stream(number).words;
         move |point| hash3(point, words)
@@ -46,7 +46,7 @@ impl Grid {
         [0, 1, 2].map(|axis| self.size[axis] as f32 * self.spacing_mm[axis])
     }
 
-    /// One value a voxel, from its linear index and its position in mm.
+    /// Fills the grid with one value per voxel, from its linear index and its position in mm.
     pub fn fill(&self, value: impl Fn(usize, [f32; 3]) -> f32 + Sync) -> Vec<f32> {
         let mut data = vec![0.0; self.size.iter().product()];
         let (nx, ny) = (self.size[0], self.size[1]);
@@ -78,7 +78,8 @@ impl Grid {
 
     /// Convolves along `axis` with a Gaussian of `sigma` voxels, periodically.
     fn smoothed(&self, data: &[f32], axis: usize, sigma: f32) -> Vec<f32> {
-        /// Standard deviations after which the kernel is cut: what is left out is a thousandth of its weight.
+        /// Number of standard deviations at which the kernel is truncated: the remainder has a thousandth of its
+        /// weight.
         const REACH: f32 = 3.3;
         let reach = (REACH * sigma).ceil() as i64;
         let kernel: Vec<f32> = (-reach..=reach)
@@ -113,7 +114,7 @@ fn add_scaled(row: &mut [f32], source: &[f32], weight: f32) {
     }
 }
 
-/// Shifts and scales to mean 0 and variance 1; a constant becomes 0. Sums run in a fixed order.
+/// Shifts and scales to mean 0 and variance 1; a constant becomes 0. Sums are computed in a fixed order.
 fn standardise(data: &mut [f32]) {
     let count = data.len() as f64;
     let mean = data.iter().map(|&x| f64::from(x)).sum::<f64>() / count;
@@ -124,14 +125,14 @@ fn standardise(data: &mut [f32]) {
     }
 }
 
-/// Decibels to amplitudes.
+/// Converts decibels to amplitudes.
 pub(super) fn to_amplitudes(decibels: &mut [f32]) {
     decibels
         .par_iter_mut()
         .for_each(|value| *value = 10f32.powf(*value / 20.0));
 }
 
-/// 0 below `low`, 1 above `high`, smooth between.
+/// Smooth step: 0 below `low`, 1 above `high`.
 pub(super) fn smoothstep(low: f32, high: f32, x: f32) -> f32 {
     let t = ((x - low) / (high - low)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)

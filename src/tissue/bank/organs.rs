@@ -1,9 +1,10 @@
-//! Parenchyma: near homogeneous, a few decibels of mottling, told apart by grain, tracts and lobules.
+//! Textures of parenchyma: nearly homogeneous, with a few decibels of mottling, distinguished by grain, tracts and
+//! lobules.
 
 use super::cells::Cells;
 use super::field::{Grid, Seed, bump, smoothstep};
 
-/// Distance-like number to the curves where two fields vanish together: a network of winding tubes.
+/// Approximate distance to the curves where two fields vanish together: a network of winding tubes.
 fn tube(a: f32, b: f32) -> f32 {
     a.hypot(b)
 }
@@ -19,7 +20,7 @@ pub(super) fn liver(grid: &Grid, seed: Seed) -> Vec<f32> {
     })
 }
 
-/// Finer and more even than liver.
+/// Finer and more homogeneous than liver.
 pub(super) fn spleen(grid: &Grid, seed: Seed) -> Vec<f32> {
     let slow = grid.gaussian(seed, 0, [2.5; 3]);
     let grain = grid.gaussian(seed, 1, [0.7; 3]);
@@ -34,7 +35,7 @@ pub(super) fn kidney_cortex(grid: &Grid, seed: Seed) -> Vec<f32> {
     grid.fill(|i, _| 1.0 * slow[i] + 1.3 * grain[i] + 5.0 * smoothstep(2.2, 3.2, specks[i]))
 }
 
-/// Smooth: pyramids show little but a slow drift.
+/// Smooth: pyramids show little but a slow variation.
 pub(super) fn kidney_medulla(grid: &Grid, seed: Seed) -> Vec<f32> {
     let slow = grid.gaussian(seed, 0, [3.5; 3]);
     let grain = grid.gaussian(seed, 1, [1.2; 3]);

@@ -1,31 +1,31 @@
-//! Bright flattened strands laid into a periodic grid, near to parallel to its first axis.
+//! Bright flattened strands in a periodic grid, nearly parallel to its first axis.
 
 use super::field::{Grid, Seed};
 use crate::random::unit;
 
-/// What strands look like. Each is a ribbon with a soft edge that tapers towards its ends.
+/// Geometry and brightness of strands. Each is a ribbon with a soft edge that tapers towards its ends.
 pub(super) struct Strands {
-    /// Strands per 1000 cubic millimetres.
+    /// Number of strands per 1000 cubic millimetres.
     pub density: f32,
-    /// Shortest and longest, mm.
+    /// Minimum and maximum length, mm.
     pub length_mm: [f32; 2],
-    /// Thinnest and thickest across the ribbon (full width at 1/e), mm.
+    /// Minimum and maximum thickness across the ribbon (full width at 1/e), mm.
     pub thickness_mm: [f32; 2],
-    /// Narrowest and widest along the ribbon, mm.
+    /// Minimum and maximum width along the ribbon, mm.
     pub width_mm: [f32; 2],
-    /// Faintest and brightest peak, dB above what lies around.
+    /// Minimum and maximum peak, dB above the surroundings.
     pub peak_db: [f32; 2],
-    /// Largest slope against the first axis (tangent).
+    /// Largest slope relative to the first axis (tangent).
     pub slope: f32,
     /// Largest angle between a ribbon's normal and the second axis, radians.
     pub roll: f32,
 }
 
-/// Height of a strand, dB, below which it is not laid any more.
+/// Height of a strand below which it is ignored, dB.
 const FAINT_DB: f32 = 0.3;
 
 impl Strands {
-    /// Decibels above 0 in each voxel: the brightest strand that passes it.
+    /// Decibels above 0 in each voxel: those of the brightest strand through it.
     pub fn lay(&self, grid: &Grid, seed: Seed, stream: u32) -> Vec<f32> {
         let period = grid.period_mm();
         let count = (self.density * period.iter().product::<f32>() / 1000.0).round() as i32;
@@ -48,7 +48,7 @@ impl Strands {
         let peak = pick(self.peak_db, shape[2]);
         let (sin, cos) = (self.roll * (2.0 * lie[0] - 1.0)).sin_cos();
         let slope = [lie[2], (lie[2] * 7.31).fract()].map(|share| self.slope * (2.0 * share - 1.0));
-        // A slow bow, so that no strand is a ruled line.
+        // A slight bow, so that no strand is exactly straight.
         let bow = 0.35 * (2.0 * (lie[1] * 5.17).fract() - 1.0);
 
         let reach = half_thickness.max(half_width) * (peak / FAINT_DB).ln().max(0.0).sqrt();

@@ -3,7 +3,7 @@ use std::sync::OnceLock;
 
 use super::*;
 
-/// Every texture of the bank, made once for all tests.
+/// All textures of the bank, generated once for all tests.
 fn bank() -> &'static HashMap<&'static str, SolidTexture> {
     static BANK: OnceLock<HashMap<&'static str, SolidTexture>> = OnceLock::new();
     BANK.get_or_init(|| names().map(|name| (name, make(name, 1).unwrap())).collect())
@@ -64,7 +64,7 @@ fn the_seam_has_no_larger_step_than_the_inside() {
         let size = texture.size();
         let data = decibels(texture);
         for axis in 0..3 {
-            // Mean square step from each layer of voxels to the next, the last to the first included.
+            // Mean square step from each layer of voxels to the next, including the last to the first.
             let mut steps = vec![0.0; size[axis]];
             for (at, value) in data.iter().enumerate() {
                 let mut voxel = [at % size[0], at / size[0] % size[1], at / size[0] / size[1]];

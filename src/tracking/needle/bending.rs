@@ -1,4 +1,4 @@
-//! A tracked needle, bent no further than the tissue lets it.
+//! Bending constraint of a tracked needle.
 
 use nalgebra::{Point3, Unit, Vector3};
 
@@ -11,9 +11,9 @@ impl BendingConstraint {
         numbers.try_for_each(|(key, found, range)| within(key, found, range))
     }
 
-    /// The needle as it lies when its straight measured pose says that it is pushed in at `entry_mm`: from the measured hub to
-    /// the entry point, then along the constrained direction for the length that remains. A needle too short to reach the
-    /// entry point, or with its hub on it, is left as measured.
+    /// Returns the constrained shape of a needle whose straight measured pose enters at `entry_mm`: from the measured hub to
+    /// the entry point, then along the constrained direction for the remaining length. A needle too short to reach the entry
+    /// point, or with its hub on it, is left as measured.
     pub fn constrain(
         &self,
         measured: &NeedlePose,

@@ -1,4 +1,4 @@
-//! Needles over time.
+//! Needle motion over time.
 
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 
@@ -6,7 +6,7 @@ use super::{BendingConstraint, InvalidNeedle, NeedlePose, unit};
 use crate::tracking::pose::{InvalidPose, Pose};
 use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory, TrajectoryError};
 
-/// A needle that moves: the path of its tip, whose frame looks (y axis) where the needle points, and what does not change.
+/// A moving needle: the path of its tip, whose frame has the y axis along the needle, and its constant properties.
 ///
 /// CSV paths and keyframes are those of [`Trajectory`] with the tip in place of the array's centre and the needle's direction
 /// in place of the axial one.
@@ -26,7 +26,7 @@ struct Entry {
 }
 
 impl NeedlePath {
-    /// A straight needle of a length and diameter (mm) whose tip follows a trajectory.
+    /// Creates a straight needle of a length and diameter (mm) whose tip follows a trajectory.
     pub fn new(tip: Trajectory, length_mm: f64, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
         NeedlePose::straight(Point3::origin(), Vector3::y(), length_mm, diameter_mm)?;
         Ok(Self {
@@ -37,7 +37,7 @@ impl NeedlePath {
         })
     }
 
-    /// Constrains the bending of the part beyond an entry point (mm), which it entered along a direction (any length).
+    /// Constrains the bending of the part beyond an entry point (mm), given the direction at entry (any length).
     pub fn constrained(
         mut self,
         constraint: BendingConstraint,
@@ -53,7 +53,7 @@ impl NeedlePath {
         Ok(self)
     }
 
-    /// The path of the tip through timed positions (mm) and directions, turning the shortest way between them.
+    /// Path of the tip through timed positions (mm) and directions, with the smallest rotation between them.
     pub fn tip_trajectory(
         keys: &[(f64, Point3<f64>, Vector3<f64>)],
         interpolation: Interpolation,
@@ -69,8 +69,8 @@ impl NeedlePath {
         Trajectory::from_keys(poses, interpolation)
     }
 
-    /// The path of the tip from recorded frames of a tracked needle. `tip_to_tool` gives the tip's frame in that of the
-    /// marker on the needle, and `shaft_axis` the direction that the needle points in within the tip's frame, from hub to
+    /// Path of the tip from recorded frames of a tracked needle. `tip_to_tool` is the transform from the tip's frame to
+    /// that of the marker on the needle, and `shaft_axis` the direction of the needle in the tip's frame, from hub to
     /// tip: PLUS models its needles along the tip frame's -z behind the tip, so +z.
     pub fn tip_from_tracked(
         frames: &[TrackedFrame],
@@ -96,12 +96,12 @@ impl NeedlePath {
         )
     }
 
-    /// The path of the tip.
+    /// Path of the tip.
     pub fn tip(&self) -> &Trajectory {
         &self.tip
     }
 
-    /// The needle at a time, s; where it is at the path's ends beyond them.
+    /// Needle at a time, s; constant beyond the path's ends.
     pub fn at(&self, time_s: f64) -> NeedlePose {
         let pose = self.tip.at(time_s);
         let tip = pose.position_mm();

@@ -2,7 +2,7 @@ use super::*;
 use crate::volume::Label;
 use crate::volume::complete::{CompleteOptions, complete};
 
-/// Background, body, target, bone.
+/// Labels: background, body, target, bone.
 fn labels() -> Vec<Label> {
     (0..4)
         .map(|value| Label {
@@ -13,7 +13,7 @@ fn labels() -> Vec<Label> {
         .collect()
 }
 
-/// A ball in an upright cylinder (radius 90 mm, axis at the origin) with something in front of it, 2 mm voxels.
+/// A ball in an upright cylinder (radius 90 mm, axis at the origin) with an obstacle in front of it, 2 mm voxels.
 fn cylinder(ball: Vector3<f64>, bone: impl Fn(&Vector3<f64>) -> bool, half: [f64; 3]) -> LabelVolume {
     let size = half.map(|h| h as usize);
     let mut voxels = vec![0; size.iter().product()];
@@ -147,7 +147,7 @@ fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
         is_body: &|label| label != 0,
         is_bone_or_gas: &|label| matches!(label, 10..=14 | 25..=50 | 69..=78 | 91..=117),
     };
-    // Label, plane, share of rays, direction in which the probe may look.
+    // Label, plane, fraction of rays, allowed axial direction of the probe.
     for (organ, plane, rays) in [
         (5u8, ScanPlane::Transverse, 0.8),
         (2, ScanPlane::Sagittal, 0.3),

@@ -1,4 +1,4 @@
-//! Summary of a PLUS configuration, for people and for scripts.
+//! Summary of a PLUS configuration, as text and JSON.
 
 use std::fmt;
 use std::path::Path;
@@ -11,14 +11,14 @@ use crate::tracking::calibration::{Calibration, CalibrationError};
 use crate::tracking::matrix::Rows;
 use crate::tracking::probe::ProbeSpec;
 
-/// A summary of a device-set configuration of PLUS.
+/// Summary of a device-set configuration of PLUS.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PlusInfo {
-    /// The file it came from, as it was named.
+    /// Path of the file, as given.
     pub file: String,
     /// Name of the transducer.
     pub transducer: Option<String>,
-    /// The keys of a probe table that it states.
+    /// Probe keys stated by the configuration.
     pub probe: ProbeSpec,
     /// Columns and rows of the images.
     pub image_size: Option<[usize; 2]>,
@@ -26,18 +26,18 @@ pub struct PlusInfo {
     pub pixel_mm: Option<[f64; 2]>,
     /// Column and row of the pixel at the centre of the array.
     pub array_centre_px: Option<[f64; 2]>,
-    /// The calibration of the images.
+    /// Calibration of the images.
     pub calibration: Option<CalibrationInfo>,
-    /// The coordinate definitions, in order.
+    /// Coordinate definitions, in order.
     pub transforms: Vec<DefinedTransform>,
-    /// Contradictions, and what a scene has to state besides.
+    /// Contradictions, and missing information that a scene has to state.
     pub warnings: Vec<String>,
 }
 
 /// The calibration of a [`PlusInfo`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CalibrationInfo {
-    /// The frame of the marker that `Image` is calibrated to.
+    /// Name of the marker's frame to which `Image` is calibrated.
     pub to: String,
     /// Lengths of the columns of its matrix, mm: a pixel's width, its height, and the distance of planes.
     pub lengths_mm: [f64; 3],
@@ -48,11 +48,11 @@ pub struct CalibrationInfo {
 /// A coordinate definition of a [`PlusInfo`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DefinedTransform {
-    /// The frame to come from.
+    /// Name of the source frame.
     pub from: String,
-    /// The frame to go to.
+    /// Name of the target frame.
     pub to: String,
-    /// On column vectors, mm.
+    /// Matrix on column vectors, mm.
     pub matrix: Rows,
 }
 
@@ -60,7 +60,7 @@ impl PlusInfo {
     /// Reads a configuration and summarises it.
     ///
     /// # Errors
-    /// As [`PlusConfig::read`].
+    /// The errors of [`PlusConfig::read`].
     pub fn read(path: &Path) -> Result<Self, CalibrationError> {
         let plus = PlusConfig::read(path)?;
         let (size, centre) = (plus.image_size, plus.array_centre_px());

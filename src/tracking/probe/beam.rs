@@ -1,13 +1,13 @@
-//! Beam space: scanlines by samples, and the way to and from points of the probe's plane.
+//! Beam space, scanlines by samples, and its mapping to and from the probe's plane.
 
 use super::{InvalidProbe, Probe, ProbeShape};
 
-/// One scanline in the probe's x,y plane, mm.
+/// A scanline in the probe's x,y plane, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ray {
-    /// Where it leaves the array.
+    /// Starting point on the array.
     pub origin: [f64; 2],
-    /// Which way it runs, unit length.
+    /// Direction, unit length.
     pub direction: [f64; 2],
 }
 
@@ -32,14 +32,14 @@ enum Layout {
     },
 }
 
-/// Slack at the edges of the sector, as a share of its extent: points that round across an edge still belong to it.
+/// Tolerance at the edges of the sector, as a fraction of its extent, for points displaced by rounding.
 const EDGE: f64 = 1e-12;
 
-/// The scanlines of a probe and the samples along them.
+/// Scanlines of a probe and the samples along them.
 ///
-/// Coordinates in beam space are continuous: line `i` and sample `j` have whole numbers, so line coordinates run over
-/// `0..=lines - 1` and sample coordinates over `-0.5..=samples - 0.5`. A probe of one scanline has line coordinate 0 all over
-/// its sector.
+/// Coordinates in beam space are continuous: line `i` and sample `j` have integer coordinates, so line coordinates run over
+/// `0..=lines - 1` and sample coordinates over `-0.5..=samples - 0.5`. A probe of one scanline has line coordinate 0
+/// throughout its sector.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BeamGrid {
     layout: Layout,
@@ -83,7 +83,7 @@ impl BeamGrid {
         Ok(grid)
     }
 
-    /// The scanline at a share of the field of view: -1 is the unmarked edge, 0 the middle, 1 the marked edge.
+    /// Scanline at a fraction of the field of view: -1 is the unmarked edge, 0 the middle, 1 the marked edge.
     fn ray_across(&self, across: f64) -> Ray {
         match self.layout {
             Layout::Parallel { width } => Ray {
@@ -100,7 +100,7 @@ impl BeamGrid {
         }
     }
 
-    /// The scanlines, unmarked side first.
+    /// Scanlines, unmarked side first.
     pub fn rays(&self) -> &[Ray] {
         &self.rays
     }
@@ -110,7 +110,7 @@ impl BeamGrid {
         self.rays.len()
     }
 
-    /// Samples along each scanline.
+    /// Number of samples along each scanline.
     pub fn samples(&self) -> usize {
         self.samples
     }
@@ -125,13 +125,13 @@ impl BeamGrid {
         self.depth / self.samples as f64
     }
 
-    /// How far along its scanline a sample lies, mm.
+    /// Depth of a sample along its scanline, mm.
     pub fn sample_depth_mm(&self, sample: usize) -> f64 {
         (sample as f64 + 0.5) * self.sample_spacing_mm()
     }
 
-    /// Distance of the point where the scanlines meet behind the array, mm: the radius of curvature, 0 for a phased array,
-    /// `None` for parallel scanlines.
+    /// Distance from the array back to the point where the scanlines meet, mm: the radius of curvature, 0 for a phased
+    /// array, `None` for parallel scanlines.
     pub fn virtual_apex_mm(&self) -> Option<f64> {
         match self.layout {
             Layout::Parallel { .. } => None,
@@ -139,7 +139,8 @@ impl BeamGrid {
         }
     }
 
-    /// Angle between neighbouring scanlines, radians (the whole field of view for a single one); 0 for parallel scanlines.
+    /// Angle between neighbouring scanlines, radians (the complete field of view for a single one); 0 for parallel
+    /// scanlines.
     pub fn angular_spacing(&self) -> f64 {
         match self.layout {
             Layout::Parallel { .. } => 0.0,
@@ -147,7 +148,7 @@ impl BeamGrid {
         }
     }
 
-    /// Distance between neighbouring scanlines at a depth, mm, along the arc for a fan; the whole width for a single one.
+    /// Distance between neighbouring scanlines at a depth, mm, along the arc for a fan; the full width for a single one.
     pub fn lateral_spacing_mm(&self, depth_mm: f64) -> f64 {
         match self.layout {
             Layout::Parallel { width } => width / self.gaps(),
@@ -159,7 +160,7 @@ impl BeamGrid {
         self.rays.len().saturating_sub(1).max(1) as f64
     }
 
-    /// The point of the probe's plane at a line and sample coordinate, mm. Defined beyond the sector too.
+    /// Point of the probe's plane at a line and sample coordinate, mm. Also defined outside the sector.
     pub fn to_plane(&self, line: f64, sample: f64) -> [f64; 2] {
         let across = if self.rays.len() > 1 {
             2.0 * line / self.gaps() - 1.0
@@ -171,7 +172,7 @@ impl BeamGrid {
         [0, 1].map(|axis| ray.origin[axis] + along * ray.direction[axis])
     }
 
-    /// The line and sample coordinate of a point of the probe's plane (mm); `None` outside the sector or beyond its depth.
+    /// Line and sample coordinate of a point of the probe's plane (mm); `None` outside the sector or beyond its depth.
     pub fn to_beam(&self, x: f64, y: f64) -> Option<(f64, f64)> {
         let (across, along) = match self.layout {
             Layout::Parallel { width } => (2.0 * x / width, y),
@@ -189,7 +190,7 @@ impl BeamGrid {
         Some((line, share.clamp(0.0, 1.0) * self.samples as f64 - 0.5))
     }
 
-    /// The smallest rectangle around the sector.
+    /// Bounding rectangle of the sector.
     pub fn bounds_mm(&self) -> Bounds {
         match self.layout {
             Layout::Parallel { width } => Bounds {
@@ -220,8 +221,8 @@ impl BeamGrid {
         }
     }
 
-    /// The outline of the sector as a closed polygon in the probe's plane, mm, without repeating its first point: along the
-    /// array from the unmarked side, then back along the far edge, each arc in `steps` pieces (at least 1).
+    /// Outline of the sector as a closed polygon in the probe's plane, mm, without repeating its first point: along the
+    /// array from the unmarked side, then back along the far edge, each arc in `steps` segments (at least 1).
     pub fn outline_mm(&self, steps: usize) -> Vec<[f64; 2]> {
         let steps = steps.max(1);
         let edge = |step: usize, along: f64| {
@@ -344,7 +345,7 @@ mod tests {
         fn beam_to_plane_to_beam_returns(kind in 0usize..5, across in 0.0..1.0f64, along in 0.0..1.0f64) {
             let grid = BeamGrid::new(&one_of_each()[kind]).expect("grid");
             let (line, sample) = (across * 32.0, along * 40.0 - 0.5);
-            // At the apex of a phased array every line is the same point.
+            // At the apex of a phased array all lines coincide.
             prop_assume!(kind != 2 || along > 1e-3);
             let [x, y] = grid.to_plane(line, sample);
             let (line_back, sample_back) = grid.to_beam(x, y).expect("inside");

@@ -1,4 +1,4 @@
-//! The pixels of a frame and which point of beam space each of them shows.
+//! Pixel grid of a frame, and its mapping to beam space.
 
 use std::ops::Range;
 
@@ -7,39 +7,38 @@ use rayon::prelude::*;
 
 use super::{BeamGrid, Bounds};
 
-/// What [`scan_map`] holds for a pixel outside the sector. Inside it the line coordinate is never negative.
+/// Value in [`scan_map`] for a pixel outside the sector. Inside it the line coordinate is never negative.
 pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
 
 /// Largest width and height of a frame, pixels.
 const MAX_SIDE: usize = 16384;
 
-/// Where the pixels of a frame lie in the probe's plane: columns towards the marked side (x), rows away from the transducer
-/// (y), which is PLUS's orientation MF. Whole coordinates are pixel centres. Pixels are square, unless they are those of a
-/// calibrated recording.
+/// Pixels of a frame in the probe's plane: columns towards the marked side (x), rows away from the transducer (y), which is
+/// PLUS's orientation MF. Integer coordinates are pixel centres. Pixels are square, except those of a calibrated recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ImageGrid {
     width: usize,
     height: usize,
-    /// Steps from a column, and from a row, to the next.
+    /// Steps from one column, and from one row, to the next.
     steps_mm: [[f64; 2]; 2],
     origin_mm: [f64; 2],
 }
 
-/// Why an image grid cannot be made.
+/// Why an image grid is invalid.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidGrid {
-    /// The frame has no pixels or too many.
+    /// The frame has no or too many pixels.
     #[error("image size {width}x{height}; expected 1 to 16384 pixels a side")]
     Size {
-        /// Width asked for, pixels.
+        /// Requested width, pixels.
         width: usize,
-        /// Height asked for, pixels.
+        /// Requested height, pixels.
         height: usize,
     },
     /// The margin leaves no room for the sector.
     #[error("margin {0}; expected 0 to 0.45 of the image on each side")]
     Margin(f64),
-    /// The pixels have no size, or their place is not finite.
+    /// The pixels have zero size, or their position is not finite.
     #[error("pixels in steps of {steps_mm:?} mm at origin {origin_mm:?} mm; expected finite numbers that span a plane")]
     Place {
         /// Steps of a column and of a row, mm.
@@ -50,13 +49,14 @@ pub enum InvalidGrid {
 }
 
 impl ImageGrid {
-    /// A grid of `width` by `height` pixels of side `pixel_mm` whose pixel (0, 0) is centred at `origin_mm` in the probe's
-    /// plane.
+    /// Creates a grid of `width` by `height` pixels of size `pixel_mm` whose pixel (0, 0) is centred at `origin_mm` in the
+    /// probe's plane.
     pub fn new(width: usize, height: usize, pixel_mm: f64, origin_mm: [f64; 2]) -> Result<Self, InvalidGrid> {
         Self::skewed(width, height, [[pixel_mm, 0.0], [0.0, pixel_mm]], origin_mm)
     }
 
-    /// As [`ImageGrid::new`], with the steps (x, y) from one column and from one row to the next, mm.
+    /// Creates a grid as [`ImageGrid::new`] does, with the steps (x, y) from one column and from one row to the
+    /// next, mm.
     pub fn skewed(
         width: usize,
         height: usize,
@@ -79,8 +79,8 @@ impl ImageGrid {
         Ok(grid)
     }
 
-    /// The largest view of a whole sector: centred across, its near edge at the top as scanners show it, with a `margin`
-    /// (share of the width and of the height, 0 to 0.45) free on each side.
+    /// Creates the largest view of the complete sector: centred laterally, its near edge at the top as on scanners, with
+    /// a `margin` (fraction of the width and of the height, 0 to 0.45) on each side.
     pub fn fit(beam: &BeamGrid, width: usize, height: usize, margin: f64) -> Result<Self, InvalidGrid> {
         if !(0.0..=0.45).contains(&margin) {
             return Err(InvalidGrid::Margin(margin));
@@ -103,7 +103,7 @@ impl ImageGrid {
         self.height
     }
 
-    /// Side of a pixel, mm; of a square of the same area where pixels are not square.
+    /// Pixel size, mm; that of a square of the same area if pixels are not square.
     pub fn pixel_mm(&self) -> f64 {
         self.area_mm2().sqrt()
     }
@@ -118,20 +118,20 @@ impl ImageGrid {
         self.origin_mm
     }
 
-    /// A point of the probe's plane (mm) from a column and row.
+    /// Point of the probe's plane (mm) at a column and row.
     pub fn to_plane(&self, column: f64, row: f64) -> [f64; 2] {
         [0, 1].map(|axis| self.origin_mm[axis] + column * self.steps_mm[0][axis] + row * self.steps_mm[1][axis])
     }
 
-    /// The column and row of a point of the probe's plane (mm). Defined beyond the image too.
+    /// Column and row of a point of the probe's plane (mm). Also defined outside the image.
     pub fn to_pixel(&self, x: f64, y: f64) -> [f64; 2] {
         let [x, y] = [x - self.origin_mm[0], y - self.origin_mm[1]];
         let [column, row] = self.steps_mm;
         [x * row[1] - y * row[0], y * column[0] - x * column[1]].map(|share| share / self.area_mm2())
     }
 
-    /// Image frame (pixels) to probe frame (mm), PLUS's `ImageToTransducer`: spacing included, the third axis scaled like the
-    /// others so that the matrix has an inverse.
+    /// Transform from the image frame (pixels) to the probe frame (mm), PLUS's `ImageToTransducer`: including spacing, with
+    /// the third axis scaled like the others so that the matrix is invertible.
     pub fn image_to_probe(&self) -> Matrix4<f64> {
         let mut matrix = Matrix4::identity();
         for (column, of) in [(0, self.steps_mm[0]), (1, self.steps_mm[1]), (3, self.origin_mm)] {
@@ -143,10 +143,10 @@ impl ImageGrid {
     }
 }
 
-/// The (line, sample) coordinates that each pixel of some rows shows, row by row; [`OUTSIDE`] where a pixel's centre lies
-/// outside the sector. Rows beyond the image are left out. Computed in double precision.
+/// Computes the (line, sample) coordinates shown by each pixel of some rows, row by row; [`OUTSIDE`] if a pixel's centre
+/// lies outside the sector. Rows outside the image are omitted. Computed in double precision.
 ///
-/// A whole 8192 x 8192 image takes 512 MiB: go through it in bands of rows.
+/// A complete 8192 x 8192 image takes 512 MiB: process it in bands of rows.
 pub fn scan_map(beam: &BeamGrid, image: &ImageGrid, rows: Range<usize>) -> Vec<[f32; 2]> {
     let first = rows.start.min(image.height);
     let rows = rows.end.clamp(first, image.height) - first;

@@ -1,4 +1,4 @@
-//! The probe table of a scene file: flat, so that an unknown key is an error on its own line.
+//! Probe table of a scene file: flat, so that an unknown key is an error on its own line.
 
 use std::fmt;
 
@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::{InvalidProbe, Probe, ProbeShape};
 
-/// Scanlines where a file names none.
+/// Default number of scanlines.
 pub(super) const DEFAULT_LINES: u32 = 256;
-/// Samples along a scanline where a file names none.
+/// Default number of samples along a scanline.
 pub(super) const DEFAULT_SAMPLES: u32 = 512;
 
-/// The kinds of probe.
+/// Kind of probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProbeKind {
@@ -29,7 +29,8 @@ pub enum ProbeKind {
 }
 
 impl ProbeKind {
-    /// A centre frequency common for the kind, MHz: deep abdominal and cardiac probes low, surface and transrectal ones high.
+    /// A centre frequency common for the kind, MHz: low for deep abdominal and cardiac probes, high for surface and
+    /// transrectal ones.
     pub fn usual_frequency_mhz(self) -> f64 {
         match self {
             Self::Linear => 9.0,
@@ -39,7 +40,7 @@ impl ProbeKind {
         }
     }
 
-    /// A probe that images from inside the body.
+    /// Whether the probe images from inside the rectum.
     pub fn is_transrectal(self) -> bool {
         matches!(self, Self::TrusTransverse | Self::TrusSagittal)
     }
@@ -61,7 +62,7 @@ impl fmt::Display for ProbeKind {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProbeSpec {
-    /// The shape of the field of view. Required, unless the configuration of a tracked sequence states it.
+    /// Shape of the field of view. Required, unless the configuration of a tracked sequence states it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<ProbeKind>,
     /// Linear only: length of the array, mm (1 to 300).
@@ -82,16 +83,16 @@ pub struct ProbeSpec {
     /// Centre frequency, MHz (0.1 to 100). Default: linear 9, curvilinear 3.5, phased 2.5, transrectal 7.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_mhz: Option<f64>,
-    /// Scanlines (1 to 8192). Default 256.
+    /// Number of scanlines (1 to 8192). Default 256.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lines: Option<u32>,
-    /// Samples along each scanline (1 to 16384). Default 512.
+    /// Number of samples along each scanline (1 to 16384). Default 512.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub samples: Option<u32>,
 }
 
 impl ProbeSpec {
-    /// This table with the keys that it leaves open taken from another, and those keys with their values.
+    /// Returns this table with open keys taken from another table, and those keys with their values.
     pub fn filled_from(mut self, other: &Self) -> (Self, Vec<String>) {
         fn fill<T: Copy + fmt::Display>(key: &str, open: &mut Option<T>, from: Option<T>, taken: &mut Vec<String>) {
             if let (None, Some(value)) = (&open, from) {

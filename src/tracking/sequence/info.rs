@@ -1,4 +1,4 @@
-//! What a tracked sequence holds, for people and for scripts.
+//! Summary of a tracked sequence, as text and JSON.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -9,29 +9,29 @@ use serde::Serialize;
 use super::{Orientation, keys, stored_size};
 use crate::volume::read_header;
 
-/// Interval between frames, in medians, from which it is a gap: a frame is missing.
+/// Ratio of an interval between frames to the median above which a frame is missing.
 const GAP: f64 = 1.5;
 
 /// A summary of a tracked sequence, from its header alone.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct SequenceInfo {
-    /// The file it came from, as it was named.
+    /// Path of the file, as given.
     pub file: String,
-    /// Size of that file.
+    /// Size of the file, bytes.
     pub bytes: u64,
-    /// Images, or frames that carry keys where there are more of those.
+    /// Number of images, or of frames with keys if larger.
     pub frames: usize,
-    /// The images; none in a recording of poses alone.
+    /// Image properties; `None` for a recording of poses alone.
     pub images: Option<ImageInfo>,
-    /// When frames were recorded; none without time stamps.
+    /// Time stamps; `None` if there are none.
     pub time: Option<TimeInfo>,
-    /// The transforms, by name.
+    /// Transforms, sorted by name.
     pub transforms: Vec<TransformInfo>,
-    /// What the reader had to assume or found odd.
+    /// Assumptions and warnings of the reader.
     pub warnings: Vec<String>,
 }
 
-/// The images of a [`SequenceInfo`].
+/// Images of a [`SequenceInfo`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ImageInfo {
     /// Columns, as stored.
@@ -40,47 +40,47 @@ pub struct ImageInfo {
     pub height: usize,
     /// Type of a pixel.
     pub pixel: &'static str,
-    /// Directions of columns and rows in PLUS's terms, such as `MF`; none where the file does not say.
+    /// Directions of columns and rows in PLUS's terms, such as `MF`; `None` if not stated in the file.
     pub orientation: Option<String>,
-    /// Meaning of the pixels in PLUS's terms, such as `BRIGHTNESS`; none where the file does not say.
+    /// Meaning of the pixels in PLUS's terms, such as `BRIGHTNESS`; `None` if not stated in the file.
     pub content: Option<String>,
-    /// Images that the file does not mark as invalid.
+    /// Number of images that the file does not mark as invalid.
     pub valid: usize,
 }
 
-/// The time stamps of a [`SequenceInfo`], s.
+/// Time stamps of a [`SequenceInfo`], s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TimeInfo {
     /// First time stamp.
     pub start_s: f64,
     /// Last time stamp.
     pub end_s: f64,
-    /// Frames that carry one.
+    /// Number of frames with a time stamp.
     pub frames: usize,
-    /// Median of the intervals between them; none for a single one.
+    /// Median interval; `None` for a single time stamp.
     pub median_interval_s: Option<f64>,
-    /// Longest interval; none for a single one.
+    /// Longest interval; `None` for a single time stamp.
     pub longest_interval_s: Option<f64>,
-    /// Intervals longer than 1.5 medians.
+    /// Number of intervals longer than 1.5 medians.
     pub gaps: usize,
-    /// Time stamps that are not after the one before.
+    /// Number of time stamps that do not increase.
     pub not_after: usize,
 }
 
-/// One transform of a [`SequenceInfo`].
+/// A transform of a [`SequenceInfo`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TransformInfo {
     /// Name, such as `ProbeToTracker`.
     pub name: String,
-    /// Frames that carry it.
+    /// Number of frames with this transform.
     pub frames: usize,
-    /// Frames in which the tracker calls it valid and it is a finite affine matrix.
+    /// Number of frames in which the tracker marks it valid and it is a finite affine matrix.
     pub valid: usize,
 }
 
 impl SequenceInfo {
-    /// Summarises a file; none for a file that is no sequence: one with neither keys of frames nor an orientation of
-    /// ultrasound images, or none that can be read.
+    /// Summarises a file; `None` for a file that is not a sequence: one with neither keys of frames nor an
+    /// orientation of ultrasound images, or an unreadable one.
     pub fn of(path: &Path) -> Option<Self> {
         let header = read_header(path).ok()?;
         let [width, height, images] = stored_size(&header).ok()?;

@@ -1,4 +1,4 @@
-//! The keys of a PLUS sequence.
+//! Parsing of the keys of a PLUS sequence.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use nalgebra::Matrix4;
 
 use super::TrackedTransform;
 
-/// What the keys say about one frame.
+/// Key values of one frame.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Frame {
     pub(super) timestamp: Option<f64>,
@@ -14,7 +14,7 @@ pub(super) struct Frame {
     pub(super) transforms: BTreeMap<String, TrackedTransform>,
 }
 
-/// What the keys of a file say.
+/// Key values of a file.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Keys {
     pub(super) frames: BTreeMap<usize, Frame>,
@@ -94,7 +94,7 @@ pub(super) fn parse(key_values: &[(String, String)]) -> Keys {
     keys
 }
 
-/// Sixteen numbers, row by row.
+/// Parses sixteen numbers, row by row.
 fn matrix(text: &str) -> Option<Matrix4<f64>> {
     let numbers: Vec<f64> = text.split_whitespace().map(str::parse).collect::<Result<_, _>>().ok()?;
     (numbers.len() == 16).then(|| Matrix4::from_row_slice(&numbers))
@@ -104,7 +104,7 @@ fn is_affine(matrix: &Matrix4<f64>) -> bool {
     matrix.iter().all(|number| number.is_finite()) && (0..4).all(|n| matrix[(3, n)] == f64::from(u8::from(n == 3)))
 }
 
-/// The two coordinate systems that a name such as `ProbeToTracker` connects.
+/// Splits a name such as `ProbeToTracker` into its two coordinate systems.
 pub(crate) fn ends(name: &str) -> Option<(&str, &str)> {
     name.match_indices("To").find_map(|(at, _)| {
         let (from, to) = (&name[..at], &name[at + 2..]);

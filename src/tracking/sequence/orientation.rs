@@ -1,6 +1,6 @@
-//! How a stored ultrasound image lies: PLUS's `UltrasoundImageOrientation`.
+//! Orientation of stored ultrasound images: PLUS's `UltrasoundImageOrientation`.
 
-/// Where the columns and the rows of a stored image run. The default is MF: columns towards the marked side, rows away
+/// Directions of the columns and rows of a stored image. The default is MF: columns towards the marked side, rows away
 /// from the transducer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct Orientation {
@@ -14,7 +14,7 @@ pub struct Orientation {
 
 impl Orientation {
     /// Parses a name such as `MF`, `UNA` or `FM`: the direction of columns, then that of rows (Marked or Unmarked, Far
-    /// or Near), then perhaps that of planes (Ascending or Descending), which one plane does not need.
+    /// or Near), then optionally that of planes (Ascending or Descending), which is ignored for a single plane.
     pub fn parse(name: &str) -> Option<Self> {
         let mut letters = name.chars();
         let (columns, rows) = (letters.next()?, letters.next()?);
@@ -33,7 +33,7 @@ impl Orientation {
         })
     }
 
-    /// What columns and rows have, after turning to MF.
+    /// Swaps values of columns and rows as needed for MF.
     pub(super) fn turned<T>(self, [width, height]: [T; 2]) -> [T; 2] {
         if self.transposed {
             [height, width]
@@ -42,7 +42,7 @@ impl Orientation {
         }
     }
 
-    /// The pixels of a stored image, turned to MF.
+    /// Reorders the pixels of a stored image to MF.
     pub(super) fn to_mf(self, stored: &[u8], size: [usize; 2]) -> Vec<u8> {
         if self == Self::default() {
             return stored.to_vec();

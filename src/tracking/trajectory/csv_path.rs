@@ -1,4 +1,4 @@
-//! Paths in CSV files: one timed pose a row.
+//! Paths in CSV files: one timed pose per row.
 
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use crate::text::head;
 use crate::tracking::pose::{InvalidPose, Pose};
 use crate::tracking::world::World;
 
-/// Longest name or cell that is quoted, columns.
+/// Maximum length of a quoted name or cell, columns.
 const FOUND: usize = 60;
 const POSITION: [&str; 4] = ["time_s", "x_mm", "y_mm", "z_mm"];
 const QUATERNION: [&str; 4] = ["qw", "qx", "qy", "qz"];
@@ -21,7 +21,7 @@ const MATRIX: [&str; 16] = [
     "m00", "m01", "m02", "m03", "m10", "m11", "m12", "m13", "m20", "m21", "m22", "m23", "m30", "m31", "m32", "m33",
 ];
 
-/// The columns that a path may have, for error messages.
+/// Accepted columns of a path, for error messages.
 const EXPECTED: &str = "time_s with x_mm, y_mm, z_mm and either qw, qx, qy, qz or dx, dy, dz (and lx, ly, lz), or time_s with m00 to m33 row by row";
 
 /// Why a CSV path cannot be read. Lines count from 1.
@@ -30,27 +30,27 @@ pub enum CsvError {
     /// The file cannot be opened or read.
     #[error("cannot read `{}`: {source}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The text is not a CSV table: a row of another length, or bytes that are not UTF-8.
     #[error("`{}`, line {line}: {found}", path.display())]
     Table {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The line.
+        /// Line number.
         line: u64,
-        /// What was found, and what was expected.
+        /// Description of what was found and expected.
         found: String,
     },
-    /// A column that means nothing here, or one given twice.
+    /// An unknown or duplicate column.
     #[error("`{}`, line 1: column `{column}` is {problem}; expected {EXPECTED}", path.display())]
     Column {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// Its name in the header.
+        /// Name of the column in the header.
         column: String,
         /// `unknown`, `given twice` or `missing`.
         problem: &'static str,
@@ -58,35 +58,35 @@ pub enum CsvError {
     /// A cell that is not a finite number.
     #[error("`{}`, line {line}, column `{column}`: found `{found}`; expected a finite number", path.display())]
     Number {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The line.
+        /// Line number.
         line: u64,
-        /// The column's name.
+        /// Name of the column.
         column: &'static str,
-        /// The cell.
+        /// Text of the cell.
         found: String,
     },
-    /// A row whose numbers make no pose.
+    /// A row whose numbers form no valid pose.
     #[error("`{}`, line {line}: {source}", path.display())]
     Pose {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The line.
+        /// Line number.
         line: u64,
-        /// What is wrong with it.
+        /// Cause of the error.
         source: InvalidPose,
     },
-    /// A row whose time does not follow the one before.
+    /// A row whose time is not after that of the previous row.
     #[error("`{}`, line {line}: `time_s` is {found}; expected a time after {previous}", path.display())]
     Order {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The line.
+        /// Line number.
         line: u64,
-        /// Its time, s.
+        /// Time of the row, s.
         found: f64,
-        /// The time before it, s (minus infinity for the first row, whose time is then absurd).
+        /// Time of the previous row, s (minus infinity for the first row, whose time is then out of range).
         previous: f64,
     },
 }
@@ -101,16 +101,15 @@ enum Orientation {
 
 struct Columns {
     orientation: Orientation,
-    /// Each column that is used: its name and its place in a row.
+    /// Name and index of each used column.
     places: Vec<(&'static str, usize)>,
 }
 
 impl Trajectory {
     /// Reads a path from a CSV file with a header row. Columns, in any order: `time_s`, then either `x_mm`, `y_mm`, `z_mm`
     /// with a quaternion `qw`, `qx`, `qy`, `qz` or an axial direction `dx`, `dy`, `dz` (and a lateral hint `lx`, `ly`, `lz`),
-    /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes
-    /// of `world`. Without a hint each row turns the shortest way
-    /// from the one before. Lines that start with `#` are comments.
+    /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes of `world`. Without a hint each row is
+    /// reached by the smallest rotation from the previous one. Lines that start with `#` are comments.
     pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrajectoryError> {
         let bytes = read::whole(path, read::CSV).map_err(|source| CsvError::Read {
             path: path.to_owned(),
@@ -119,7 +118,7 @@ impl Trajectory {
         Self::from_csv_reader(&bytes[..], path, world, interpolation)
     }
 
-    /// As [`Trajectory::from_csv`], from any source; `path` names it in errors.
+    /// Reads a path as [`Trajectory::from_csv`] does, from any source; `path` is the file name shown in errors.
     pub fn from_csv_reader(
         source: impl Read,
         path: &Path,

@@ -1,4 +1,4 @@
-//! Trajectories from what a tracker recorded, frame by frame.
+//! Trajectories from recorded tracker poses, frame by frame.
 
 use std::fmt;
 
@@ -8,35 +8,38 @@ use super::{Interpolation, Key, Trajectory, TrajectoryError, check_time};
 use crate::tracking::matrix::{self, NotRigid};
 use crate::tracking::pose::{InvalidPose, Pose};
 
-/// Time between frames that carry no time stamps, s: ten frames a second, a common rate of optical trackers.
+/// Interval assumed between frames without time stamps, s: ten frames per second, a common rate of optical
+/// trackers.
 pub const UNTIMED_FRAME_S: f64 = 0.1;
 
-/// What a tracker recorded for one frame.
+/// Recorded tracker data of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TrackedFrame {
-    /// Time stamp, s, if the recording has them.
+    /// Time stamp, s, if recorded.
     pub time_s: Option<f64>,
-    /// The tool's frame to the tracker's, mm; `None` where the tracker marked it invalid or recorded nothing.
+    /// Transform from the tool's frame to the tracker's, mm; `None` if the tracker marked it invalid or recorded
+    /// nothing.
     pub tool_to_tracker: Option<Matrix4<f64>>,
 }
 
-/// A frame of a tracked sequence that was left out.
+/// A skipped frame of a tracked sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Skipped {
-    /// Which frame, from 0.
+    /// Frame number, from 0.
     pub frame: usize,
-    /// Why.
+    /// Reason for skipping it.
     pub reason: SkipReason,
 }
 
-/// Why a frame of a tracked sequence was left out.
+/// Reason for skipping a frame of a tracked sequence.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum SkipReason {
     /// The tracker marked the transform invalid, or recorded none.
     Invalid,
-    /// The transform is not rigid, or holds a NaN.
+    /// The transform is not rigid, or has a NaN entry.
     NotRigid(NotRigid),
-    /// The time stamp is missing where others have one, not finite, or not after the frame before (a stale frame).
+    /// The time stamp is missing where others have one, not finite, or not after that of the previous frame (a
+    /// stale frame).
     Time(Option<f64>),
 }
 
@@ -52,11 +55,11 @@ impl fmt::Display for SkipReason {
 }
 
 impl Trajectory {
-    /// The path of a transducer from recorded frames: probe to world = `tracker_to_world` x tool to tracker x
+    /// Path of a transducer from recorded frames: probe to world = `tracker_to_world` x tool to tracker x
     /// `transducer_to_tool`, each on column vectors in mm and rigid (see
-    /// [`Calibration`](crate::tracking::calibration::Calibration) for the last). Frames without a valid pose
-    /// are skipped and counted; a sequence without any valid pose is an error. Frames that carry no time stamps at all are
-    /// a tenth of a second apart.
+    /// [`Calibration`](crate::tracking::calibration::Calibration) for the last). Frames without a valid pose are skipped
+    /// and counted; a sequence without any valid pose is an error. If no frame has a time stamp, frames are a tenth of a
+    /// second apart.
     pub fn from_tracked(
         frames: &[TrackedFrame],
         transducer_to_tool: &Matrix4<f64>,

@@ -1,7 +1,7 @@
-//! Completion by the CT that a segmentation was made from.
+//! Completion of a segmentation by its source CT.
 //!
-//! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their
-//! grey values, smoothed over three voxels. The limits are those that the values of [`totalsegmentator::body`](crate::tissue::totalsegmentator::body) stand for.
+//! The body is the region denser than gas that is connected with the labels, without the table. Unlabelled voxels in it are classified by their grey
+//! values, smoothed over three voxels. The classes correspond to the values of [`totalsegmentator::body`](crate::tissue::totalsegmentator::body).
 
 use nalgebra::Point3;
 use rayon::prelude::*;
@@ -11,21 +11,22 @@ use crate::tissue::known;
 use crate::volume::distance::Grid;
 use crate::volume::{InvalidVolume, LabelVolume, ScalarImage};
 
-/// Upper limits of gas, fat and soft tissue, HU; what is denser is bone.
+/// Upper limits of gas, fat and soft tissue, HU; denser voxels are bone.
 const LIMITS_HU: [f32; 3] = [-300.0, -30.0, 150.0];
 /// Radius of the morphological opening that separates table and sheets from the body, mm.
 const OPENING_MM: f64 = 4.0;
 /// Distance from the outline around the labels within which soft tissue is muscle of the wall, mm.
 const WALL_MM: f64 = 20.0;
-/// Contrast of vessels in a liver, HU above its median, and the shares of the liver that they may have: less is noise, more is no vessel.
+/// Contrast of vessels in a liver, HU above its median, and the range of their fraction of the liver: less is noise, more cannot be
+/// vessels.
 const VESSELS_HU: f32 = 40.0;
 const VESSELS_SHARE: [f64; 2] = [0.003, 0.2];
 /// Median of solid organs, HU: from unenhanced fatty livers to arterial kidneys.
 const ORGANS_HU: std::ops::RangeInclusive<f32> = -30.0..=300.0;
-/// Least share of the labelled voxels that lie in the CT.
+/// Minimum fraction of the labelled voxels that lie in the CT.
 const COVERED: f64 = 0.98;
 
-/// Names of the labels that are appended.
+/// Names of the appended labels.
 const CLASSES: [&str; 8] = [
     "soft_tissue",
     "muscle",
@@ -38,10 +39,11 @@ const CLASSES: [&str; 8] = [
 ];
 
 /// Completes a segmentation by its CT: unlabelled voxels of the body become gas, fat, muscle, soft tissue or bone by their grey values, the outermost
-/// [`CompleteOptions::skin_mm`] skin; gas in labels of bowel becomes gas, and what is much brighter than the rest of a liver its vessels.
+/// [`CompleteOptions::skin_mm`] skin; gas in labels of bowel becomes gas, and voxels much brighter than the rest of a liver become its vessels.
 ///
 /// # Errors
-/// [`CompletionError`]: a CT that lies elsewhere, a thickness out of range, or no room among 256 labels.
+/// [`CompletionError`] if the CT does not cover the labels, a thickness is out of range, or 256 labels do not
+/// suffice.
 pub fn with_ct(
     volume: &LabelVolume,
     ct: &ScalarImage,
@@ -170,7 +172,7 @@ pub fn with_ct(
     })
 }
 
-/// Grey values of the nearest voxels of a CT; not finite beyond it.
+/// Grey values of the nearest voxels of a CT; not finite outside it.
 fn sampled(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
     let [nx, ny, _] = volume.size();
     let Some(to_index) = ct.index_to_world.try_inverse() else {
@@ -191,7 +193,8 @@ fn sampled(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
     (0..volume.voxels().len()).into_par_iter().map(value).collect()
 }
 
-/// Voxels outside the body: a flood from the sides of the box, after a morphological opening that leaves table and sheets out.
+/// Voxels outside the body: a flood fill from the sides of the box, after a morphological opening that removes table and
+/// sheets.
 fn outside(volume: &LabelVolume, grey: &[f32]) -> Vec<bool> {
     let (size, spacing) = (volume.size(), volume.spacing_mm());
     let axes = [0, 1, 2];
@@ -210,7 +213,7 @@ fn outside(volume: &LabelVolume, grey: &[f32]) -> Vec<bool> {
     let core = flooded(size, seeds, |at| from_empty[at] > opening);
     let from_core = Grid::squared_distances(&core, size, spacing, &axes).values;
     let is_body = |at: usize| volume.voxels()[at] != 0 || (!empty[at] && from_core[at] <= opening);
-    // Gas that the box cuts off at the head or the feet is inside: floods come from the sides alone.
+    // Gas that the box cuts off at the head or the feet is inside: floods start from the sides only.
     let upwards = |axis: usize| volume.index_to_world()[(2, axis)].abs() / spacing[axis];
     let up = (0..3).fold(0, |best, axis| if upwards(axis) > upwards(best) { axis } else { best });
     let at_side = |at: usize| {

@@ -107,7 +107,8 @@ fn a_ct_that_lies_elsewhere_is_refused_and_a_doubtful_one_questioned() {
     assert!(warning.contains("median of 1100 in the CT"), "{warning}");
 }
 
-/// The body of the example of TotalSegmentator, whose unlabelled voxels others classed by the same limits without smoothing.
+/// The body of the example of TotalSegmentator, whose unlabelled voxels were classified elsewhere by the same limits without
+/// smoothing.
 #[test]
 fn a_real_ct_gives_the_classes_that_its_voxels_were_given_elsewhere() {
     let root = format!("{}/../shared/data/volumes", env!("CARGO_MANIFEST_DIR"));
@@ -139,7 +140,7 @@ fn a_real_ct_gives_the_classes_that_its_voxels_were_given_elsewhere() {
         *table.entry((ours, theirs)).or_default() += u64::from(*old == 0);
     }
     println!("{table:?}");
-    // Outside the body both have nothing.
+    // Outside the body both are unlabelled.
     table.remove(&(0, 0));
     let all: u64 = table.values().sum();
     let same: u64 = table

@@ -1,4 +1,4 @@
-//! The outline of the body around labelled anatomy: a signed distance on a coarse grid, smooth from slice to slice.
+//! Outline of the body around labelled anatomy: a signed distance on a coarse grid, smooth across slices.
 
 use rayon::prelude::*;
 
@@ -11,15 +11,15 @@ const SMOOTHING_MM: f64 = 9.0;
 /// Signed distance to the outer edge of the soft tissue, mm (negative inside).
 pub(super) struct Outline {
     distance: Grid,
-    /// Voxels to a cell along each axis, and cells of margin before the first voxel.
+    /// Number of voxels per cell along each axis, and cells of margin before the first voxel.
     cell: [usize; 3],
     margin: [usize; 3],
     slice_axis: usize,
 }
 
 impl Outline {
-    /// The outline around the labelled voxels of a volume; `None` where nothing is labelled. `layers_mm` is how far
-    /// outside it distances are asked for.
+    /// Computes the outline around the labelled voxels of a volume; `None` if nothing is labelled. `layers_mm` is
+    /// the largest distance outside it that will be queried.
     pub(super) fn around(volume: &LabelVolume, layers_mm: f64) -> Option<Self> {
         let spacing = volume.spacing_mm();
         let size = volume.size();
@@ -42,7 +42,8 @@ impl Outline {
         }
         let in_slice: Vec<usize> = (0..3).filter(|&axis| axis != slice_axis).collect();
         let distance = |set: &[bool], axes: &[usize]| Grid::squared_distances(set, grid_size, coarse, axes);
-        // Within slices first; then in space, which carries the outline over slices that label little of the body.
+        // Within slices first; then in three dimensions, which extends the outline over slices that label little of
+        // the body.
         let body = closed(&closed(&labelled, &distance, &in_slice), &distance, &[0, 1, 2]);
         let mut signed = distance(&body, &[0, 1, 2]);
         let inward = distance(&body.iter().map(|inside| !inside).collect::<Vec<_>>(), &[0, 1, 2]);
@@ -61,7 +62,7 @@ impl Outline {
             .par_iter_mut()
             .zip(&near_label.values)
             .for_each(|(value, &label)| *value = (*value - wall).min(label.sqrt() - half_cell - least));
-        // Corners of cells off the surface.
+        // Smooths corners of cells off the surface.
         (0..3).for_each(|axis| signed.convolve(axis, &[2.0, 1.0]));
         Some(Self {
             distance: signed,
@@ -71,12 +72,13 @@ impl Outline {
         })
     }
 
-    /// The index axis along which slices lie: the one closest to the world's z.
+    /// Index axis of the slices: the one closest to the world's z.
     pub(super) fn slice_axis(&self) -> usize {
         self.slice_axis
     }
 
-    /// Calls `fill` with each unlabelled voxel of a row (along the first axis), its place in that and its distance, mm.
+    /// Calls `fill` with each unlabelled voxel of a row (along the first axis), its index in the row and its distance,
+    /// mm.
     pub(super) fn along_row(&self, j: usize, k: usize, row: &mut [u8], mut fill: impl FnMut(&mut u8, usize, f64)) {
         let grid = &self.distance;
         let place = |axis: usize, voxel: usize| {
@@ -106,7 +108,7 @@ impl Outline {
     }
 }
 
-/// Closing of a set by a ball (a disc, in two axes): dilated, then worn back by the same radius.
+/// Morphological closing of a set by a ball (a disc, in two axes): dilation, then erosion by the same radius.
 fn closed(set: &[bool], distance: &impl Fn(&[bool], &[usize]) -> Grid, axes: &[usize]) -> Vec<bool> {
     let radius = (CLOSING_MM * CLOSING_MM) as f32;
     let dilated = distance(set, axes);
@@ -118,7 +120,7 @@ fn closed(set: &[bool], distance: &impl Fn(&[bool], &[usize]) -> Grid, axes: &[u
         .collect()
 }
 
-/// Which cells hold a labelled voxel.
+/// Marks the cells that contain a labelled voxel.
 fn coarse_mask(volume: &LabelVolume, cell: [usize; 3], margin: [usize; 3], size: [usize; 3]) -> Vec<bool> {
     let [nx, ny, nz] = volume.size();
     let mut mask = vec![false; size.iter().product()];

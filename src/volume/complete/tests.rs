@@ -13,7 +13,7 @@ fn label(value: i64, name: Option<&str>) -> Label {
     }
 }
 
-/// A trunk of organs: an upright ring of rods around a column, in a box that leaves room.
+/// A trunk of organs: an upright ring of rods around a column, in a larger box.
 fn trunk(spacing: [f64; 3]) -> LabelVolume {
     let size = [0, 1, 2].map(|axis| ([300.0, 260.0, 150.0][axis] / spacing[axis]) as usize);
     let centre = Vector3::new(150.0, 130.0, 0.0);
@@ -46,7 +46,7 @@ fn run(volume: &LabelVolume) -> Completed {
     complete(volume, &CompleteOptions::default()).unwrap()
 }
 
-/// No voxel of the body but skin touches air across a face, except through faces of the box.
+/// No voxel of the body except skin touches air across a face, other than through faces of the box.
 fn skin_is_closed(volume: &LabelVolume) {
     let size = volume.size();
     let skin = volume
@@ -149,7 +149,7 @@ fn fat_and_muscle_are_uneven_about_their_stated_thickness() {
             .filter(|step| of(*step).is_some_and(|name| wanted.contains(&name)))
             .count() as f64
     };
-    // Square to the outline along the axes of the ellipse alone, so angles near the ends of the long one.
+    // Perpendicular to the outline along the axes of the ellipse only, so angles near the ends of the long one.
     let all = |wanted: &[&str]| -> Vec<f64> {
         let places = (0..48).flat_map(|z| {
             [-8.0, 0.0, 8.0, 172.0, 180.0, 188.0].map(|angle| (f64::to_radians(angle), 3.0 * f64::from(z)))
@@ -160,7 +160,7 @@ fn fat_and_muscle_are_uneven_about_their_stated_thickness() {
     let mean = crate::study::statistics::mean(&fat);
     let std = crate::study::statistics::std(&fat);
     println!("fat of {mean:.2} +- {std:.2} mm");
-    // The noise is a mean of eight uniform numbers at most: a third to a half of its range.
+    // The noise is a mean of at most eight uniform numbers: a third to a half of its range.
     assert!(
         (mean - 12.0).abs() < 1.5 && (0.8..3.0).contains(&std),
         "{mean} +- {std}"
@@ -173,7 +173,7 @@ fn fat_and_muscle_are_uneven_about_their_stated_thickness() {
 fn slices_lie_along_the_axis_closest_to_the_worlds_z() {
     let upright = trunk([3.0; 3]);
     let [nx, ny, nz] = upright.size();
-    // The same body with its index axes turned: i runs along z, j along x, k along y.
+    // The same body with permuted index axes: i runs along z, j along x, k along y.
     let mut voxels = vec![0; nx * ny * nz];
     for (at, &v) in upright.voxels().iter().enumerate() {
         let [x, y, z] = [at % nx, at / nx % ny, at / (nx * ny)];
@@ -331,7 +331,7 @@ fn the_thread_count_does_not_matter() {
     assert_eq!(threads(1).voxels(), threads(3).voxels());
 }
 
-/// A `.nii.gz` of bytes or 16-bit integers, well formed, without names.
+/// Reads a `.nii.gz` of bytes or 16-bit integers, well formed, without names.
 pub(crate) fn nifti(file: &str) -> Option<LabelVolume> {
     let path = format!("{}/../shared/data/volumes/{file}", env!("CARGO_MANIFEST_DIR"));
     let Ok(packed) = std::fs::File::open(&path) else {
@@ -366,7 +366,7 @@ pub(crate) fn nifti(file: &str) -> Option<LabelVolume> {
 
 #[test]
 fn real_segmentations_become_whole_bodies() {
-    // File and litres of body that its box should hold: slim adults of 40 and 34 cm of trunk.
+    // File and expected volume of the body in its box, litres: slim adults of 40 and 34 cm of trunk.
     for (file, litres) in [
         ("tsd_s0328_labels.nii.gz", 20.0..36.0),
         ("ts_example_seg_full.nii.gz", 14.0..32.0),

@@ -3,16 +3,16 @@
 use crate::volume::LabelVolume;
 use crate::volume::distance::Grid;
 
-/// Labelled voxels in a box around them.
+/// Labelled voxels in their bounding box.
 pub(crate) struct Organ {
     low: [usize; 3],
-    /// Distance from the centre of a voxel to that of the nearest one outside the organ, mm; 0 outside. The faces of the volume cut an organ,
-    /// and do not count as its surface.
+    /// Distance from the centre of a voxel to that of the nearest one outside the organ, mm; 0 outside. Faces of the volume that cut an organ
+    /// do not count as its surface.
     depth_mm: Grid,
 }
 
 impl Organ {
-    /// The voxels of labels; none where there are none.
+    /// Collects the voxels of labels; `None` if there are none.
     pub fn of(volume: &LabelVolume, labels: impl Fn(u8) -> bool) -> Option<Self> {
         let (low, mut inside, size) = boxed(volume, labels, 1)?;
         inside.iter_mut().for_each(|inside| *inside = !*inside);
@@ -21,7 +21,7 @@ impl Organ {
         Some(Self { low, depth_mm })
     }
 
-    /// The voxels up to a distance from labels, mm, and those of the labels.
+    /// Collects the voxels of labels and those within a distance of them, mm.
     pub fn around(volume: &LabelVolume, labels: impl Fn(u8) -> bool, reach_mm: f64) -> Option<Self> {
         let spacing = volume.spacing_mm();
         let least = spacing.iter().copied().fold(f64::INFINITY, f64::min);
@@ -71,7 +71,7 @@ impl Organ {
     }
 }
 
-/// The box around voxels of labels, with a margin inside the volume: first voxel, mask of the labels, size.
+/// Bounding box of the voxels of labels, with a margin inside the volume: first voxel, mask of the labels, size.
 fn boxed(
     volume: &LabelVolume,
     labels: impl Fn(u8) -> bool,

@@ -12,7 +12,7 @@ fn label(value: i64, name: &str, voxels: u64) -> Label {
     }
 }
 
-/// A volume of voxels of 1.5 mm around the origin, each of the label (one of `names`, from 1) that a function of its place has.
+/// A volume of 1.5 mm voxels around the origin, with labels (one of `names`, from 1) given as a function of position.
 fn volume(half_mm: [f64; 3], names: &[&str], of: impl Fn(Vector3<f64>) -> u8) -> LabelVolume {
     let size = half_mm.map(|half| (2.0 * half / 1.5) as usize);
     let corner = Vector3::from(half_mm) * -1.0;
@@ -38,7 +38,7 @@ fn count(volume: &LabelVolume, name: &str) -> usize {
     volume.voxels().iter().filter(|voxel| Some(**voxel) == wanted).count()
 }
 
-/// Connected regions of a label, across faces, of at least 20 voxels.
+/// Number of face-connected regions of a label of at least 20 voxels.
 fn regions(volume: &LabelVolume, name: &str) -> usize {
     let [nx, ny, _] = volume.size();
     let strides = [1, nx, nx * ny];
@@ -119,7 +119,7 @@ fn radii_follow_murrays_law_up_to_the_widest_and_terminals_fill_the_organ() {
         let expected = if children.is_empty() { 1.0 } else { cubes.cbrt() };
         assert!((radius - expected).abs() < 1e-9, "{node}: {radius} {expected}");
     }
-    // No place in the liver is far from a branch.
+    // No point of the liver is far from a branch.
     for (voxel, _) in organ.voxels().step_by(997) {
         let place = volume
             .index_to_world()
@@ -173,7 +173,7 @@ fn a_kidney_has_a_sinus_within_pyramids_within_a_cortex() {
     let before = volume([30.0; 3], &["kidney_left"], |p| u8::from(p.norm() < radius));
     let after = add(&before).unwrap().volume;
     let share = |name: &str| count(&after, name) as f64 / count(&before, "kidney_left") as f64;
-    // Shares of shells of a ball; pyramids take three fifths of theirs.
+    // Volume fractions of shells of a ball; pyramids fill three fifths of theirs.
     let within = |depth: f64| ((radius - depth) / radius).powi(3);
     let sinus = within(15.0);
     let shell = within(7.0) - sinus;
@@ -192,7 +192,7 @@ fn a_kidney_has_a_sinus_within_pyramids_within_a_cortex() {
 
 #[test]
 fn a_heart_has_four_chambers_within_its_walls() {
-    // Its axis from the right, back and head to the left, front and feet.
+    // Its axis from right, posterior and superior to left, anterior and inferior.
     let axis = Vector3::new(1.0, -1.0, -0.6).normalize();
     let before = volume([70.0; 3], &["heart"], |p| {
         let along = p.dot(&axis);

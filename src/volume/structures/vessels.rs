@@ -1,9 +1,8 @@
-//! Trees of vessels grown into an organ from where a labelled vessel touches it.
+//! Synthetic vessel trees in an organ, grown from its contact with a labelled vessel.
 //!
-//! Terminals fill the organ at even distances and join the tree one by one, each where the length of the new piece plus [`BALANCE`] times the path
-//! back to the root is least (H. Cuntz et al., "One rule to grow them all", PLoS Comput. Biol. 6(8), 2010). Radii follow Murray's law,
-//! r0^3 = r1^3 + r2^3 (C. D. Murray, PNAS 12, 1926); the trunk of a liver of 1.5 l comes to [`WIDEST_MM`]
-//! (portal veins measure 10 to 13 mm across).
+//! Terminals fill the organ at even distances and join the tree one by one, each where the length of the new branch plus [`BALANCE`] times the
+//! path back to the root is least (H. Cuntz et al., "One rule to grow them all", PLoS Comput. Biol. 6(8), 2010). Radii follow Murray's law, r0^3 =
+//! r1^3 + r2^3 (C. D. Murray, PNAS 12, 1926); the trunk of a liver of 1.5 l reaches [`WIDEST_MM`] (portal veins measure 10 to 13 mm across).
 
 use nalgebra::{Point3, Vector3};
 
@@ -17,23 +16,23 @@ const SPACING_MM: f64 = 16.0;
 const TERMINAL_MM: f64 = 1.0;
 /// Largest radius, mm.
 const WIDEST_MM: f64 = 5.5;
-/// Weight of the path to the root against the length of a new piece: 0 gives the shortest tree, 1 straight ways.
+/// Weight of the path to the root against the length of a new branch: 0 gives the shortest tree, 1 straight paths.
 const BALANCE: f64 = 0.35;
-/// Depth below the surface from which terminals lie in an organ, mm.
+/// Minimum depth of terminals below the surface of an organ, mm.
 const CLEAR_MM: f64 = 4.0;
 /// Distance from a vessel within which an organ counts as touched, mm.
 const TOUCH_MM: f64 = 4.0;
-/// Radius from which branches are drawn, voxels: about two voxels across.
+/// Minimum radius of drawn branches, voxels: about two voxels across.
 const DRAWN: f64 = 0.8;
 /// Distance between painted balls, voxels.
 const STEP: f64 = 0.4;
 
-/// Where a tree begins among the places at which its vessel touches the organ.
+/// Choice of the root among the contacts of a vessel with the organ.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Root {
-    /// The highest: veins into the vena cava.
+    /// The highest contact: veins into the vena cava.
     Highest,
-    /// The nearest to the middle of the organ: its hilum.
+    /// The contact nearest to the centre of the organ: its hilum.
     Innermost,
 }
 
@@ -50,7 +49,8 @@ pub(super) struct Tree {
 }
 
 impl Tree {
-    /// The tree that fills an organ from where it touches a vessel; none where it does not, or where no terminal fits.
+    /// Grows a tree that fills an organ from its contact with a vessel; `None` without contact, or if no terminal
+    /// fits.
     pub fn grown(
         volume: &LabelVolume,
         organ: &Organ,
@@ -69,7 +69,7 @@ impl Tree {
             radius_mm: 0.0,
         }];
         let mut paths = vec![0.0];
-        // Of each terminal the node that it is cheapest to join, and the cost.
+        // For each terminal, the node that is cheapest to join, and the cost.
         let mut best: Vec<(usize, f64)> = left.iter().map(|at| (0, (at - root).norm())).collect();
         while !left.is_empty() {
             let next = (0..left.len()).reduce(|a, b| if best[b].1 < best[a].1 { b } else { a })?;
@@ -89,7 +89,7 @@ impl Tree {
                 }
             }
         }
-        // Children come after their parents: cubes of radii add up from the end.
+        // Children come after their parents: cubes of radii are summed from the end.
         let mut cubes = vec![0.0; nodes.len()];
         for node in (1..nodes.len()).rev() {
             if cubes[node] == 0.0 {
@@ -103,7 +103,7 @@ impl Tree {
         Some(Self { nodes })
     }
 
-    /// Calls `paint` with the places of the voxels in branches that are wide enough for voxels.
+    /// Calls `paint` with the indices of the voxels in branches wide enough for voxels.
     pub fn paint(&self, volume: &LabelVolume, mut paint: impl FnMut(usize)) {
         let spacing = volume.spacing_mm();
         let widest = spacing.iter().copied().fold(0.0, f64::max);
@@ -166,7 +166,7 @@ fn ball(volume: &LabelVolume, middle: &Point3<f64>, radius_mm: f64, paint: &mut 
     }
 }
 
-/// The place at which a tree begins, in the world, mm.
+/// Root of a tree in the world, mm.
 fn touching(volume: &LabelVolume, organ: &Organ, vessel: impl Fn(u8) -> bool, root: Root) -> Option<Point3<f64>> {
     let near = Organ::around(volume, vessel, TOUCH_MM)?;
     let (mut sum, mut count) = (Vector3::zeros(), 0.0);
@@ -189,7 +189,7 @@ fn touching(volume: &LabelVolume, organ: &Organ, vessel: impl Fn(u8) -> bool, ro
     touching.into_iter().min_by(|a, b| cost(a).total_cmp(&cost(b)))
 }
 
-/// Points of a jittered lattice inside an organ, in the world, mm: one in each cell that the organ holds the point of.
+/// Points of a jittered lattice inside an organ, in the world, mm: one for each cell whose point lies in the organ.
 fn terminals(volume: &LabelVolume, organ: &Organ, stream: u32) -> Vec<Point3<f64>> {
     let seed = seed_words(u64::from(stream));
     let cell_of = |at: &Point3<f64>| at.coords.map(|x| (x / SPACING_MM).floor() as i32);
@@ -216,7 +216,7 @@ fn terminals(volume: &LabelVolume, organ: &Organ, stream: u32) -> Vec<Point3<f64
 
 #[cfg(test)]
 impl Tree {
-    /// Place (world, mm), parent and radius (mm) of each node.
+    /// Position (world, mm), parent and radius (mm) of each node.
     pub(super) fn nodes(&self) -> Vec<(Point3<f64>, usize, f64)> {
         self.nodes
             .iter()

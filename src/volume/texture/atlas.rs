@@ -1,16 +1,16 @@
-//! All textures of a scene in one buffer, as the shaders read them.
+//! Atlas of all textures of a scene in one buffer, as read by the shaders.
 
 use bytemuck::{Pod, Zeroable};
 
 use super::{SolidTexture, trilinear};
 use crate::real::Real;
 
-/// How a texture lies in the world.
+/// Placement of a texture in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Rows of the rotation from world directions to the texture's axes.
     pub rotation: [[f64; 3]; 3],
-    /// Factor on its lengths: 2 makes every structure twice as large.
+    /// Scale of its lengths: 2 makes every structure twice as large.
     pub scale: f64,
 }
 
@@ -23,24 +23,24 @@ impl Default for Placement {
     }
 }
 
-/// One placed texture of an [`Atlas`]: 64 bytes, laid out as `TextureEntry` in `shaders/common/texture.wgsl`.
+/// A placed texture of an [`Atlas`]: 64 bytes, laid out as `TextureEntry` in `shaders/common/texture.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct AtlasEntry {
-    /// Rows that take a position in mm to a fractional voxel index; the fourth number pads.
+    /// Rows of the affine map from a position in mm to a fractional voxel index; the fourth number is padding.
     pub to_voxel: [[f32; 4]; 3],
-    /// Voxels along each axis.
+    /// Number of voxels along each axis.
     pub size: [u32; 3],
-    /// Place of voxel (0, 0, 0) in the atlas's data.
+    /// Index of voxel (0, 0, 0) in the atlas's data.
     pub offset: u32,
 }
 
 /// Textures packed into one buffer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Atlas {
-    /// Amplitude multipliers of all textures, one after the other, each with x fastest.
+    /// Amplitude multipliers of all textures, concatenated, each with x fastest.
     pub data: Vec<f32>,
-    /// The placed textures, in the order given.
+    /// Placed textures, in the order given.
     pub entries: Vec<AtlasEntry>,
 }
 
@@ -48,12 +48,12 @@ pub struct Atlas {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the textures hold {voxels} voxels together; at most 4294967295 fit one atlas")]
 pub struct AtlasFull {
-    /// Voxels of all textures together.
+    /// Number of voxels of all textures together.
     pub voxels: u64,
 }
 
 impl Atlas {
-    /// Packs the textures. One that is given several times, by reference to the same place in memory, is stored once.
+    /// Packs the textures. A texture given several times, by reference to the same memory, is stored once.
     pub fn pack(textures: &[(&SolidTexture, Placement)]) -> Result<Self, AtlasFull> {
         let mut atlas = Self::default();
         let mut stored: Vec<(&SolidTexture, u32)> = Vec::new();
@@ -77,7 +77,7 @@ impl Atlas {
         Ok(atlas)
     }
 
-    /// The multiplier of texture `entry` at a position, mm, counted from where its voxel (0, 0, 0) is. `entry` must be below the number of entries.
+    /// Multiplier of texture `entry` at a position, mm, relative to its voxel (0, 0, 0). `entry` must be below the number of entries.
     #[inline]
     pub fn sample<T: Real>(&self, entry: usize, position_mm: [T; 3]) -> T {
         let AtlasEntry { to_voxel, size, offset } = self.entries[entry];

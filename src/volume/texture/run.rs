@@ -1,16 +1,16 @@
-//! Look-ups at a run of positions in one texture: indices first, in vector registers, then the loads, so that many are under
-//! way at a time.
+//! Batched look-ups at many positions in one texture: indices first, in vector registers, then the loads, so that many are
+//! in flight at a time.
 
 use super::{Atlas, Corners};
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
 
-/// Positions worked on together.
+/// Number of positions in a batch.
 const BLOCK: usize = 32;
 
 impl Atlas {
-    /// Multiplies each amplitude by the multiplier of texture `entry` at its position (mm; the fourth component is not
-    /// read), departing from 1 by `strength` as much as the texture does.
+    /// Multiplies each amplitude by the multiplier of texture `entry` at its position (mm; the fourth component is
+    /// ignored), whose deviation from 1 is scaled by `strength`.
     pub fn apply<T: Real>(&self, entry: usize, strength: T, positions: &[[T; 4]], amplitudes: &mut [T]) {
         for (positions, amplitudes) in positions.chunks(BLOCK).zip(amplitudes.chunks_mut(BLOCK)) {
             let mut corners = [Corners::default(); BLOCK];

@@ -1,46 +1,46 @@
-//! What voxels of a texture file mean, and how they are made to repeat without a step.
+//! Conversion of texture files to periodic amplitudes.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::InvalidTexture;
 
-/// How a scalar image becomes a texture.
+/// Options for converting a scalar image to a texture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TextureOptions {
-    /// What the voxels mean.
+    /// Meaning of the voxel values.
     pub values: Values,
-    /// How the ends are joined.
+    /// Method for making the texture periodic.
     pub seam: Seam,
 }
 
-/// What the voxels of a texture file mean.
+/// Meaning of the voxel values of a texture file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Values {
-    /// Echo amplitudes, any positive scale.
+    /// Echo amplitudes, in any positive scale.
     #[default]
     Amplitude,
     /// Log-compressed grey levels or decibels.
     Log {
-        /// Decibels a unit, above 0 to 20: 1 for decibels, 60/255 for 8-bit grey levels over a range of 60 dB.
+        /// Decibels per unit, above 0 to 20: 1 for decibels, 60/255 for 8-bit grey levels over a range of 60 dB.
         db_per_unit: f64,
     },
 }
 
-/// How the ends of a texture are joined so that it repeats without a step.
+/// Method for making a texture periodic without a step.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Seam {
-    /// The data repeat already.
+    /// The data are already periodic.
     Periodic,
-    /// Each axis runs forth and back: exact copies, twice as long, with visible mirror planes.
+    /// Each axis runs forwards and backwards: exact copies, twice as long, with visible mirror planes.
     Mirror,
-    /// The end of each axis is blended into its beginning, which shortens it by the overlap. The blend keeps the variance
-    /// of independent halves: plain averaging would leave a band of lower contrast.
+    /// The end of each axis is blended into its beginning, which shortens it by the overlap. The blend preserves the
+    /// variance of independent halves: plain averaging would leave a band of lower contrast.
     CrossFade {
-        /// Overlap as a share of the axis, above 0 to 0.5.
+        /// Overlap as a fraction of the axis, above 0 to 0.5.
         share: f64,
     },
 }
@@ -71,7 +71,8 @@ impl TextureOptions {
 }
 
 impl Values {
-    /// Amplitudes up to a common factor; the loudest voxel of log data becomes 1, so that none overflows.
+    /// Converts to amplitudes up to a common factor; the largest value of log data becomes 1, so that none
+    /// overflows.
     pub(super) fn to_amplitudes(self, mut data: Vec<f32>) -> Vec<f32> {
         if let Self::Log { db_per_unit } = self {
             let loudest = data.iter().copied().fold(f32::MIN, f32::max);
@@ -85,7 +86,7 @@ impl Values {
 }
 
 impl Seam {
-    /// The data made periodic, with their new size.
+    /// Makes the data periodic and returns them with their new size.
     pub(super) fn close(self, mut size: [usize; 3], mut data: Vec<f32>) -> ([usize; 3], Vec<f32>) {
         for axis in 0..3 {
             (size, data) = match self {
@@ -98,8 +99,8 @@ impl Seam {
     }
 }
 
-/// Rebuilds the data with `length` voxels along `axis`; `value` gets the index along the axis and a reader of the old
-/// line.
+/// Rebuilds the data with `length` voxels along `axis`; `value` receives the index along the axis and a reader of the
+/// old line.
 fn relined(
     size: [usize; 3],
     data: &[f32],

@@ -103,7 +103,7 @@ proptest! {
     }
 }
 
-/// Mean absolute step across the wrap and inside, along each axis.
+/// Mean absolute step across the seam and inside, along each axis.
 fn steps(texture: &SolidTexture) -> [(f64, f64); 3] {
     let size = texture.size();
     [0, 1, 2].map(|axis| {

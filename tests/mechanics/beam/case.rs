@@ -64,6 +64,6 @@ pub fn solve(problem: &Problem, base: &Base) -> Shape {
 
 /// Largest distance between the points of a shape and a deflection (mm).
 pub fn distance(shape: &Shape, exact: impl Fn(f64) -> f64) -> f64 {
-    let away = |point: &insonify::mechanics::needle::beam::Point| (point.u_mm - exact(point.x_mm)).abs();
-    shape.points.iter().map(away).fold(0.0, f64::max)
+    let away = shape.points.iter().map(|point| (point.u_mm - exact(point.x_mm)).abs());
+    away.fold(0.0, f64::max)
 }

@@ -193,7 +193,6 @@ fn constraints_are_switched_on_what_remeshing_leaves() {
     let count = adaptation.remesher().contacts().len();
     let values: Vec<f64> = (0..count).map(|i| 0.3 * (i as f64 + 1.0).sin()).collect();
     let mut prescribed = vec![Prescribed::Force; count];
-    let mut solver: Option<Pivots> = None;
     for round in 0..8 {
         go(&mut adaptation, &nodes, 4 * round, 4 * round + 4);
         // Three more contacts are held, and an earlier one let go.
@@ -202,16 +201,10 @@ fn constraints_are_switched_on_what_remeshing_leaves() {
         }
         prescribed[(5 * round as usize) % count] = Prescribed::Force;
         let now = condensed(adaptation.remesher().condensed());
-        match &mut solver {
-            Some(solver) => solver.replace(&now, &prescribed).unwrap(),
-            None => {
-                let mut pivots = Pivots::new(&now, PIVOT_LIMIT).unwrap();
-                let changes: Vec<_> = prescribed.iter().copied().enumerate().collect();
-                pivots.switch(&changes).unwrap();
-                solver = Some(pivots);
-            }
-        }
-        let state = solver.as_mut().unwrap().solve(&values).unwrap();
+        let mut solver = Pivots::new(&now, PIVOT_LIMIT).unwrap();
+        let changes: Vec<_> = prescribed.iter().copied().enumerate().collect();
+        solver.switch(&changes).unwrap();
+        let state = solver.solve(&values).unwrap();
 
         // u_D = K_DD f_D + K_DF f_F for the rebuilt inverse.
         let gold = gold(adaptation.mesh());

@@ -1,25 +1,25 @@
-//! What is told of a mesh, for people and for scripts.
+//! Report on a mesh, as text and JSON.
 
 use std::fmt;
 use std::path::Path;
 
-use insonify::mechanics::mesh::file::MeshFile;
-use insonify::mechanics::mesh::quality::{Quality, Spread};
-use insonify::text;
+use crate::mechanics::mesh::file::MeshFile;
+use crate::mechanics::mesh::quality::{Quality, Spread};
+use crate::text;
 use serde::Serialize;
 
-/// Everything that is told.
+/// Contents and quality of a mesh.
 #[derive(Serialize)]
 pub struct Report {
     file: String,
     nodes: usize,
     elements: usize,
-    /// Cells of lower dimension that were left out.
+    /// Number of ignored cells of lower dimension.
     skipped_cells: usize,
     bounds_mm: [[f64; 3]; 2],
     volume_ml: f64,
     regions: Vec<RegionReport>,
-    /// How many parts are not connected to one another.
+    /// Number of disconnected parts.
     parts: usize,
     quality: QualityReport,
     warnings: Vec<String>,
@@ -46,7 +46,7 @@ struct QualityReport {
     max_jacobian_condition: f64,
     min_dihedral_histogram: Vec<Count>,
     jacobian_condition_histogram: Vec<Count>,
-    /// Whether it can be calculated on.
+    /// Whether the mesh is suitable for computation.
     usable: bool,
     inverted: Vec<u32>,
     flat: Vec<u32>,
@@ -56,7 +56,7 @@ struct QualityReport {
     coincident_nodes: Vec<[u32; 2]>,
 }
 
-/// How many elements have a value from `low` to below `high`.
+/// Number of elements with a value from `low` to below `high`.
 #[derive(Serialize)]
 struct Count {
     low: f64,
@@ -237,7 +237,7 @@ impl QualityReport {
     }
 }
 
-/// In four digits, whatever its size.
+/// Formats a number with four significant digits.
 fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),

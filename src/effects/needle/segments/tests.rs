@@ -5,7 +5,7 @@ use crate::effects::needle::NeedleEcho;
 use crate::study::testing;
 use crate::synth::{NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
 
-/// Tables of a scene that shows needles, and a frame whose probe frame is the world.
+/// Tables of a scene that shows needles, and a frame whose probe frame equals the world.
 fn scene(thickness_mm: Option<f64>) -> (Tables, FrameState) {
     let (anatomy, mut settings, _) = testing::scene();
     settings.has_needle = true;
@@ -68,14 +68,14 @@ fn too_many_segments_are_told() {
     });
     state.seeds = (0..200).map(|at| lying(f64::from(at) * 1e-3)).collect();
     let found: Vec<_> = segments(&tables, &state).collect();
-    // Of the needle the part towards the tip, of the seeds the first.
+    // The part of the needle towards the tip, and the first seeds.
     let needle = MAX_NODES - 1;
     assert_eq!(found.len(), MAX_SEGMENTS);
     assert_eq!(
         (found[0][0][0], found[needle - 1][1][0]),
         (10.0, (MAX_NODES + 9) as f64)
     );
-    // The last of it ends at the tip.
+    // The last needle segment ends at the tip.
     assert_eq!(found[needle - 1][2][..3], [1.0, 0.0, 0.0]);
     assert_eq!(found[0][2][0], needle as f64);
     assert_eq!(found[MAX_SEGMENTS - 1][0][2], (MAX_SEGMENTS - needle - 1) as f64 * 1e-3);

@@ -10,7 +10,7 @@ fn shaft(start: [f64; 3], end: [f64; 3], radius: f64, thickness: f64) -> Shaft<f
     ])
 }
 
-/// Volume of the shaft inside the thickened plane, by summing shares over a fine lattice of plane points.
+/// Volume of the shaft inside the thickened plane, by summing filled fractions over a fine lattice of plane points.
 fn volume(shaft: &Shaft<f64>, thickness: f64, half_width: f64) -> f64 {
     let n = 1600;
     let step = 2.0 * half_width / f64::from(n);
@@ -85,7 +85,7 @@ fn the_depths_tried_hold_every_echo() {
                     shaft.share(ray[0] + ray[2] * depth, ray[1] + ray[3] * depth),
                     "line {line} sample {i}"
                 );
-                // To the power 0 no direction counts.
+                // With an exponent of 0 the direction has no effect.
                 assert!(echoes[i] == [found, 0.0], "line {line} sample {i}");
             }
         }
@@ -100,7 +100,7 @@ fn a_bevel_is_twice_as_loud_and_grains_have_the_spread_that_is_stated() {
         seed: [7, 9],
         ..Zeroable::zeroed()
     };
-    // A needle of 100 mm along x whose tip is at x = 100, and a seed like it.
+    // A needle of 100 mm along x whose tip is at x = 100, and an equal seed.
     let [needle, seed] = [0.0, 1.0].map(|number| {
         Shaft::<f64>::new([
             [0.0, 20.0, 0.0, 0.6],

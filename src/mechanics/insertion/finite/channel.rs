@@ -1,22 +1,22 @@
-//! The paths that the tip has cut: pushed along one again, a needle cuts nothing until its end (Dehghan et al. 2008, Fig. 9: the second
-//! and third insertions along a path take less force).
+//! Channels cut by the tip: pushed along one again, a needle cuts nothing until its end (Dehghan et al. 2008, Fig. 9: the
+//! second and third insertions along a path take less force).
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-/// Distance between points of a path, mm.
+/// Distance between points of a channel, mm.
 const SPACING_MM: f64 = 1.0;
-/// So far before its end a path counts as uncut, mm: a tip at rest moves in the tissue by less.
+/// Length at the end of a channel that counts as uncut, mm: a tip at rest moves in the tissue by less.
 const END_MM: f64 = 0.2;
 
-/// Paths in the tissue at rest.
+/// Channels in the tissue at rest.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Channel {
     paths: Vec<Vec<Point3<f64>>>,
 }
 
 impl Channel {
-    /// True of a point within `radius_mm` of a path, beside a place more than [`END_MM`] before its end.
+    /// Returns whether a point is within `radius_mm` of a channel, at more than [`END_MM`] before its end.
     pub fn holds(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
         self.paths.iter().any(|path| {
             let (mut length, mut nearest) = (0.0, [f64::INFINITY, 0.0]);
@@ -24,7 +24,7 @@ impl Channel {
                 let (along, off) = (ends[1] - ends[0], point - ends[0]);
                 let share = (off.dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
                 let distance = (off - along * share).norm();
-                // From a segment without length it is not a number.
+                // NaN for a segment without length.
                 if distance < nearest[0] {
                     nearest = [distance, length + along.norm() * share];
                 }
@@ -34,7 +34,7 @@ impl Channel {
         })
     }
 
-    /// Records that the tip has cut from one point to another: the path that ends there grows, or a new one begins.
+    /// Records that the tip has cut from one point to another: the channel that ends there grows, or a new one begins.
     pub fn cut(&mut self, from: &Point3<f64>, point: &Point3<f64>) {
         let near = |end: &Point3<f64>| (from - end).norm() <= END_MM || (point - end).norm() <= SPACING_MM;
         let ends_here = |path: &&mut Vec<Point3<f64>>| path.last().is_some_and(near);
@@ -44,7 +44,7 @@ impl Channel {
         };
         if let [.., before, end] = &mut path[..] {
             if (*end - *before).dot(&(point - *end)) < 0.0 {
-                // Drawn back a little.
+                // Slightly withdrawn.
             } else if (point - *before).norm() < SPACING_MM {
                 *end = *point;
             } else {
@@ -83,7 +83,7 @@ mod tests {
         ] {
             assert_eq!(channel.holds(&Point3::new(x, 0.0, z), 0.6), expected, "{x} {z}");
         }
-        // Drawn back a little, on from the end, and through a surface behind which tissue springs back.
+        // Slightly withdrawn, on from the end, and through a surface behind which tissue springs back.
         channel.cut(&Point3::new(0.0, 0.0, 20.0), &Point3::new(0.0, 0.0, 19.9));
         assert!(channel.holds(&Point3::new(0.0, 0.0, 19.7), 0.6));
         go(&mut channel, 0.0, 19.9, 25.0);

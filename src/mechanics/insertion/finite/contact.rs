@@ -1,16 +1,16 @@
-//! A node on the needle: where along the shaft, whether it sticks, and the friction of the tissue around it.
+//! Contact node on the needle: arc length, stick-slip state, and the tissue layers around the shaft.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::slider::Slider;
 
-/// A length of the path that the tip has cut behind a contact, in one region.
+/// Length of the path cut by the tip beyond a contact, within one region.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Layer {
-    /// None of tissue that is in no region.
+    /// `None` for tissue outside all regions.
     pub region: Option<i32>,
-    /// mm.
+    /// Length of the layer, mm.
     pub length: f64,
 }
 
@@ -18,21 +18,21 @@ pub(super) struct Layer {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Contact {
     pub node: u32,
-    /// Its place in the reference state, mm.
+    /// Position in the reference state, mm.
     pub reference: Point3<f64>,
-    /// Its place along the shaft, mm from the base.
+    /// Arc length from the base, mm.
     pub arc: f64,
     pub slider: Slider,
-    /// The region in front.
+    /// Region between this contact and the next, or the tip.
     pub region: Option<i32>,
-    /// How its place along the shaft changed last, for each mm that the base went on.
+    /// Last change of the arc, per mm of advance of the base.
     pub drift: f64,
-    /// The path from here to the next contact, or to the tip.
+    /// Layers of the path from here to the next contact, or to the tip.
     pub layers: Vec<Layer>,
 }
 
 impl Contact {
-    /// The tip has gone on by a length (mm) in a region.
+    /// Extends the path by a length (mm) that the tip has advanced in a region.
     pub fn lengthen(&mut self, region: Option<i32>, length: f64) {
         match self.layers.last_mut() {
             Some(last) if last.region == region => last.length += length,
@@ -40,12 +40,12 @@ impl Contact {
         }
     }
 
-    /// Length of the path in front, mm.
+    /// Returns the length of the path from here to the next contact or the tip, mm.
     pub fn laid(&self) -> f64 {
         self.layers.iter().map(|layer| layer.length).sum()
     }
 
-    /// The tip has come back: no more than `length` (mm) of the path is in front.
+    /// Shortens the path to at most `length` (mm), after the tip was withdrawn.
     pub fn shorten(&mut self, length: f64) {
         let mut left = length.max(0.0);
         self.layers.retain_mut(|layer| {

@@ -1,4 +1,4 @@
-//! The way into the tissue and out of it.
+//! Entry into the tissue and exit from it.
 
 use super::place::Place;
 use super::slider::State;
@@ -6,8 +6,8 @@ use super::{EventKind, Finite};
 use crate::mechanics::needle::{Entry, ShaftPoint};
 
 impl Finite {
-    /// The tip goes through the skin: the first node, where the needle crosses it. Whether one was made: bone that is met there needs
-    /// none, and where tissue is held there may be none to make.
+    /// Takes the tip through the skin and makes the first node where the needle crosses it. Returns whether one was made:
+    /// bone met there needs none, and in fixed tissue there may be none to make.
     pub(super) fn pierce(&mut self, place: &Place) -> bool {
         let length = self.line.length_mm();
         let ShaftPoint { point_mm: tip, tangent } = self.line.at(length);
@@ -30,11 +30,11 @@ impl Finite {
         if let Some(bone) = &bone {
             self.meet_bone(bone, &point_mm, region);
         }
-        // A node of the mesh's surface, so that the surface comes to where that of the body is.
-        let skin = self.walk_at_rest(&at_rest, place.element);
+        // A surface node of the mesh, so that the mesh surface moves to the surface of the body.
+        let skin = self.locate_at_rest(&at_rest, place.element);
         let skin = skin.and_then(|skin| self.corner(skin.element, at_rest, |node| self.on_surface[node as usize]));
         let on_surface = skin.filter(|node| self.move_node(*node, at_rest));
-        // Where none can be moved there, the tip becomes a node inside.
+        // If none can be moved there, the tip becomes a node inside.
         let made = match on_surface {
             Some(node) => Some((node, length - depth)),
             None if bone.is_some() => None,
@@ -63,21 +63,22 @@ impl Finite {
         true
     }
 
-    /// The needle is out.
+    /// Records that the needle is outside.
     pub(super) fn leave(&mut self) {
         (self.entry, self.tip.element, self.tip.region) = (None, None, None);
         (self.tip.bare, self.tip.refused) = (false, None);
         self.note(EventKind::Out, self.line.tip(), None);
     }
 
-    /// The tip is not in tissue: without a node on the needle it has left that, unless it has come out on another side.
+    /// Handles a tip that is not in tissue: without a contact the needle has left the body, unless it has come out on
+    /// another side.
     pub(super) fn leave_bare(&mut self) {
         if self.contacts.is_empty() && self.entry.is_some() && self.depth_of_bare() <= 0.0 {
             self.leave();
         }
     }
 
-    /// How deep the tip is that went in without a node, mm: held tissue stays where it is.
+    /// Returns the depth of a tip that entered without a node, mm: fixed tissue stays where it is.
     pub(super) fn depth_of_bare(&self) -> f64 {
         let tangent = self.line.at(self.line.length_mm()).tangent;
         let entry = self.entry.as_ref().filter(|_| self.tip.bare);

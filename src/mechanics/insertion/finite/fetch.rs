@@ -1,4 +1,4 @@
-//! What remeshing will read, ahead of its use.
+//! Prefetch of the compliance columns that remeshing along a path will read.
 
 use nalgebra::{Point3, Vector3};
 
@@ -6,7 +6,7 @@ use super::Finite;
 use crate::mechanics::mesh::NONE;
 
 impl Finite {
-    /// Reads ahead the columns of the nodes around a path, as far aside.
+    /// Prefetches the columns of the nodes within `aside_mm` of a path.
     pub(super) fn fetch_along(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
         let Some(direction) = direction.try_normalize(0.0) else {
             return;

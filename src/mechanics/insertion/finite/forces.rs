@@ -1,4 +1,4 @@
-//! Where forces act, and what they do to tissue and needle.
+//! Points of force application, and the response of tissue and needle.
 
 use faer::Mat;
 use nalgebra::{Point3, Vector3};
@@ -8,7 +8,7 @@ use super::{Finite, Memory};
 use crate::mechanics::needle::{Load, Row};
 
 impl Finite {
-    /// Where along the shaft the forces act: contacts, tip, guide.
+    /// Writes the arcs at which forces act: contacts, tip, guide.
     pub(super) fn write_arcs(&mut self) {
         let guide = self.guide().map(|guide| self.line.nearest(&guide));
         let arcs = &mut self.memory.arcs;
@@ -19,12 +19,12 @@ impl Finite {
         arcs.extend_from_slice(&self.fading);
     }
 
-    /// The hole that the needle runs through, if it can bend.
+    /// Returns the guide hole, if the needle is flexible.
     fn guide(&self) -> Option<Point3<f64>> {
         self.guide.filter(|_| self.needle.is_flexible())
     }
 
-    /// The loads that bend the needle: the forces at hand.
+    /// Writes the current forces as loads on the needle.
     fn write_loads(&mut self) {
         let loads = &mut self.memory.loads;
         loads.clear();
@@ -41,7 +41,8 @@ impl Finite {
         }
     }
 
-    /// Goes one step of the needle's own to where the forces at hand have it, from where it was linearised.
+    /// Takes one iteration of the needle's own solver towards the current forces, from the line about which it was
+    /// linearised.
     pub(super) fn bend(&mut self) {
         self.write_loads();
         let Some(base) = &self.tip.base else { return };
@@ -50,8 +51,8 @@ impl Finite {
             .place(base, self.entry.as_ref(), about, loads, &mut self.line);
     }
 
-    /// Writes how the needle yields along and across the shaft wherever forces act. In how many ways it would buckle were it not
-    /// held; none if it does not bend.
+    /// Writes the linearised response of the needle along and across the shaft wherever forces act. Returns in how many
+    /// modes it would buckle if unsupported, or `None` if it is rigid.
     pub(super) fn linearise(&mut self) -> Option<usize> {
         if !self.needle.is_flexible() {
             return None;
@@ -83,7 +84,7 @@ impl Finite {
         )
     }
 
-    /// Takes in the compliance at the contacts, if it has changed, and the tissue at the tip.
+    /// Updates the compliance at the contacts, if it has changed, and the tissue at the tip.
     pub(super) fn take_compliance(&mut self) {
         let (probes, rows) = match &self.press {
             None => (0, &[][..]),
@@ -104,12 +105,12 @@ impl Finite {
         self.lay_forces();
     }
 
-    /// Makes room for the forces at the tip and on the guide behind those at the contacts; those that stay are kept.
+    /// Makes room for the forces at the tip and on the guide behind those at the contacts; existing ones are kept.
     fn lay_forces(&mut self) {
         let [had_tip, had_guide] = self.laid;
         let [has_tip, has_guide] = [self.tip.row.is_some(), self.guide().is_some()];
         let at = self.contacts.len();
-        // What is cut passes between the tip and the node that was made there.
+        // The cutting force passes between the tip and the node that was made there.
         if has_tip && !had_tip {
             let cutting = self.cutting();
             let mut share = Vector3::zeros();

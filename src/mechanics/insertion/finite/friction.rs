@@ -1,8 +1,9 @@
-//! The forces that tissue can put on each contact along the shaft.
+//! Friction bounds of the contacts along the shaft.
 //!
-//! Each contact carries the length of shaft from itself to the next one, or to the tip (Goksel et al. 2011, equation 3), with the
-//! densities of the layers that were laid there (Dehghan et al. 2008), over the lengths that lie between them on the shaft now: the
-//! sum over all contacts is the density over the whole embedded length in the deformed tissue. What is needed to cut acts at the tip.
+//! Each contact carries the length of shaft from itself to the next one, or to the tip (Goksel et al. 2011, equation 3),
+//! with the densities of the layers recorded there (Dehghan et al. 2008), over the current lengths between them on the
+//! shaft: the sum over all contacts is the density over the embedded length in the deformed tissue. The cutting force acts
+//! at the tip.
 
 use super::contact::{Contact, Layer};
 use crate::mechanics::insertion::Anatomy;
@@ -66,7 +67,7 @@ mod tests {
         }
     }
 
-    /// Region 1 has friction alone, region 2 a peak, all others nothing.
+    /// Region 1 has friction only, region 2 also a peak, all others exert nothing.
     #[derive(Debug)]
     struct Two;
 
@@ -109,17 +110,17 @@ mod tests {
         ];
         bound(&Two, &mut contacts, 125.0, f64::INFINITY);
         let resting = [12.0 * 0.02, 4.0 * 0.02 + 4.0 * 0.05, 5.0 * 0.05];
-        // One of the six millimetres of the peak lies before the last contact.
+        // One of the 6 mm of the peak lies before the last contact.
         let cutting = [12.0 * 0.02, 4.0 * 0.02 + 3.0 * 0.05 + 0.1, 5.0 * 0.1];
         for at in 0..3 {
             let slider = &contacts[at].slider;
             assert!(near(slider.sliding[0], cutting[at]) && near(slider.sliding[1], -resting[at]));
         }
         assert!(near(contacts[0].slider.holding[1], -1.5 * resting[0]));
-        // A tip in a path that is cut has no peak; an unknown region does nothing.
+        // A tip in a channel has no peak; an unknown region does nothing.
         bound(&Two, &mut contacts, 125.0, 0.0);
         assert!(near(contacts[1].slider.sliding[0], resting[1]));
-        // Three millimetres behind the end of such a path.
+        // 3 mm beyond the end of a channel.
         bound(&Two, &mut contacts, 125.0, 3.0);
         assert!(near(contacts[2].slider.sliding[0], 3.0 * 0.1 + 2.0 * 0.05));
         let mut alone = [contact(0.0, &[(7, 3.0)])];
@@ -127,7 +128,7 @@ mod tests {
         assert!(near(alone[0].slider.sliding[0], 0.0));
     }
 
-    /// The tip goes from region 1 into region 2: no length of shaft changes its density at once.
+    /// The tip goes from region 1 into region 2: no length of shaft changes its density abruptly.
     #[test]
     fn the_force_is_continuous_across_a_boundary() {
         let force = |depth: f64| {

@@ -1,4 +1,4 @@
-//! From a snapshot to the tissue, on the image thread.
+//! Conversion of finite element snapshots into tissue, on the image thread.
 
 use std::sync::Arc;
 
@@ -8,7 +8,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::factor::Factor;
 
-/// Solves with the factor of the base.
+/// Solver with the factor of the base mesh.
 pub(super) struct FiniteImager {
     mesh: Arc<TetMesh>,
     factor: Arc<Factor>,

@@ -1,20 +1,22 @@
-//! Tissue, probe and needle solved together at their contacts.
+//! Coupled contact solve of tissue, probe and needle.
 //!
-//! With F the forces on the tissue, u what it moves under them and the probe (see [`Reduced`]), the needle yields too: its line
-//! moves by d - C (F - F_before), C its flexibility and d what the forces before still make of its shape. A node across the shaft
-//! lies on the line, and along it either holds its place or is pushed with the friction there is:
+//! With F the forces on the tissue and u its displacement under them and the probe (see [`Reduced`]), the needle yields too:
+//! its line moves by d - C (F - F_before), with C its flexibility and d the remaining change of its shape under the previous
+//! forces. Across the shaft a node lies on the line; along it, the node either keeps its place or is pushed with the
+//! available friction:
 //!
 //! ```text
 //! n . (X + u) = n . (x_line + d - C (F - F_before))
 //! ```
 //!
-//! one symmetric system for the forces across and, of nodes that stick, along. It is positive definite unless forces along the
-//! needle would buckle it: then C is not, and whether tissue holds the needle is told from the signs of the factors
-//! ([`Solved::signs`]). What the tip cuts acts on the tissue at the tip: shared among the corners of its element by the tip's
-//! coordinates there, a node of its own with one force. Which nodes stick follows from Coulomb's law with bounds that are known
-//! beforehand: a linear complementarity problem, of a positive definite matrix with one solution. Nodes whose force passes a bound
-//! slip, and those that would slip along with their friction stick; if that does not settle, only the lowest such node changes at a
-//! time, which must end (Murty, 1974).
+//! This is one symmetric system for the forces across the shaft and, of nodes that stick, along it. It is positive definite
+//! unless forces along the needle would buckle it: then C is indefinite, and whether tissue supports the needle is seen from
+//! the signs of the factors ([`Solved::signs`]). The cutting force acts on the tissue at the tip, distributed among the
+//! corners of its element by the barycentric coordinates of the tip: a node of its own with one force. Which nodes stick
+//! follows from Coulomb's law with bounds known beforehand: a linear complementarity problem with a positive definite
+//! matrix, hence with one solution. Nodes whose force exceeds a bound slip, and those that would slip in the direction of
+//! their friction stick; if that does not settle, only the lowest such node changes at a time, which must terminate (Murty,
+//! 1974).
 
 use faer::Mat;
 use nalgebra::{Matrix3, Point3, Vector3};
@@ -24,21 +26,21 @@ use super::reduced::{Reduced, TipRow};
 use crate::mechanics::ldl::{Ldl, Signs};
 use crate::mechanics::needle::{CentreLine, across};
 
-/// Loads that fade at most.
+/// Maximum number of fading loads.
 pub(super) const MOST_FADING: usize = 4;
-/// Rounds in which all nodes that break Coulomb's law change at once.
+/// Rounds in which all nodes that violate Coulomb's law change at once.
 const ROUNDS_AT_ONCE: usize = 4;
 
-/// The contacts as a system of equations: the needle's, each with three degrees of freedom, behind them the tissue at the tip, and
-/// last a guide that does not yield. The memory is kept.
+/// System of contact equations: the contacts of the needle, each with three degrees of freedom, then the tissue at the tip,
+/// and last a guide that does not yield. The memory is kept.
 #[derive(Debug, Default)]
 pub(super) struct Joint {
     pub tissue: Reduced,
-    /// A hole that the needle runs through, mm.
+    /// Guide hole of the needle, mm.
     guide: Option<Point3<f64>>,
-    /// Loads of nodes that have come off: the line still lies under them, the solution does without.
+    /// Number of loads of released nodes: the line still lies under them, the solution excludes them.
     fading: usize,
-    /// The compliance in the frames of the contacts.
+    /// Compliance in the frames of the contacts.
     turned: Vec<f64>,
     frames: Vec<Matrix3<f64>>,
     system: Ldl,
@@ -46,50 +48,50 @@ pub(super) struct Joint {
     right: Vec<f64>,
     /// Forces on the tissue in the frames of the contacts, N.
     forces: Vec<f64>,
-    /// The forces that a solution was linearised about.
+    /// Forces about which the solution was linearised, N.
     before: Vec<f64>,
 }
 
-/// How the needle yields along the three directions of each frame.
+/// Linearised response of the needle along the three directions of each frame.
 #[derive(Debug)]
 pub(super) struct Yielding {
-    /// To further forces, mm/N.
+    /// Response to additional forces, mm/N.
     pub flexibility: Mat<f64>,
-    /// If no force changes, mm.
+    /// Displacement under unchanged forces, mm.
     pub drift: Vec<f64>,
 }
 
-/// Effort and outcome of a solution.
+/// Effort and outcome of a contact solve.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Solved {
-    /// Systems solved.
+    /// Number of systems solved.
     pub rounds: usize,
-    /// True where Coulomb's law holds everywhere.
+    /// Whether Coulomb's law holds everywhere.
     pub settled: bool,
-    /// Of the last system. With as many negative ones as the tangent stiffness of the needle has, tissue holds it; with fewer it
-    /// buckles.
+    /// Signs of the last system's factors. With as many negative ones as the tangent stiffness of the needle has, tissue
+    /// supports it; with fewer it buckles.
     pub signs: Signs,
 }
 
-/// Axes of a contact: along the shaft, and two across.
+/// Returns the axes of a contact: along the shaft, and two across.
 fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
     let [first, second] = across(tangent);
     Matrix3::from_columns(&[*tangent, first, second])
 }
 
 impl Joint {
-    /// Puts a guide behind the tissue at the tip, or takes it away, and behind that loads that fade.
+    /// Sets the guide behind the tissue at the tip, if any, and the number of fading loads behind that.
     pub fn set_others(&mut self, guide: Option<Point3<f64>>, fading: usize) {
         (self.guide, self.fading) = (guide, fading);
     }
 
-    /// Contacts, the tissue at the tip, a guide, and loads that fade.
+    /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and fading loads.
     pub fn nodes(&self) -> usize {
         self.tissue.yielding() + usize::from(self.guide.is_some()) + self.fading
     }
 
-    /// Turns everything into the directions of the shaft at these arcs (mm): contacts, tip, guide. `forces` are those on the tissue
-    /// that the line was bent by.
+    /// Rotates everything into the directions of the shaft at these arcs (mm): contacts, tip, guide. `forces` are those on
+    /// the tissue under which the line was bent.
     pub fn turn(&mut self, arcs: &[f64], line: &CentreLine, forces: &[Vector3<f64>]) {
         self.frames.clear();
         self.frames.extend(arcs.iter().map(|arc| frame(&line.at(*arc).tangent)));
@@ -112,14 +114,14 @@ impl Joint {
         }
     }
 
-    /// Axes of each contact: along the shaft, and two across.
+    /// Returns the axes of each contact: along the shaft, and two across.
     pub fn frames(&self) -> &[Matrix3<f64>] {
         &self.frames
     }
 
-    /// Solves for the forces with the line as it lies, sets the states, and says how it went. `starts` are the arcs (mm) at the
-    /// beginning of this part of the step, where nodes that begin to stick are held; `yields` is the needle's for the three directions
-    /// of each of the [frames](Self::frames).
+    /// Solves for the forces with the line as it lies, sets the states, and returns the outcome. `starts` are the arcs (mm)
+    /// at the beginning of this substep, where nodes that begin to stick are fixed; `yields` is the response of the needle
+    /// in the three directions of each of the [frames](Self::frames).
     pub fn solve(
         &mut self,
         contacts: &mut [Contact],
@@ -159,7 +161,7 @@ impl Joint {
         solved
     }
 
-    /// How far the needle gives way along a row by what the forces have changed and by what they still make of it, mm.
+    /// Returns how far the needle yields along a row, by the change of forces and by its drift under unchanged forces, mm.
     fn gives(&self, row: usize, yields: Option<&Yielding>) -> f64 {
         let Some(yields) = yields else { return 0.0 };
         let changes = self
@@ -173,7 +175,8 @@ impl Joint {
         given.sum::<f64>() - yields.drift[row]
     }
 
-    /// Writes the known forces, and the rows of the unknown ones with how far the line is from where they would have it.
+    /// Writes the known forces, and for the unknown ones the rows and their right-hand sides: the gap between line and
+    /// tissue.
     fn write_rows(&mut self, contacts: &[Contact], tip: Option<&TipRow>, starts: &[f64], line: &CentreLine) {
         self.forces.clear();
         self.forces.resize(3 * self.nodes(), 0.0);
@@ -197,7 +200,7 @@ impl Joint {
             if tip.slider.is_stuck() {
                 let gap = line.tip() - tip.reference - self.tissue.offset(at);
                 let local = self.frames[at].transpose() * gap;
-                // Bone pins the tip, tissue does not hold it across the shaft.
+                // Bone pins the tip; tissue does not constrain it across the shaft.
                 let rows = if tip.compliance_mm_per_n > 0.0 { 3 } else { 1 };
                 self.rows.extend(3 * at..3 * at + rows);
                 self.right.extend(local.iter().take(rows));
@@ -242,7 +245,7 @@ impl Joint {
                 for (i, &row) in self.rows.iter().enumerate().skip(j) {
                     *self.system.entry(i, j) += yields.flexibility[(row, column)];
                 }
-                // Unknown forces are zero so far: what is known has changed, and what was there before is gone.
+                // Unknown forces are still zero: known forces have changed, and the previous ones are removed.
                 self.right[j] -= self.gives(column, Some(yields));
             }
         }
@@ -254,12 +257,13 @@ impl Joint {
         signs
     }
 
-    /// Force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world axes.
+    /// Returns the force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N, world
+    /// axes.
     pub fn force(&self, node: usize) -> Vector3<f64> {
         self.frames[node] * Vector3::from_column_slice(&self.forces[3 * node..3 * node + 3])
     }
 
-    /// Displacement there, mm, world axes.
+    /// Returns the displacement of a contact or of the tissue at the tip, mm, world axes.
     pub fn displacement(&self, node: usize) -> Vector3<f64> {
         let n = self.forces.len();
         let mut local = Vector3::zeros();

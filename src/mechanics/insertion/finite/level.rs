@@ -1,4 +1,4 @@
-//! Another level of remeshing while the needle is in.
+//! Change of the remeshing level while the needle is in the tissue.
 
 use std::time::Instant;
 
@@ -10,7 +10,8 @@ use crate::mechanics::insertion::LevelChange;
 use crate::mechanics::tissue::remesh::Level;
 
 impl Finite {
-    /// Changes the level. The needle rests at the pose of the last step before and after, so that the forces differ by the level alone.
+    /// Changes the level. The needle settles at the pose of the last step before and after, so that the forces differ by the
+    /// level alone.
     pub(super) fn change_level(&mut self, level: Level) -> Result<LevelChange, InvalidSetup> {
         let start = Instant::now();
         if level != Level::Exact && self.dense.is_none() {
@@ -41,7 +42,7 @@ impl Finite {
         })
     }
 
-    /// Settles at the pose of the last step. The force on the hand then, N.
+    /// Settles at the pose of the last step and returns the force on the hand there, N.
     fn rest(&mut self) -> Vector3<f64> {
         let Some(base) = self.base.filter(|_| self.steps > 0) else {
             return Vector3::zeros();

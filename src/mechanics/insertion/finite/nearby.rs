@@ -12,32 +12,33 @@ struct Key {
     contacts: u64,
 }
 
-/// A node that was asked for.
+/// A node whose carrier rows were read.
 #[derive(Clone, Copy, Debug)]
 struct Near {
     node: u32,
-    /// Under the forces at hand, if it was asked for since they are, mm.
+    /// Displacement under the current forces, once computed for them, mm.
     displacement: Option<[f64; 3]>,
 }
 
-/// Nodes that the tip comes past, with their displacements.
+/// Cache of displacements of the nodes that the tip passes.
 #[derive(Debug, Default)]
 pub(super) struct Nearby {
     key: Option<Key>,
     nodes: Vec<Near>,
-    /// Degrees of freedom that the carried forces act on.
+    /// Degrees of freedom on which the carried forces act.
     columns: Vec<usize>,
-    /// Entries of the carrier: three rows a node.
+    /// Entries of the carrier, three rows per node.
     rows: Vec<f64>,
 }
 
 impl Nearby {
-    /// The carried forces are others.
+    /// Discards the displacements, after the carried forces have changed.
     pub fn renew(&mut self) {
         self.nodes.iter_mut().for_each(|near| near.displacement = None);
     }
 
-    /// The displacement of a node under the carried forces, mm. `contacts` changes whenever the contacts do.
+    /// Returns the displacement of a node under the carried forces, mm. `contacts` is a counter that changes whenever the
+    /// contacts do.
     pub fn displacement(
         &mut self,
         adaptation: &mut Adaptation,
@@ -61,13 +62,13 @@ impl Nearby {
         Ok(displacement)
     }
 
-    /// True while entries that were read still hold.
+    /// Returns whether the entries that were read are still valid.
     fn holds(&self, adaptation: &Adaptation, carried: &[(usize, f64)], contacts: u64) -> bool {
         let mesh_step = adaptation.mesh().step();
         self.key == Some(Key { mesh_step, contacts }) && self.columns.iter().eq(carried.iter().map(|(dof, _)| dof))
     }
 
-    /// Reads the rows of a node. Its place.
+    /// Reads the rows of a node and returns its index.
     fn read(
         &mut self,
         adaptation: &mut Adaptation,
@@ -88,7 +89,7 @@ impl Nearby {
         self.rows.resize(3 * (at + 1) * columns, 0.0);
         let rows = self.rows[3 * at * columns..].chunks_exact_mut(columns.max(1));
         let dofs = adaptation.mesh().dofs().of(node);
-        // What does not move has zeros.
+        // Fixed degrees of freedom keep zeros.
         for (row, dof) in rows.zip(dofs).filter(|(_, dof)| *dof != NONE) {
             adaptation.ask(|_, remesher| {
                 let out = MatMut::from_row_major_slice_mut(row, 1, columns);

@@ -1,4 +1,4 @@
-//! The path of the needle: nodes are made at the tip as it goes in, and come off as it comes back.
+//! Path of the needle: nodes are made at the tip as it advances and released as it is withdrawn.
 
 use nalgebra::{Point3, Vector3};
 
@@ -12,22 +12,23 @@ use crate::mechanics::insertion::anatomy::{BORDER_MM, interaction};
 use crate::mechanics::needle::ShaftPoint;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 
-/// A node comes off when it is this far beyond the tip, mm: one that has just been made there must not for rounding.
+/// Distance beyond the tip at which a node is released, mm: rounding must not release one just made at the tip.
 const BEYOND_MM: f64 = 0.05;
-/// The same while the needle goes in: a node made at the tip yields more to the cutting force than the corners that shared it before,
-/// and lies ahead until the tip has come up to it.
+/// Distance beyond the tip at which a node is released while the needle advances, mm: a node made at the tip yields more to
+/// the cutting force than the corners that shared it before, and lies beyond the tip until that has caught up.
 const LOST_MM: f64 = 20.0;
-/// Iterations of [`Finite::transfer`] at most,
+/// Maximum number of iterations of [`Finite::transfer`].
 const TRANSFERS: usize = 20;
-/// and the motion of the tip in the tissue at which they end, mm: tissue beside a support is as stiff as 100 N/mm.
+/// Motion of the tip in the tissue at which [`Finite::transfer`] ends, mm: tissue beside a support is as stiff as 100 N/mm.
 const TRANSFERRED_MM: f64 = 1e-5;
 /// Distance between samples of the regions along a path, mm.
 const SAMPLE_MM: f64 = 0.25;
-/// Halvings of it to where a region begins, 1e-13 mm.
+/// Bisections of [`SAMPLE_MM`] to locate the start of a region, to 1e-13 mm.
 const HALVINGS: usize = 40;
 
 impl Finite {
-    /// Takes off the nodes that the tip has come back past, the base having gone on by `advance` (mm). True if there were any.
+    /// Releases the nodes from which the tip was withdrawn, after an `advance` (mm) of the base. Returns whether there were
+    /// any.
     pub(super) fn release(&mut self, advance: f64) -> bool {
         let length = self.line.length_mm() + if advance >= 0.0 { LOST_MM } else { BEYOND_MM };
         let mut released = None;
@@ -46,7 +47,7 @@ impl Finite {
             released = Some(force);
         }
         let Some(force) = released else { return false };
-        // Its element is not what it was.
+        // Its element has changed shape.
         self.tip.found = None;
         self.tip.surface = self.tip.surface.filter(|_| advance > 0.0 && !self.contacts.is_empty());
         if self.contacts.is_empty() {
@@ -65,7 +66,7 @@ impl Finite {
             self.tip.forget_row();
             return true;
         };
-        // What the tip cut at the node it cuts beside it.
+        // The cutting force moves from the node to the tissue beside it.
         if self.tip.at_node || self.tip.row.is_none() {
             let tangent = self.line.at(self.line.length_mm()).tangent;
             let of_tip = tangent.into_inner() * tangent.dot(&force).clamp(0.0, self.cutting());
@@ -92,8 +93,8 @@ impl Finite {
         }
     }
 
-    /// Follows the tip through the tissue, the base having gone on by `advance` (mm). Whether a node was moved to it: none is unless
-    /// the needle goes in, as it would come off again.
+    /// Follows the tip through the tissue after an `advance` (mm) of the base. Returns whether a node was moved to it: only
+    /// while the needle advances, as it would be released again otherwise.
     pub(super) fn advance(&mut self, advance: f64) -> bool {
         self.break_surface();
         let tip = self.line.tip();
@@ -102,7 +103,7 @@ impl Finite {
             (_, Some(element)) => self.find(&tip, element),
             (_, None) => None,
         };
-        // A surface that holds takes its tissue along.
+        // An unbroken surface takes its tissue along.
         let acts = self.tip.row.is_some() || self.tip.at_node;
         let holds = self.tip.surface.is_some() && acts && advance > 0.0;
         let Some(place) = found else {
@@ -139,7 +140,7 @@ impl Finite {
         };
         self.tip.outside = false;
         let recuts = self.tip.front.is_some();
-        // A tip that is drawn back still bears what it has not been relieved of.
+        // A withdrawn tip keeps its cutting force until it is relieved of it.
         if advance > 0.0 {
             self.tip.in_channel = !recuts && self.channel.holds(&self.tip.reference, self.needle.radius_mm());
         }
@@ -161,26 +162,26 @@ impl Finite {
         advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 
-    /// The interaction of a region with the needle.
+    /// Returns the interaction of a region with the needle.
     pub(super) fn of(&self, region: i32) -> Interaction {
         interaction(self.anatomy.as_ref(), Some(region))
     }
 
-    /// The tip is in no tissue.
+    /// Records that the tip is outside all tissue.
     fn be_outside(&mut self) {
         self.tip.outside = true;
         self.tip.forget_row();
         self.leave_bare();
     }
 
-    /// Takes the tip through the regions from where it was in the tissue at rest to a place, or to the first surface that holds it: tissue
-    /// that springs back as a surface breaks comes to rest there.
+    /// Takes the tip through the regions from its position in the tissue at rest to `place`, or to the first surface that
+    /// stops it: tissue that springs back as a surface breaks comes to rest there.
     fn pass(&mut self, before: &Point3<f64>, at_rest: &Point3<f64>, place: Place) -> Place {
         let pieces = ((at_rest - before).norm() / SAMPLE_MM).ceil();
         for piece in 1..pieces as usize {
             self.tip.reference = before + (at_rest - before) * (piece as f64 / pieces);
             if self.cross()
-                && let Some(held) = self.walk_at_rest(&self.tip.reference, place.element)
+                && let Some(held) = self.locate_at_rest(&self.tip.reference, place.element)
             {
                 return held;
             }
@@ -190,8 +191,9 @@ impl Finite {
         place
     }
 
-    /// Notes the region that the tip has come into; whether its surface holds. Near the last border another one does not count, so that a
-    /// tip that wanders along a border does not cross it again and again; bone always does.
+    /// Records the region that the tip has entered and returns whether its surface stops the tip. Near the last boundary no
+    /// other region is recorded, so that a tip that wanders along a boundary does not cross it repeatedly; bone and critical
+    /// regions always are.
     fn cross(&mut self) -> bool {
         let region = self.anatomy.region(&self.tip.reference);
         let of = interaction(self.anatomy.as_ref(), region);
@@ -208,20 +210,21 @@ impl Finite {
         self.tip.surface.is_some()
     }
 
-    /// The tip is in bone, into which it has come as the base went on by `advance` (mm).
+    /// Handles a tip that has entered bone during an `advance` (mm) of the base.
     fn stop_at_bone(&mut self, region: i32, advance: f64) {
-        // Drawn back it meets no more.
+        // Bone is not met while the needle is withdrawn.
         let Some(bone) = self.of(region).bone.filter(|_| !self.tip.in_bone() && advance >= 0.0) else {
             return;
         };
         let ShaftPoint { point_mm, tangent } = self.line.at(self.line.length_mm());
         let border = self.border_behind(&tangent, |other| other == Some(region));
-        // A needle that has come in from the side has not come farther along itself.
+        // A needle that entered from the side has not advanced farther than its base.
         let depth = border.unwrap_or(0.0).min(advance);
         self.meet_bone(&bone, &(point_mm - tangent.into_inner() * depth), region);
     }
 
-    /// Distance from the tip back along the needle to the border of the regions `within`, mm, in the tissue at rest.
+    /// Returns the distance from the tip back along the needle to the boundary of the regions `within`, mm, in the tissue at
+    /// rest.
     pub(super) fn border_behind(&self, tangent: &Vector3<f64>, within: impl Fn(Option<i32>) -> bool) -> Option<f64> {
         let is_in = |behind: f64| within(self.anatomy.region(&(self.tip.reference - tangent * behind)));
         let most = (self.line.length_mm() / SAMPLE_MM).ceil() as usize;
@@ -234,7 +237,7 @@ impl Finite {
         Some(inside)
     }
 
-    /// The path in front of the last node grows by what the tip, that was at `before` in the reference state, has gone on, or shrinks.
+    /// Extends the path from the last node to the tip, which was at `before` in the reference state, or shortens it.
     pub(super) fn lay_path(&mut self, before: &Point3<f64>) {
         let length = self.line.length_mm();
         let Some(last) = self.contacts.last_mut() else { return };
@@ -248,14 +251,14 @@ impl Finite {
         for piece in 0..pieces as usize {
             let middle = before + (self.tip.reference - before) * ((piece as f64 + 0.5) / pieces);
             let region = self.anatomy.region(&middle);
-            // The shaft does not come into bone.
+            // The shaft does not enter bone.
             let is_bone = interaction(self.anatomy.as_ref(), region).bone.is_some();
             let behind = last.layers.last().map_or(last.region, |layer| layer.region);
             last.lengthen(if is_bone { behind } else { region }, (ahead - laid) / pieces);
         }
     }
 
-    /// True if the tip has left the elements around the last node, if there is one, and is far enough from it.
+    /// Returns whether the tip has left the elements around the last node, if any, and is far enough from it.
     fn wants_node(&self, place: &Place) -> bool {
         let spacing = self.options.spacing_mm;
         let refused = self
@@ -276,7 +279,7 @@ impl Finite {
             return false;
         };
         let cutting = self.cutting();
-        // A surface that is not broken holds.
+        // Tissue sticks at an unbroken surface.
         let slides = self.contacts.last().filter(|_| self.tip.surface.is_none());
         let state = slides.map_or(State::Stuck, |last| last.slider.state);
         self.add_contact(node, self.line.length_mm(), state, Some(region));
@@ -290,9 +293,9 @@ impl Finite {
         true
     }
 
-    /// Finds tip and last node in the changed mesh under the forces of the mesh before: a change of the mesh is no motion of the needle, so
-    /// it neither holds tissue back nor relieves the hand. The tip comes to lie behind the node, by what that yields more to the cutting
-    /// force than the corners that shared it before.
+    /// Locates tip and last node in the changed mesh under the forces of the previous mesh: a change of the mesh is no
+    /// motion of the needle, so it neither drags tissue nor relieves the hand. The tip comes to lie behind the node, by the
+    /// amount that this yields more to the cutting force than the corners that shared it before.
     pub(super) fn transfer(&mut self) {
         let front = self.tip.front.unwrap_or(self.tip.reference);
         for _ in 0..TRANSFERS {
@@ -321,14 +324,14 @@ impl Finite {
         }
     }
 
-    /// No corner fits at the tip: told once, as further on one may.
+    /// Records that no corner fits at the tip; reported once, as one may fit farther on.
     pub(super) fn refuse(&mut self, region: i32) {
         if self.tip.refused.replace(self.tip.reference).is_none() {
             self.note(EventKind::NotRemeshed, self.line.tip(), Some(region));
         }
     }
 
-    /// Makes the best corner of an element a node at a point of the reference state. Which; none if none fits.
+    /// Moves the best corner of an element to a point of the reference state. Returns the node, or `None` if none fits.
     pub(super) fn move_corner(&mut self, element: u32, to: Point3<f64>) -> Option<u32> {
         let node = self.corner(element, to, |_| true)?;
         self.move_node(node, to).then_some(node)
@@ -341,7 +344,7 @@ impl Finite {
         moved
     }
 
-    /// The best of some corners to make a node at a point of the reference state; none if none fits.
+    /// Returns the best of the permitted corners to move to a point of the reference state, or `None` if none fits.
     pub(super) fn corner(&self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
         let taken = |node: u32| {
             let on_needle = self.contacts.iter().any(|contact| contact.node == node);
@@ -369,16 +372,16 @@ impl Finite {
         self.name_contacts();
     }
 
-    /// Finds the tip among the elements whose corner has been moved.
+    /// Locates the tip among the elements around the moved corner.
     pub(super) fn find_again(&mut self, from: u32) {
         let point = self.tip.reference;
-        self.tip.found = self.walk_at_rest(&point, from);
+        self.tip.found = self.locate_at_rest(&point, from);
         if let Some(place) = &self.tip.found {
             self.tip.element = Some(place.element);
         }
     }
 
-    /// Names the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
+    /// Passes the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
     pub(super) fn name_contacts(&mut self) {
         let dofs = &mut self.memory.dofs;
         dofs.clear();

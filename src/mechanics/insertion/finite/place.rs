@@ -1,9 +1,9 @@
-//! Where in the deformed tissue a point is.
+//! Points in elements of the deformed tissue.
 
 use nalgebra::{Matrix3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-/// A point in an element.
+/// A point in an element, by barycentric coordinates.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Place {
     pub element: u32,
@@ -11,22 +11,22 @@ pub(super) struct Place {
 }
 
 impl Place {
-    /// True of a point in its element, false of one extrapolated beside the mesh.
+    /// Returns whether the point is in its element rather than extrapolated beside the mesh.
     pub fn is_inside(&self) -> bool {
         self.bary.iter().all(|share| *share >= -1e-9)
     }
 }
 
-/// An element whose corners are where they are now.
+/// An element with its current corners.
 pub(super) struct Tetrahedron {
     origin: Point3<f64>,
-    /// Gradients of the coordinates 1 to 3 as rows.
+    /// Gradients of the barycentric coordinates 1 to 3 as rows, 1/mm.
     gradients: Matrix3<f64>,
     pub volume: f64,
 }
 
 impl Tetrahedron {
-    /// None where it has no volume.
+    /// Returns `None` for an element without volume.
     pub fn new(corners: &[Point3<f64>; 4]) -> Option<Tetrahedron> {
         let edges = Matrix3::from_columns(&[1, 2, 3].map(|corner: usize| corners[corner] - corners[0]));
         let volume = edges.determinant() / 6.0;
@@ -43,13 +43,13 @@ impl Tetrahedron {
         [1.0 - (a + b + c), a, b, c]
     }
 
-    /// How the coordinates change along a direction, a mm.
+    /// Returns the derivatives of the barycentric coordinates along a direction, 1/mm.
     pub fn rates(&self, direction: &Vector3<f64>) -> [f64; 4] {
         let [a, b, c] = (self.gradients * direction).into();
         [-(a + b + c), a, b, c]
     }
 
-    /// How far (mm) a ray from inside goes before it leaves, and across the face opposite which corner.
+    /// Returns the distance (mm) at which a ray from inside leaves, and the corner opposite the face that it leaves through.
     pub fn exit(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, usize)> {
         let (bary, rates) = (self.bary(from), self.rates(direction));
         let leaves = (0..4).filter(|corner| rates[*corner] < 0.0);

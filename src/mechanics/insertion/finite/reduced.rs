@@ -1,12 +1,13 @@
-//! Tissue as the needle meets it: its compliance at the contacts and at the tip, with the probe eliminated.
+//! Reduced tissue compliance at the needle's contacts and at the tip, with the probe eliminated.
 //!
-//! With F the forces on the tissue at the needle's contacts and g the displacements that the probe prescribes along its rows P,
+//! With F the forces on the tissue at the needle's contacts and g the displacements that the probe prescribes along its rows
+//! P,
 //!
 //! ```text
 //! u = (K_nn - K_nP K_PP^-1 K_Pn) F + K_nP K_PP^-1 g
 //! ```
 //!
-//! is found once for every compliance at the contacts and every placement of its rows.
+//! is computed once for every compliance at the contacts and every placement of the probe's rows.
 
 use faer::MatRef;
 use nalgebra::{Matrix3, Vector3};
@@ -16,34 +17,34 @@ use super::slider::Slider;
 use crate::mechanics::ldl::Ldl;
 use crate::simd::{Kernel, vectorised};
 
-/// A displacement that the probe prescribes: of which contact, along which direction.
+/// A displacement prescribed by the probe: contact and direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ProbeRow {
-    /// Among the contacts of the compliance.
+    /// Index among the contacts of the compliance.
     pub contact: usize,
     pub direction: Vector3<f64>,
 }
 
-/// The tissue at the tip: what it is made of, where it was before deformation, and what it does.
+/// The tissue at the tip: the nodes that share its force, its undeformed position, and the state of its force.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct TipRow {
-    /// Nodes of the compliance, and their shares.
+    /// Indices of nodes of the compliance, with their shares.
     pub shares: [(usize, f64); 4],
-    /// Of bone, by itself.
+    /// Compliance of bone, mm/N; 0 for soft tissue.
     pub compliance_mm_per_n: f64,
-    /// In the reference state, mm.
+    /// Position in the reference state, mm.
     pub reference: nalgebra::Point3<f64>,
     pub slider: Slider,
 }
 
-/// The compliance at the contacts of the needle and, behind them, at the tip. The memory is kept.
+/// Compliance at the contacts of the needle and, behind them, at the tip. The memory is kept.
 #[derive(Debug, Default)]
 pub(super) struct Reduced {
     rows: Vec<ProbeRow>,
     probe: Ldl,
-    /// K_Pn: for each row of the probe, all degrees of freedom there is room for.
+    /// K_Pn: for each row of the probe, all degrees of freedom with room.
     coupling: Vec<f64>,
-    /// K_PP^-1 K_Pn, likewise.
+    /// K_PP^-1 K_Pn, in the layout of `coupling`.
     answer: Vec<f64>,
     /// K_PP^-1 g.
     held: Vec<f64>,
@@ -53,13 +54,13 @@ pub(super) struct Reduced {
     offset: Vec<f64>,
     contacts: usize,
     has_tip: bool,
-    /// A few columns of K_Pn on their way to the answer.
+    /// Buffer for a few columns of K_Pn.
     block: Vec<f64>,
 }
 
 impl Reduced {
-    /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others that the tissue
-    /// at the tip is made of), and eliminates the probe.
+    /// Takes the compliance at the contacts (`probes` of the probe first, then `contacts` of the needle, then others that
+    /// form the tissue at the tip), and eliminates the probe.
     pub fn condense(&mut self, condensed: MatRef<'_, f64>, probes: usize, contacts: usize, rows: &[ProbeRow]) {
         self.rows.clear();
         self.rows.extend_from_slice(rows);
@@ -91,7 +92,7 @@ impl Reduced {
         self.eliminate(0, 3 * contacts);
     }
 
-    /// Puts the tissue at the tip behind the contacts, or takes it away. The compliance is that of the last
+    /// Places the tissue at the tip behind the contacts, or removes it. The compliance is that of the last
     /// [`condense`](Self::condense).
     pub fn set_tip(&mut self, condensed: MatRef<'_, f64>, probes: usize, tip: Option<&TipRow>) {
         self.clear_rest();
@@ -126,7 +127,7 @@ impl Reduced {
         }
     }
 
-    /// Nothing behind the contacts yields.
+    /// Clears everything behind the contacts.
     fn clear_rest(&mut self) {
         let (n, room) = (3 * self.contacts, self.room());
         for rows in [&mut self.coupling, &mut self.answer] {
@@ -138,7 +139,7 @@ impl Reduced {
         }
     }
 
-    /// Takes what the probe holds back off these columns, and copies them to their rows.
+    /// Subtracts the probe's constraint from these columns, and copies them to their rows.
     fn eliminate(&mut self, first: usize, end: usize) {
         if first == end {
             return;
@@ -167,17 +168,17 @@ impl Reduced {
         }
     }
 
-    /// Degrees of freedom that there is room for: those behind the tip do not yield.
+    /// Returns the degrees of freedom with room: those behind the tip do not yield.
     fn room(&self) -> usize {
         3 * (self.contacts + 2 + super::joint::MOST_FADING)
     }
 
-    /// Contacts, and the tissue at the tip.
+    /// Returns the number of contacts, plus one for the tissue at the tip.
     pub fn yielding(&self) -> usize {
         self.contacts + usize::from(self.has_tip)
     }
 
-    /// The compliance between two nodes, mm/N: world axes.
+    /// Returns the compliance between two nodes, mm/N, world axes.
     pub fn block(&self, row: usize, column: usize) -> Matrix3<f64> {
         let room = self.room();
         Matrix3::from_fn(|a, b| self.compliance[(3 * column + b) * room + 3 * row + a])
@@ -196,12 +197,13 @@ impl Reduced {
         self.probe.solve(&mut self.held);
     }
 
-    /// How far the probe moves a node, mm.
+    /// Returns the displacement of a node by the probe, mm.
     pub fn offset(&self, node: usize) -> Vector3<f64> {
         Vector3::from_column_slice(&self.offset[3 * node..3 * node + 3])
     }
 
-    /// Forces of the probe on the tissue along its rows, N, with those of the needle at its contacts and at the tip.
+    /// Returns the forces of the probe on the tissue along its rows, N, given those of the needle at its contacts and at the
+    /// tip.
     pub fn probe_forces<'a>(&'a self, needle: &'a [Vector3<f64>]) -> impl Iterator<Item = (&'a ProbeRow, f64)> + 'a {
         let rows = self
             .rows

@@ -1,4 +1,4 @@
-//! Saving the state of an insertion, and going back to it.
+//! Saved states of a finite element insertion.
 
 use std::fmt::Display;
 
@@ -7,17 +7,17 @@ use serde::{Deserialize, Serialize};
 
 use super::channel::Channel;
 use super::contact::Contact;
-use super::press::Press;
+use super::probe_contact::ProbeNodes;
 use super::{Finite, Nearby, Tip};
 use crate::mechanics::insertion::{Saved, StepError};
 use crate::mechanics::needle::{CentreLine, Entry};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
 
-/// A direction is as long as 1 to this.
+/// Tolerance of the length of a unit vector.
 const UNIT: f64 = 1e-9;
 
-/// All that a step depends on but the level of remeshing, which is the model's own.
+/// Everything that a step depends on except the remeshing level, which belongs to the model.
 #[derive(Serialize, Deserialize)]
 struct State {
     nodes: usize,
@@ -25,7 +25,7 @@ struct State {
     steps: u64,
     time_s: f64,
     base: Option<Isometry3<f64>>,
-    /// The pose of the probe, and which candidates touch it.
+    /// Pose of the probe, and whether each candidate touches it.
     probe: Option<(Option<Isometry3<f64>>, Vec<bool>)>,
     line: CentreLine,
     entry: Option<(Point3<f64>, Vector3<f64>)>,
@@ -37,7 +37,7 @@ struct State {
     tip: Tip,
     channel: Channel,
     seeds: Vec<Point3<f64>>,
-    /// Where moved nodes are in the reference state.
+    /// Moved nodes with their positions in the reference state, mm.
     moved: Vec<(u32, [f64; 3])>,
 }
 
@@ -46,8 +46,8 @@ fn foreign(error: impl Display) -> StepError {
 }
 
 impl State {
-    /// Checks that it is of this mesh and probe: every index and count is in range.
-    fn check(&self, adaptation: &Adaptation, press: Option<&Press>) -> Result<(), StepError> {
+    /// Checks that the state fits this mesh and probe: every index and count is in range.
+    fn check(&self, adaptation: &Adaptation, press: Option<&ProbeNodes>) -> Result<(), StepError> {
         let mesh = adaptation.mesh();
         let [nodes, elements] = [mesh.nodes().len(), mesh.elements().len()];
         if [nodes, elements] != [self.nodes, self.elements] {
@@ -61,7 +61,7 @@ impl State {
             return Err(foreign("its probe has other candidates"));
         }
         let mut taken = vec![false; nodes];
-        for node in press.into_iter().flat_map(Press::nodes) {
+        for node in press.into_iter().flat_map(ProbeNodes::nodes) {
             taken[*node as usize] = true;
         }
         let needle = self.contacts.iter().map(|contact| contact.node);
@@ -118,8 +118,8 @@ impl State {
 }
 
 impl Finite {
-    /// The state. What the compliance has gathered in rounding is computed anew, as after going back to it; the levels II to IV
-    /// go on from the compliance of the mesh as it is.
+    /// Returns the state. Accumulated rounding of the compliance is removed by recomputation, as after a restore; the levels
+    /// II to IV continue from the compliance of the mesh as it is.
     pub(super) fn save_state(&mut self) -> Saved {
         self.start_anew();
         let mesh = self.adaptation.mesh();
@@ -172,9 +172,9 @@ impl Finite {
         Ok(())
     }
 
-    /// Puts the reference nodes where a saved state had them, or leaves them where they are.
+    /// Moves the reference nodes to those of a saved state, or leaves them unchanged on error.
     fn move_nodes(&mut self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
-        // Most of what can be wrong shows without the compliance.
+        // Most errors show without the compliance.
         let mut trial = self.adaptation.mesh().clone();
         while trial.undo().map_err(foreign)?.is_some() {}
         for (node, place) in moved {
@@ -190,7 +190,7 @@ impl Finite {
         result
     }
 
-    /// Puts the reference nodes where they are at rest but for those named, up to the first that cannot be.
+    /// Resets the reference nodes and moves the listed ones, up to the first that cannot be moved.
     fn try_moves(&mut self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
         while self.adaptation.undo().map_err(foreign)?.is_some() {}
         for (node, place) in moved {
@@ -199,23 +199,23 @@ impl Finite {
         Ok(())
     }
 
-    /// Which nodes are not where they are at rest, and where they are.
+    /// Returns the nodes away from their positions at rest, with their current reference positions.
     fn moved(&self) -> Vec<(u32, [f64; 3])> {
         let mesh = self.adaptation.mesh();
         let away = mesh.away().iter();
         away.map(|node| (*node, mesh.nodes()[*node as usize])).collect()
     }
 
-    /// Computes anew all that is derived from the state.
+    /// Recomputes everything derived from the state.
     fn start_anew(&mut self) {
         if let Err(error) = self.adaptation.ask(|mesh, remesher| remesher.refresh(mesh)) {
-            // The updated compliance is kept, as good as it is.
+            // The updated compliance is kept despite its error.
             debug_assert!(matches!(error, RemeshError::FarFromBase { .. }), "{error}");
         }
         self.take_anew();
     }
 
-    /// Takes in a compliance that may differ in every entry.
+    /// Takes over a compliance that may differ in every entry.
     pub(super) fn take_anew(&mut self) {
         self.version += 1;
         self.nearby = Nearby::default();

@@ -1,44 +1,45 @@
-//! A part of a step settles: forces, states and shape that belong together.
+//! Equilibrium iteration of a substep: consistent forces, contact states and needle shape.
 
 use nalgebra::Isometry3;
 
 use super::Finite;
-use super::part::farthest;
+use super::substep::farthest;
 
-/// After so many iterations the forces change by ever less of what is asked: a needle that buckles does not swing for ever.
+/// Iterations before damping: after them the forces change by an ever smaller share, so that a buckling needle does not
+/// oscillate for ever.
 const UNDAMPED: usize = 8;
-/// The farthest that an iteration may bend the needle, mm: beyond, its flexibility is another.
+/// Maximum bending of the needle in one iteration, mm: beyond, its flexibility differs.
 const FARTHEST_MM: f64 = 5.0;
-/// Solutions in a row whose states do not settle, after which a part of a step is given up.
+/// Consecutive solutions with unsettled states after which a substep is given up.
 const MOST_UNSETTLED: usize = 3;
-/// The least share of the way to a solution that an iteration goes.
+/// Least step length towards a solution.
 const LEAST_SHARE: f64 = 1e-3;
 /// Motion in the last iteration above which an attempt is given up, mm.
 const LOST_MM: f64 = 0.1;
-/// Halves of a way that does not settle are halved again while they are longer, mm,
+/// Length above which a substep that does not settle is bisected, mm.
 const LEAST_PART_MM: f64 = 0.01;
-/// and while all attempts together have taken no more than so many times the iterations of one.
+/// Iterations of all attempts of a substep, as a multiple of those of one, beyond which there is no further bisection.
 const MOST_ATTEMPTS: usize = 6;
-/// A load that fades is gone below this, N.
+/// Force below which a fading load is dropped, N.
 const FADED_N: f64 = 1e-12;
 
 /// Outcome of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Found {
-    /// An equilibrium that holds.
+    /// A stable equilibrium.
     Rest,
-    /// Almost one, or one that a touch would end: the needle buckles.
+    /// Nearly an equilibrium, or an unstable one: the needle buckles.
     Near,
     Nothing,
 }
 
 impl Finite {
-    /// Brings the needle to a base and settles it there, in halves if it would jump or swing.
+    /// Moves the needle to a base and settles it there, in halves if it would jump or oscillate.
     pub(super) fn settle(&mut self, base: &Isometry3<f64>) {
         let most = self.outcome.iterations + MOST_ATTEMPTS * self.options.most_iterations;
         let base = self.tip.held(base);
         self.settle_within(&base, most);
-        // Not before: an attempt that is taken back brings its loads back.
+        // Only now: a reverted attempt restores its loads.
         self.forget_faded();
         self.carry();
     }
@@ -68,7 +69,7 @@ impl Finite {
         }
     }
 
-    /// Finds forces, states and shape that belong together.
+    /// Iterates to consistent forces, states and shape.
     fn attempt(&mut self, base: &Isometry3<f64>) -> Found {
         self.take_tip();
         self.take_compliance();
@@ -127,7 +128,7 @@ impl Finite {
         }
     }
 
-    /// Brings the needle to its base, bent as it is.
+    /// Moves the needle to its base, in its bent shape.
     fn carry_line(&mut self, base: &Isometry3<f64>) {
         match self.tip.base.replace(*base) {
             Some(before) if self.needle.is_flexible() => self.line.transform(&(base * before.inverse())),
@@ -135,7 +136,7 @@ impl Finite {
         }
     }
 
-    /// Forgets the loads of nodes that came off, once the needle lies without them.
+    /// Drops the loads of released nodes, once the needle lies without them.
     fn forget_faded(&mut self) {
         let first = self.forces.len() - self.fading.len();
         if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
@@ -145,7 +146,7 @@ impl Finite {
         }
     }
 
-    /// Keeps forces, places and states as they are before a part of a step.
+    /// Stores forces, arcs and states before an attempt.
     fn keep(&mut self) {
         let kept = &mut self.memory.kept;
         kept.base = self.tip.base;
@@ -157,7 +158,7 @@ impl Finite {
         kept.tip = self.tip.row.as_ref().map(|row| row.slider);
     }
 
-    /// Goes back to what there was before an attempt.
+    /// Restores forces, arcs and states from before an attempt.
     fn put_back(&mut self) {
         let kept = &self.memory.kept;
         self.line.clone_from(&kept.line);
@@ -171,14 +172,14 @@ impl Finite {
         self.tip.base = kept.base;
     }
 
-    /// Goes a share of the way to the forces of the solution.
+    /// Moves the forces by a share of the way to the solution.
     fn take_forces(&mut self, share: f64) {
         for (at, (force, before)) in self.forces.iter_mut().zip(&self.memory.forces).enumerate() {
             *force = before + (self.joint.force(at) - before) * share;
         }
     }
 
-    /// Brings the places along the shaft up to date with the last solution, a share of the way. The largest change, mm.
+    /// Moves the arcs of slipping contacts by a share of the way to the last solution. Returns the largest change, mm.
     fn slide(&mut self, share: f64) -> f64 {
         let mut largest = 0.0f64;
         for (at, contact) in self.contacts.iter_mut().enumerate() {

@@ -1,4 +1,4 @@
-//! What a finite element insertion is made of.
+//! Setup of a finite element insertion.
 
 use std::sync::Arc;
 
@@ -7,9 +7,9 @@ use nalgebra::{Point3, Vector3};
 
 use super::channel::Channel;
 use super::joint::Yielding;
-use super::{Finite, Joint, Memory, Nearby, Outcome, Press, Tip};
+use super::{Finite, Joint, Memory, Nearby, Outcome, ProbeNodes, Tip};
 use crate::mechanics::insertion::anatomy::MeshRegions;
-use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, ProbeContact, parts};
+use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, ProbeContact, validation};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Needle};
 use crate::mechanics::tissue::assembly::AssemblyError;
@@ -21,27 +21,28 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, RemeshError, Source};
 use crate::mechanics::tissue::rigid::{self, RigidError};
 
-/// How steps are cut and iterated.
+/// Options for the subdivision and iteration of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// The farthest that an instrument goes in one part of a step, mm.
+    /// Maximum motion of an instrument in one substep, mm.
     pub part_mm: f64,
-    /// The most parts of a step; of a longer way each part is longer.
+    /// Maximum number of substeps; for longer motions each substep is longer.
     pub most_parts: usize,
-    /// Iterations over states and needle shape in one part at most.
+    /// Maximum number of iterations over contact states and needle shape in one substep.
     pub most_iterations: usize,
-    /// They end when nothing moves by more, mm.
+    /// Motion at which the iterations end, mm.
     pub tolerance_mm: f64,
-    /// The least distance between nodes on the needle, mm.
+    /// Least distance between nodes on the needle, mm.
     pub spacing_mm: f64,
-    /// The largest Jacobian condition that remeshing at the tip may bring about; of the thinner the next place is tried.
+    /// Largest Jacobian condition that remeshing at the tip may cause; where it would be exceeded, the next position is
+    /// tried.
     pub condition_limit: f64,
     /// Limits of the remesher.
     pub remesh: crate::mechanics::tissue::remesh::Options,
-    /// Columns of the base's compliance that are kept where there is no dense inverse (exact level).
+    /// Number of columns of the base's compliance that are cached where there is no dense inverse (exact level).
     pub columns: usize,
-    /// Whether there is a dense inverse at the exact level too: it works from that if it is in f64, and a change to another level does
-    /// not wait for one.
+    /// Whether there is a dense inverse at the exact level too: it is used there if it is in f64, and a change to another
+    /// level does not wait for one.
     pub dense: bool,
 }
 
@@ -69,60 +70,60 @@ impl Default for Options {
 pub struct Setup {
     /// The tissue at rest, mm.
     pub mesh: TetMesh,
-    /// One an element.
+    /// Material of each element.
     pub materials: Vec<Material>,
-    /// Nodes and axes (0 to 2) that do not move.
+    /// Nodes and axes (0 to 2) that are fixed.
     pub fixed: Vec<(u32, u8)>,
-    /// Interactions of the regions of the mesh with the needle; those not named exert no force.
+    /// Interactions of the regions of the mesh with the needle; those not listed exert no force.
     pub interactions: Vec<(i32, Interaction)>,
-    /// Regions met by the needle, in place of those of the mesh and of `interactions` (which are checked all the same): the mesh then
-    /// gives stiffness alone. Default: the regions of the mesh.
+    /// Regions met by the needle, in place of those of the mesh and of `interactions` (which are checked all the same): the
+    /// mesh then provides only stiffness. Default: the regions of the mesh.
     pub anatomy: Option<Arc<dyn Anatomy>>,
     /// The needle.
     pub needle: Box<dyn Needle>,
     /// The probe, if one presses.
     pub probe: Option<ProbeContact>,
-    /// How remeshing keeps the compliance in step.
+    /// Level of remeshing, which determines how the compliance is updated.
     pub level: Level,
-    /// Of the compliance.
+    /// Precision of the compliance.
     pub precision: Precision,
-    /// How steps are cut and iterated.
+    /// Options for the subdivision and iteration of steps.
     pub options: Options,
 }
 
-/// Why an insertion cannot be set up.
+/// Reason why an insertion cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidSetup {
-    /// Something that every model on a mesh is given cannot be used.
+    /// An invalid input common to all models on a mesh.
     #[error(transparent)]
     Part(#[from] InvalidPart),
-    /// A candidate of the probe that is not there, named twice, or fixed.
+    /// A candidate node of the probe that is missing, listed twice, or fixed.
     #[error("node {node} cannot be a candidate of the probe: it {reason}")]
     Candidate {
-        /// The node.
+        /// The candidate node.
         node: u32,
-        /// The fault.
+        /// Description of the fault.
         reason: &'static str,
     },
-    /// The mesh cannot be assembled.
+    /// A mesh that cannot be assembled.
     #[error(transparent)]
     Assembly(#[from] AssemblyError),
-    /// The tissue is not held.
+    /// Supports that do not prevent rigid-body motion.
     #[error(transparent)]
     Rigid(#[from] RigidError),
-    /// The stiffness cannot be factored.
+    /// A stiffness matrix that cannot be factored.
     #[error(transparent)]
     Factor(#[from] FactorError),
-    /// The inverse cannot be computed.
+    /// A dense inverse that cannot be computed.
     #[error(transparent)]
     Inverse(#[from] InverseError),
-    /// The level does not suit.
+    /// A remeshing level that cannot be used.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
 }
 
 impl InvalidSetup {
-    /// True if the machine failed rather than the input: too little memory, or a device.
+    /// Returns whether the machine failed rather than the input: too little memory, or a device.
     pub fn is_machine(&self) -> bool {
         matches!(
             self,
@@ -135,10 +136,10 @@ impl InvalidSetup {
 
 impl Setup {
     fn check(&self) -> Result<(), InvalidPart> {
-        parts::interactions(&self.interactions)?;
-        parts::fixed(&self.fixed, self.mesh.nodes().len())?;
+        validation::interactions(&self.interactions)?;
+        validation::fixed(&self.fixed, self.mesh.nodes().len())?;
         let options = &self.options;
-        parts::above_zero(&[
+        validation::above_zero(&[
             ("part_mm", options.part_mm),
             ("most_parts", options.most_parts as f64),
             ("most_iterations", options.most_iterations as f64),
@@ -194,7 +195,7 @@ impl Setup {
         let of_mesh = || MeshRegions::located(&mesh, Arc::clone(&locator), &self.interactions);
         let mut finite = Finite {
             anatomy: self.anatomy.unwrap_or_else(|| Arc::new(of_mesh())),
-            press: self.probe.map(|probe| Press::new(probe, mesh.nodes())),
+            press: self.probe.map(|probe| ProbeNodes::new(probe, mesh.nodes())),
             locator,
             mesh,
             factor,
@@ -236,7 +237,7 @@ impl Setup {
     }
 }
 
-/// The dense inverse.
+/// Computes the dense inverse.
 ///
 /// # Errors
 /// As [`invert`].
@@ -251,7 +252,8 @@ pub(super) fn dense(
     })
 }
 
-/// What a level works from, and in which precision: the dense inverse, but for the exact level where that is in f32 or there is none.
+/// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level where that
+/// is in f32 or missing.
 pub(super) fn source(
     level: Level,
     dense: Option<&Source>,

@@ -1,31 +1,32 @@
-//! One thing that tissue does along the shaft with bounded force: friction at a contact, or cutting at the tip.
+//! Stick-slip element along the shaft with bounded force: friction at a contact, or cutting at the tip.
 
 use serde::{Deserialize, Serialize};
 
-/// State of contact along the shaft.
+/// Stick-slip state along the shaft.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) enum State {
-    /// Its place on the shaft is held.
+    /// The point keeps its place on the shaft.
     Stuck,
-    /// It is pushed along the shaft with all the force there is: towards the tip (1.0) while the needle goes in, or back (-1.0).
+    /// The point is pushed along the shaft with the maximum force: towards the tip (1.0) while the needle advances, or back
+    /// (-1.0).
     Slipping(f64),
 }
 
-/// A force between bounds, and the state that it is in.
+/// A bounded force with its stick-slip state.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Slider {
     pub state: State,
-    /// The forces on the tissue while it slips, towards the tip and back: [most, least], N.
+    /// Bounds of the force on the tissue while it slips, towards the tip and back: [most, least], N.
     #[serde(skip)]
     pub sliding: [f64; 2],
-    /// The same while it sticks.
+    /// Bounds of the force on the tissue while it sticks: [most, least], N.
     #[serde(skip)]
     pub holding: [f64; 2],
 }
 
-/// Forces within this share of their bound keep it.
+/// Relative tolerance by which a force may exceed its bound.
 const BOUND: f64 = 1e-11;
-/// A slip along with friction by less is rounding of positions, mm.
+/// Slip in the direction of friction that counts as rounding of positions, mm.
 const REST: f64 = 1e-9;
 
 impl Slider {
@@ -41,7 +42,7 @@ impl Slider {
         self.state == State::Stuck
     }
 
-    /// The force on the tissue, if it slips, N.
+    /// Returns the force on the tissue if it slips, N.
     pub fn force(&self) -> Option<f64> {
         match self.state {
             State::Stuck => None,
@@ -49,14 +50,14 @@ impl Slider {
         }
     }
 
-    /// The state to change to where Coulomb's law is broken: a force (N) out of bounds, or a slip (mm, of the tissue towards the
-    /// tip) along with the friction that should resist it.
+    /// Returns the state to change to where Coulomb's law is violated: a force (N) out of bounds, or a slip (mm, of the
+    /// tissue towards the tip) in the direction of the friction that should resist it.
     pub fn breaks(&self, force: f64, slip: f64) -> Option<State> {
         let [most, least] = self.holding;
         match self.state {
             State::Stuck if force > most + BOUND * most.abs() => Some(State::Slipping(1.0)),
             State::Stuck if force < least - BOUND * least.abs() => Some(State::Slipping(-1.0)),
-            // Pushed towards the tip, it must come nearer to the base; what nothing pushes may go either way.
+            // Tissue pushed towards the tip must move towards the base; tissue without friction may move either way.
             State::Slipping(direction) if slip * direction > REST && self.sliding != [0.0; 2] => Some(State::Stuck),
             _ => None,
         }
@@ -93,7 +94,7 @@ mod tests {
             (slider.breaks(9.0, 0.1), slider.breaks(9.0, -0.1)),
             (None, Some(State::Stuck))
         );
-        // Nothing to push with: it slips at the least force.
+        // Without friction it slips at the least force.
         let nothing = Slider::new(State::Stuck);
         assert_eq!(
             (nothing.breaks(0.0, 0.0), nothing.breaks(1e-300, 0.0)),

@@ -35,7 +35,7 @@ impl Needle for Straight {
     }
 }
 
-/// A block of tissue, 60 x 60 mm across, from z = 0 (free) to 80 (fixed), shaken a little.
+/// A block of tissue, 60 x 60 mm across, from z = 0 (free) to 80 (fixed), with slightly perturbed nodes.
 fn block(cell: f64) -> TetMesh {
     let cells = [60.0, 60.0, 80.0].map(|edge| (edge / cell).round() as usize);
     let to_world = nalgebra::Matrix4::new_nonuniform_scaling(&Vector3::new(60.0, 60.0, 80.0));
@@ -107,6 +107,6 @@ fn what_remeshing_moves_is_foreseen() {
         }
     }
     assert!(made >= 5 && gone >= 5, "{made} made, {gone} gone");
-    // The first is made where nothing can be known before; the others where the straight path says.
+    // The first node cannot be predicted; the others follow from the straight path.
     assert!(foreseen + 2 >= made, "{foreseen} of {made}");
 }

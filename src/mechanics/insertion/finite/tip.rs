@@ -1,4 +1,4 @@
-//! The tip: where it is, what it cuts, and the bone that stops it.
+//! State of the tip: its place in the tissue, the cutting force, and the bone that stops it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -13,66 +13,68 @@ use crate::mechanics::insertion::anatomy::interaction;
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::dofs::NONE;
 
-/// A needle that was moved off bone catches up with the hand by as much in each part of a step, mm.
+/// Distance by which a needle that was moved off bone catches up with the hand in each substep, mm.
 const CATCH_UP_MM: f64 = 0.5;
-/// With a larger share of the place of the tip than this, the last node on the needle is where the tip is.
+/// Barycentric share of the last node in the position of the tip above which the tip is at that node.
 const AT_NODE: f64 = 0.999;
 
-/// Where the tip is.
+/// State of the tip.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tip {
-    /// The effective base: where the hand has it, or behind, with the tip at bone.
+    /// Effective base: that of the hand, or behind it while bone stops the tip.
     pub base: Option<Isometry3<f64>>,
-    /// True once it has come out of the tissue on another side.
+    /// Whether the tip has come out of the tissue on another side.
     pub outside: bool,
-    /// The element it is in, or beside.
+    /// Element that contains the tip or is nearest to it.
     pub element: Option<u32>,
-    /// The region it is in.
+    /// Region of the tip.
     pub region: Option<i32>,
-    /// Place of the last crossing of a border, in the reference state, mm.
+    /// Position of the last crossing of a boundary, in the reference state, mm.
     pub crossed: Point3<f64>,
-    /// True in tissue that is cut already.
+    /// Whether the tip is in tissue that is cut already.
     pub in_channel: bool,
-    /// Length newly cut behind it, mm.
+    /// Newly cut length behind the tip, mm.
     pub cut_mm: f64,
-    /// Where it was in the reference state before a change of the mesh that left it behind: up to there it cuts again, without events.
+    /// Position in the reference state before a change of the mesh that left the tip behind: up to there it cuts again,
+    /// without events.
     pub front: Option<Point3<f64>>,
-    /// In the reference state, mm.
+    /// Position in the reference state, mm.
     pub reference: Point3<f64>,
-    /// A place found, not yet in the system.
+    /// A new place that is not yet in the system.
     pub found: Option<Place>,
-    /// The tissue at the tip, as a row of the system; none where nothing is cut, or the last node on the needle is there.
+    /// Row of the tissue at the tip in the system; `None` where nothing is cut, or where the last node on the needle is at
+    /// the tip.
     pub row: Option<TipRow>,
-    /// True if the last node on the needle is at the tip: the cutting force acts on it then.
+    /// Whether the last node on the needle is at the tip, so that the cutting force acts on it.
     pub at_node: bool,
     /// Nodes in the system that are neither on the needle nor on the probe: corners of the element at the tip.
     pub corners: Vec<u32>,
-    /// The force that a surface before the tip withstands, N, while it is not broken.
+    /// Puncture force of an unbroken surface in front of the tip, N.
     pub surface: Option<f64>,
-    /// Where no corner fitted, mm: it is not tried again there.
+    /// Position at which no corner fitted, mm: none is tried again there.
     pub refused: Option<Point3<f64>>,
-    /// Whether it went in where no node could be made on the surface, nor near it: tissue is held there, and its depth counts from the
-    /// entry.
+    /// Whether the tip entered where no node could be made on or near the surface: the tissue is fixed there, and the depth
+    /// counts from the entry.
     pub bare: bool,
     bone: Option<Met>,
 }
 
-/// Bone that the tip has met.
+/// Bone met by the tip.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct Met {
     at: Point3<f64>,
     bone: Bone,
-    /// How far the needle stays behind the hand, mm.
+    /// Lag of the needle behind the hand, mm.
     behind: f64,
 }
 
 impl Met {
-    /// Bone that was under the tip is there no more: the tip goes on from where it is.
+    /// Removes the bone from under the tip, which continues from where it is.
     fn leave(&mut self, line: &CentreLine) {
         (self.bone, self.at) = (Bone::LEFT, line.tip());
     }
 
-    /// How deep the hand would have the tip of a needle that lies so, mm.
+    /// Returns the depth in bone that the hand demands of the tip, mm.
     fn asked(&self, line: &CentreLine) -> f64 {
         let tangent = line.at(line.length_mm()).tangent;
         tangent.dot(&(line.tip() - self.at)) + self.behind
@@ -84,12 +86,12 @@ impl Tip {
         self.bone.is_some_and(|met| met.bone.holds())
     }
 
-    /// True where bone pins the tip, as of a needle that bends.
+    /// Returns whether bone pins the tip, as with a flexible needle.
     pub fn is_pinned(&self) -> bool {
         self.row.as_ref().is_some_and(|row| row.compliance_mm_per_n > 0.0)
     }
 
-    /// Takes away the tissue at the tip.
+    /// Removes the tissue at the tip.
     pub fn forget_row(&mut self) {
         if !self.is_pinned() {
             self.row = None;
@@ -97,7 +99,7 @@ impl Tip {
         self.at_node = false;
     }
 
-    /// The base that a hand which has it here can bring about.
+    /// Returns the effective base for this base of the hand.
     pub fn held(&self, base: &Isometry3<f64>) -> Isometry3<f64> {
         let behind = self.bone.map_or(0.0, |bone| bone.behind);
         let mut held = *base;
@@ -105,7 +107,7 @@ impl Tip {
         held
     }
 
-    /// Force of bone on the tip of a needle that does not bend, N: it grows with how far the hand would have the tip in it.
+    /// Returns the force of bone on the tip of a rigid needle, N: it grows with the demanded depth in the bone.
     pub fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
         let Some(met) = self.bone.filter(|_| !self.is_pinned()) else {
             return Vector3::zeros();
@@ -116,7 +118,7 @@ impl Tip {
 }
 
 impl Finite {
-    /// Puts the tissue where the tip has been found into the system.
+    /// Enters the tissue at a new place of the tip into the system.
     pub(super) fn take_tip(&mut self) {
         if let Some(place) = self.tip.found.take() {
             let last = self.contacts.last();
@@ -135,7 +137,7 @@ impl Finite {
                 .position(|corner| *corner == node)
                 .map_or(0.0, |at| place.bary[at]);
             self.tip.at_node = share > AT_NODE;
-            // What the tip cut beside the node it cuts at the node.
+            // The cutting force moves from the tissue beside the node to the node.
             if let (true, Some(before), Some(last)) = (self.tip.at_node, before, self.contacts.last_mut()) {
                 last.slider.state = before;
             }
@@ -149,7 +151,7 @@ impl Finite {
 
     /// Sets the bounds of all sliders.
     pub(super) fn bound(&mut self) {
-        // Shaft that has come out on another side does not rub.
+        // Shaft that has come out on another side has no friction.
         let end = self.end_in_tissue();
         let cut_mm = if self.tip.outside { 0.0 } else { self.tip.cut_mm };
         bound(self.anatomy.as_ref(), &mut self.contacts, end, cut_mm);
@@ -171,20 +173,21 @@ impl Finite {
         }
     }
 
-    /// Arc length at which the needle in the tissue ends, mm: at the tip, unless that has come out on another side.
+    /// Returns the arc length at which the needle in the tissue ends, mm: at the tip, unless that has come out on another
+    /// side.
     pub(super) fn end_in_tissue(&self) -> f64 {
         let last = self.contacts.last().filter(|_| self.tip.outside);
         last.map_or(self.line.length_mm(), |last| last.arc + last.laid())
     }
 
-    /// Cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
+    /// Returns the cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
     pub(super) fn cutting(&self) -> f64 {
         let of = interaction(self.anatomy.as_ref(), self.tip.region);
         let cutting = if self.tip.in_channel { 0.0 } else { of.cutting_n };
         self.tip.surface.unwrap_or(cutting)
     }
 
-    /// The slider of the cutting force.
+    /// Returns the slider of the cutting force.
     fn tip_slider(&mut self) -> Option<&mut Slider> {
         let at_node = self.tip.at_node;
         let last = self
@@ -195,7 +198,7 @@ impl Finite {
         self.tip.row.as_mut().map(|row| &mut row.slider).or(last)
     }
 
-    /// Makes sure that the corners which share the force at a place are in the system.
+    /// Ensures that the corners which share the force at a place are in the system.
     fn take_corners(&mut self, place: &Place) {
         let corners = self.mesh.elements()[place.element as usize];
         let yields = |node: &u32| !self.adaptation.mesh().dofs().of(*node).contains(&NONE);
@@ -215,7 +218,7 @@ impl Finite {
         self.name_contacts();
     }
 
-    /// The row of a place whose corners are in the system, those that do not move aside.
+    /// Returns the row of a place whose corners are in the system, except fixed ones.
     fn row_at(&self, place: &Place, slider: Slider) -> TipRow {
         let corners = self.mesh.elements()[place.element as usize];
         let share = |at: usize| {
@@ -230,7 +233,7 @@ impl Finite {
         }
     }
 
-    /// The place of a node among those of the compliance: probe, needle, corners at the tip.
+    /// Returns the index of a node in the compliance: probe, needle, corners at the tip.
     fn index_of(&self, node: u32) -> Option<usize> {
         let probe = self.press.iter().flat_map(|press| press.nodes().iter().copied());
         let needle = self.contacts.iter().map(|contact| contact.node);
@@ -240,7 +243,7 @@ impl Finite {
             .position(|other| other == node)
     }
 
-    /// Tells that a surface is broken.
+    /// Records that a surface is broken, once the tip slips into it.
     pub(super) fn break_surface(&mut self) {
         let cuts = self
             .tip_slider()
@@ -250,7 +253,7 @@ impl Finite {
         }
     }
 
-    /// A surface before the tip withstands more than the tissue behind it: it holds until it breaks.
+    /// Handles a surface in front of the tip that withstands more than the tissue behind it: it sticks until it breaks.
     pub(super) fn meet_surface(&mut self, region: i32) {
         let ahead = self.of(region);
         if ahead.critical {
@@ -266,7 +269,7 @@ impl Finite {
         }
     }
 
-    /// Notes bone that is met `at` a point, if none is yet.
+    /// Records bone met `at` a point, unless some is already.
     pub(super) fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32) {
         if !self.tip.in_bone() {
             self.tip.bone = Some(Met {
@@ -276,7 +279,7 @@ impl Finite {
             });
             self.note(EventKind::Bone, *at, Some(region));
         }
-        // A needle that bends finds its shape with bone as one of its contacts.
+        // The shape of a flexible needle is solved with bone as one of its contacts.
         if self.needle.is_flexible() {
             self.tip.row = Some(TipRow {
                 shares: [(0, 0.0); 4],
@@ -287,7 +290,7 @@ impl Finite {
         }
     }
 
-    /// Keeps the tip from going deeper into bone than it may, and forgets bone that it has left. True if the base has moved.
+    /// Limits the depth of the tip in bone, and drops bone that it has left. Returns whether the base has moved.
     pub(super) fn hold_at_bone(&mut self) -> bool {
         let tangent = self.line.at(self.line.length_mm()).tangent;
         let (is_pinned, reference) = (self.tip.is_pinned(), self.tip.reference);
@@ -308,7 +311,7 @@ impl Finite {
         moved
     }
 
-    /// Where the tissue at the tip is at rest, mm; none outside.
+    /// Returns the position of the tissue at the tip at rest, mm, or `None` outside.
     pub(super) fn tip_at_rest(&self) -> Option<Point3<f64>> {
         let inside = self.entry.is_some() && !self.tip.outside && self.tip.element.is_some();
         inside.then_some(self.tip.reference)

@@ -1,4 +1,4 @@
-//! From a snapshot to the tissue: a mesh that stays as it is, and nodes that are displaced.
+//! Conversion of snapshots into tissue for a fixed mesh with displaced nodes.
 
 use std::sync::Arc;
 

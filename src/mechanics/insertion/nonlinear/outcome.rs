@@ -1,4 +1,4 @@
-//! What a step answers.
+//! Outcome of a step.
 
 use nalgebra::{Isometry3, Point3};
 
@@ -7,14 +7,14 @@ use crate::mechanics::insertion::pushing::Phase;
 use crate::mechanics::insertion::{Event, EventKind, Instruments, Wrench};
 
 impl Nonlinear {
-    /// Puts the needle where the hand has it.
+    /// Places the needle at the pose of the hand.
     pub(super) fn place(&mut self, base: &Isometry3<f64>) {
         let length = self.shaft.length_mm;
         let tip = base * Point3::new(0.0, 0.0, length);
         self.line.set([(0.0, base.translation.vector.into()), (length, tip)]);
     }
 
-    /// What the hand feels of a force against the way in, N.
+    /// Sets the wrench on the hand from a force against the direction of insertion, N.
     pub(super) fn feel(&mut self, force_n: f64) {
         let mut on_hand = Wrench::default();
         let (hub, tip) = (self.line.at(0.0), self.line.tip());
@@ -31,7 +31,7 @@ impl Nonlinear {
         });
     }
 
-    /// Fills in what is known at the end of a step.
+    /// Fills in the results known at the end of a step.
     pub(super) fn conclude(&mut self, instruments: &Instruments, was_crushed: bool) {
         let tip = self.line.tip();
         let depth = self.needle.depth_mm();
@@ -53,7 +53,7 @@ impl Nonlinear {
         self.outcome.stuck *= self.outcome.contacts;
     }
 
-    /// Elements on the needle's way that are inverted.
+    /// Returns the number of inverted elements on the line of the needle.
     fn crushed(&self) -> usize {
         let displacement = self.needle.structure().displacement();
         let now = |node: u32| {

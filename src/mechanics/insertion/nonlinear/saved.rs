@@ -1,14 +1,14 @@
-//! Saving the state of an insertion, and going back to it.
+//! Saved states of an insertion into stiffening tissue.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use super::{Nonlinear, Way};
+use super::{NeedleLine, Nonlinear};
 use crate::mechanics::insertion::pushing::At;
 use crate::mechanics::insertion::{Saved, StepError};
 use crate::mechanics::needle::CentreLine;
 
-/// All that a step depends on.
+/// Everything that a step depends on.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct State {
@@ -21,9 +21,9 @@ struct State {
     crushed: usize,
     line: CentreLine,
     seeds: Vec<Point3<f64>>,
-    way: Option<Way>,
+    way: Option<NeedleLine>,
     at: At,
-    /// Of the body, and its past.
+    /// State of the body, and its history.
     body: [Vec<f64>; 2],
 }
 

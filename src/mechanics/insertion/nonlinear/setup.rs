@@ -1,4 +1,4 @@
-//! What an insertion into tissue that stiffens is made of.
+//! Setup of an insertion into stiffening tissue.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use nalgebra::Point3;
 
 use super::Nonlinear;
 use crate::mechanics::insertion::pushing::Pushing;
-use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, MeshRegions, Outcome, parts};
+use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, MeshRegions, Outcome, validation};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, InvalidNeedleModel, Shaft};
 use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
@@ -15,18 +15,18 @@ use crate::mechanics::tissue::nonlinear::{
 };
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
-/// How steps are cut and solved.
+/// Options for the subdivision and solution of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// How an increment is solved. Default: modified Newton-Raphson to 1e-6 of the largest force, in 400 iterations at most.
+    /// Solver of an increment. Default: modified Newton-Raphson to 1e-6 of the largest force, in 400 iterations at most.
     pub solving: Solving,
-    /// The farthest that the tip goes through tissue in one part of a step, mm (above 0). Default 0.5.
+    /// Maximum advance of the tip through tissue in one substep, mm (above 0). Default 0.5.
     pub part_mm: f64,
-    /// The most parts of a step (1 or more); of a longer way each part is longer. Default 1000.
+    /// Maximum number of substeps (1 or more); for longer motions each substep is longer. Default 1000.
     pub most_parts: usize,
     /// Bound of the relative error of a viscous body's memory (1e-13 to 1e-2). Default 1e-6.
     pub memory_tolerance: f64,
-    /// The shortest part of a step and the longest time that a viscous body remembers, s. Default 1e-6 and 1e5.
+    /// Shortest substep and longest time that a viscous body remembers, s. Default 1e-6 and 1e5.
     pub memory_s: [f64; 2],
 }
 
@@ -49,9 +49,9 @@ impl Default for Options {
 /// Fractional viscosity.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Viscosity {
-    /// From 0, elastic, to 1, viscous. Moduli are then in kPa s^order.
+    /// Order of the fractional derivative, from 0 (elastic) to 1 (viscous). Moduli are then in kPa s^order.
     pub order: f64,
-    /// What remembers.
+    /// Method for the memory of the tissue.
     pub memory: Memory,
 }
 
@@ -60,66 +60,67 @@ pub struct Viscosity {
 pub struct Setup {
     /// The tissue at rest, mm.
     pub mesh: Arc<TetMesh>,
-    /// One an element.
+    /// Material law of each element.
     pub laws: Vec<Stiffening>,
-    /// Nodes and axes (0 to 2) that do not move.
+    /// Nodes and axes (0 to 2) that are fixed.
     pub fixed: Vec<(u32, u8)>,
-    /// What the regions of the mesh do to the needle; those not named do nothing. No `peak`, and no bone is met.
+    /// Interactions of the regions of the mesh with the needle; those not listed exert no force. `peak` is refused, and bone
+    /// is not met.
     pub interactions: Vec<(i32, Interaction)>,
     /// Regions met by the needle, in place of those of the mesh; `interactions` are checked all the same.
     pub anatomy: Option<Arc<dyn Anatomy>>,
-    /// The needle, which nothing bends.
+    /// The needle, which is rigid.
     pub shaft: Shaft,
-    /// Of all tissue; none where it is elastic.
+    /// Viscosity of all tissue; `None` for elastic tissue.
     pub viscosity: Option<Viscosity>,
-    /// How steps are cut and solved.
+    /// Options for the subdivision and solution of steps.
     pub options: Options,
 }
 
-/// Why there is no model.
+/// Reason why a model cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidSetup {
-    /// Something that every model on a mesh is given cannot be used.
+    /// An invalid input common to all models on a mesh.
     #[error(transparent)]
     Part(#[from] InvalidPart),
-    /// A region does to the needle what this model has no part for.
+    /// An interaction with a `peak`, which this model does not support.
     #[error("region {region} has a `peak` of force near the tip, which tissue that stiffens has no part for")]
     Peak {
         /// The region.
         region: i32,
     },
-    /// The needle is none.
+    /// An invalid needle.
     #[error(transparent)]
     Needle(#[from] InvalidNeedleModel),
-    /// The mesh makes no body.
+    /// A mesh that does not form a body.
     #[error(transparent)]
     Body(#[from] InvalidBody),
-    /// The stiffness cannot be factored.
+    /// A stiffness matrix that cannot be factored.
     #[error(transparent)]
     Solver(#[from] NonlinearError),
-    /// The memory is none.
+    /// An invalid viscous memory.
     #[error(transparent)]
     Memory(#[from] CreepError),
 }
 
 impl InvalidSetup {
-    /// Whether memory ran out, rather than the setup being wrong.
+    /// Returns whether memory ran out, rather than the setup being wrong.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Solver(error) | Self::Memory(CreepError::Nonlinear(error)) if error.is_machine())
     }
 }
 
 impl Nonlinear {
-    /// A model at rest, no needle near.
+    /// Builds a model at rest, with no needle near.
     ///
     /// # Errors
     /// [`InvalidSetup`].
     pub fn new(setup: Setup) -> Result<Nonlinear, InvalidSetup> {
         let options = setup.options;
         let nodes = setup.mesh.nodes().len();
-        parts::interactions(&setup.interactions)?;
-        parts::fixed(&setup.fixed, nodes)?;
-        parts::above_zero(&[
+        validation::interactions(&setup.interactions)?;
+        validation::fixed(&setup.fixed, nodes)?;
+        validation::above_zero(&[
             ("part_mm", options.part_mm),
             ("most_parts", options.most_parts as f64),
             ("tolerance", options.solving.tolerance),

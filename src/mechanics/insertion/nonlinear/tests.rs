@@ -1,4 +1,4 @@
-//! A needle goes into a block with a soft layer, stays, and comes out.
+//! A needle enters a block with a soft layer, rests, and is withdrawn.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::mechanics::tissue::nonlinear::creep::Memory;
 
 const EDGE_MM: [f64; 3] = [30.0, 30.0, 24.0];
 
-/// Regions 1, 2 and 1 again along z, and what they do to a needle.
+/// Regions 1, 2 and 1 again along z, with their interactions.
 fn setup(viscosity: Option<Viscosity>) -> Setup {
     let mesh = TetMesh::over_box([0.0; 3], EDGE_MM, 500).unwrap();
     let elements = mesh.elements().to_vec();
@@ -91,7 +91,7 @@ struct Seen {
     outcomes: Vec<Outcome>,
 }
 
-/// What happened, but for elements that are crushed.
+/// Returns the events except those of crushed elements.
 fn told(seen: &Seen) -> Vec<(EventKind, Option<i32>)> {
     let told = seen.events.iter().filter(|(kind, _)| *kind != EventKind::Crushed);
     told.copied().collect()
@@ -146,18 +146,18 @@ fn it_pushes_punctures_stops_and_comes_out() {
             "{:?}",
             seen.force
         );
-        // It stays: held, and a viscous body relaxes.
+        // At rest the needle is held, and a viscous body relaxes.
         let stop = &seen.force[50..55];
         assert!(seen.outcomes[52].stuck > 0 && seen.outcomes[45].stuck == 0);
         match viscosity {
             None => assert!((stop[4] / stop[0] - 1.0).abs() < 1e-5, "{stop:?}"),
-            // At first tissue that the tip has passed still springs back against it.
+            // At first, tissue that the tip has passed still springs back against it.
             Some(_) => assert!(
                 stop[1..].windows(2).all(|pair| pair[1] < pair[0]) && stop[4] > 0.0,
                 "{stop:?}"
             ),
         }
-        // Drawn out it is pulled back, by friction along what is still in tissue at most: within what one step adds.
+        // On withdrawal it is pulled back, at most by friction along the inserted length, within the change in one step.
         let most = |outcome: &Outcome| 0.002 * outcome.inserted_mm;
         let outward = &seen.outcomes[60..];
         let pulled = outward.iter().map(|outcome| outcome.on_hand.force_n.z - most(outcome));
@@ -173,7 +173,7 @@ fn it_pushes_punctures_stops_and_comes_out() {
             (end.inserted_mm, end.contacts, end.on_hand.force_n.norm()),
             (0.0, 0, 0.0)
         );
-        // Elastic tissue is at rest again; viscous tissue is on its way there.
+        // Elastic tissue is at rest again; viscous tissue approaches it.
         let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
         model.snapshot(&mut snapshot);
         model.imager().tissue(&snapshot, &mut tissue);
@@ -187,7 +187,7 @@ fn it_pushes_punctures_stops_and_comes_out() {
     }
 }
 
-/// Held at its sides, with the far face free: the tip comes out there, and is held by friction along what is in tissue alone.
+/// Fixed at its sides, with the far face free: the tip comes out there, and only friction along the inserted length remains.
 #[test]
 fn it_goes_through_and_back() {
     for viscosity in [None, creeping()] {
@@ -218,10 +218,10 @@ fn it_goes_through_and_back() {
             (Out, None),
         ];
         assert_eq!(told(&seen), expected, "{viscosity:?}");
-        // Tissue is dragged along with the needle: what is inserted at the end is the thickness of the block.
+        // Tissue is dragged along with the needle: the inserted length at the end is the thickness of the block.
         let end = &seen.outcomes[in_steps as usize - 1];
         assert!((end.inserted_mm - EDGE_MM[2]).abs() < 1e-9, "{}", end.inserted_mm);
-        // It slides: friction of 0.002 N/mm, and nothing at the tip. A creeping body lags behind what it is pulled by.
+        // It slides: friction of 0.002 N/mm, and nothing at the tip. A creeping body lags behind the pull.
         let friction = 0.002 * EDGE_MM[2];
         let slack = if viscosity.is_none() { 1e-3 } else { 0.05 };
         assert!(
@@ -275,7 +275,7 @@ fn sideways_moves_are_refused_in_tissue_and_taken_outside() {
     assert!(model.step(&at(X, f64::NAN), 0.05).is_err());
     model.step(&at(X, -3.0), 0.05).unwrap();
     assert_eq!(model.outcome().inserted_mm, 0.0);
-    // Along another line all is whole.
+    // Along another line the tissue is intact.
     let outcome = model.step(&at(8.2, 1.0), 0.05).unwrap();
     assert!(outcome.on_hand.force_n.z < 0.0 && outcome.inserted_mm == 0.0);
     // A line beside the body meets nothing.
@@ -284,7 +284,7 @@ fn sideways_moves_are_refused_in_tissue_and_taken_outside() {
     assert_eq!((outcome.on_hand.force_n.norm(), outcome.contacts), (0.0, 0));
 }
 
-/// What does not fit is named.
+/// Invalid inputs are named.
 #[test]
 fn setups_are_checked() {
     let refused = |spoil: fn(&mut Setup)| {
@@ -340,7 +340,7 @@ fn bone_on_the_way_is_found() {
     let anatomy = MeshRegions::new(&setup.mesh, &[(2, bone)]);
     let (tip, direction) = (Point3::new(X, 14.3, -5.0), Vector3::z_axis());
     let at = obstacle(&anatomy, &tip, &direction, 40.0).unwrap();
-    // The layer's elements have their middles within it: they begin within one row of the mesh of it.
+    // The layer's elements are those with their centroids in it: they begin within one row of the mesh.
     assert!((12.0..17.0).contains(&at), "{at}");
     assert_eq!(obstacle(&anatomy, &tip, &direction, 5.0), None);
 }
@@ -369,7 +369,7 @@ impl Anatomy for Beyond {
     }
 }
 
-/// Skin that the mesh leaves out is met at the surface of the mesh, and critical tissue is told.
+/// Skin that the mesh omits is met at the surface of the mesh, and critical tissue is reported.
 #[test]
 fn skin_outside_the_mesh_breaks_and_critical_tissue_is_told() {
     let mut setup = setup(None);

@@ -1,21 +1,21 @@
-//! What a needle meets on its way.
+//! Tissue layers along the line of a needle.
 
-/// Tissue along the needle's way, behind a membrane.
+/// A layer of tissue along the line of the needle, behind a membrane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
-    /// Where it begins, in the reference state, from the entry on, mm. The first begins at 0.
+    /// Start of the layer from the entry, in the reference state, mm. The first begins at 0.
     pub from_mm: f64,
-    /// Force that its membrane bears, N (0 or more; 0: there is none).
+    /// Strength of its membrane, N (0 or more; 0: there is none).
     pub membrane_n: f64,
-    /// Force that cuts it at the tip, N (0 or more).
+    /// Cutting force at the tip, N (0 or more).
     pub cutting_n: f64,
-    /// Friction of the shaft that slides, N for each mm of it (0 or more).
+    /// Sliding friction per length of shaft, N/mm (0 or more).
     pub friction_n_per_mm: f64,
-    /// Friction that holds a shaft at rest over that (1 or more).
+    /// Ratio of static to sliding friction (1 or more).
     pub static_ratio: f64,
 }
 
-/// Why a needle's way is none.
+/// Reason why the line of a needle cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidWay {
     /// The line does not enter the body.
@@ -24,33 +24,33 @@ pub enum InvalidWay {
         /// The entry, mm.
         entry: Vec<f64>,
     },
-    /// The direction has no length, or is no number.
+    /// The direction has zero length or is not finite.
     #[error("the direction {found:?} is none; expected a vector with a length")]
     Direction {
-        /// As given.
+        /// The rejected direction.
         found: Vec<f64>,
     },
     /// There are no layers, or the first does not begin at the entry.
     #[error("the first layer begins at {found:?} mm; expected 0")]
     First {
-        /// Where it begins, if there is one.
+        /// Start of the first layer, if there is one.
         found: Option<f64>,
     },
     /// A layer begins before the one above, or a number is out of range.
     #[error("{what} of layer {layer} is {found}; expected {expected}")]
     Layer {
-        /// Which, from 0.
+        /// Index of the layer, from 0.
         layer: usize,
-        /// Which of its numbers.
+        /// Name of the number.
         what: &'static str,
-        /// As given.
+        /// The rejected value.
         found: f64,
-        /// What it must be.
+        /// Permitted values.
         expected: &'static str,
     },
 }
 
-/// Checks layers, the first to be met first.
+/// Checks layers, given in the order in which they are met.
 pub(super) fn check(layers: &[Layer]) -> Result<(), InvalidWay> {
     if layers.first().is_none_or(|layer| layer.from_mm != 0.0) {
         return Err(InvalidWay::First {

@@ -1,40 +1,40 @@
-//! A line through a body, and the points of the body on it.
+//! Line through a body, and the points of the body on it.
 
 use super::InvalidWay;
 use crate::mechanics::tissue::nonlinear::{Body, Contact};
 
-/// Distance of the points that stand for the shaft, mm.
+/// Distance of the points that represent the shaft, mm.
 const PIECE_MM: f64 = 0.5;
 
-/// How far outside an element a point may seem to lie, in barycentric coordinates: rounding, and lines along faces.
+/// Tolerance of the barycentric coordinates of points on the line: rounding, and lines along faces.
 const OUTSIDE: f64 = 1e-9;
 
-/// The same for elements that a line may run through at all: more than where points are looked for.
+/// Tolerance of the barycentric coordinates of elements that the line may pass: larger than [`OUTSIDE`].
 const BESIDE: f64 = 1e-6;
 
 #[derive(Clone, Debug)]
 pub struct Line<const D: usize> {
     entry: [f64; D],
     direction: [f64; D],
-    /// Elements that it runs through or along, ascending.
+    /// Elements on or along the line, ascending.
     elements: Vec<u32>,
-    /// Points in the middle of each piece.
+    /// Midpoints of the pieces of the shaft.
     points: Vec<Contact>,
     length: f64,
 }
 
-/// Where a line runs through an element.
+/// Crossing of an element by a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
     /// The element.
     pub element: u32,
-    /// From where, mm from the origin of the line on.
+    /// Start of the crossing, mm from the origin of the line.
     pub from_mm: f64,
-    /// To where, mm.
+    /// End of the crossing, mm from the origin of the line.
     pub to_mm: f64,
 }
 
-/// Elements that a line runs through or along, ascending, `direction` being of unit length.
+/// Returns the elements that a line passes through or along, ascending; `direction` is of unit length.
 pub fn crossings<const D: usize, const N: usize>(
     body: &Body<D, N>,
     origin: &[f64; D],
@@ -65,7 +65,7 @@ pub fn crossings<const D: usize, const N: usize>(
 }
 
 impl<const D: usize> Line<D> {
-    /// A line through nothing.
+    /// Returns a line through nothing.
     pub fn nowhere() -> Self {
         Line {
             entry: [0.0; D],
@@ -92,7 +92,7 @@ impl<const D: usize> Line<D> {
             points: Vec::new(),
             length: 0.0,
         };
-        // An entry that crossings gave lies BESIDE outside already, more or less by rounding.
+        // An entry from `crossings` already lies BESIDE outside, more or less by rounding.
         if line.least(body, 0.0) < -2.0 * BESIDE {
             return Err(InvalidWay::Outside { entry: entry.to_vec() });
         }
@@ -103,17 +103,17 @@ impl<const D: usize> Line<D> {
         Ok(line)
     }
 
-    /// Elements that it runs through or along.
+    /// Returns the elements that the line passes through or along.
     pub fn elements(&self) -> &[u32] {
         &self.elements
     }
 
-    /// How long it is within the body, to a piece of the shaft, mm.
+    /// Returns the length of the line in the body, to a piece of the shaft, mm.
     pub fn length(&self) -> f64 {
         self.length
     }
 
-    /// The point at a depth, held at a displacement along the line; without weights where there is no body.
+    /// Returns the point at a depth, constrained to a displacement along the line; without weights where there is no body.
     pub fn contact<const N: usize>(&self, body: &Body<D, N>, depth: f64, place_mm: f64) -> Contact {
         let mut all = Vec::with_capacity(D * N);
         if let Some((element, _, weights)) = self.find(body, depth) {
@@ -126,7 +126,7 @@ impl<const D: usize> Line<D> {
         Contact { weights: all, place_mm }
     }
 
-    /// Points that stand for the shaft down to a depth, and the piece of it each stands for.
+    /// Returns the points that represent the shaft down to a depth, with the start and end of their pieces.
     pub fn pieces(&self, depth: f64) -> impl Iterator<Item = (&Contact, f64, f64)> {
         let pieces = self.points.iter().enumerate().map(move |(at, point)| {
             let from = at as f64 * PIECE_MM;
@@ -135,12 +135,12 @@ impl<const D: usize> Line<D> {
         pieces.take_while(|(_, from, to)| to > from)
     }
 
-    /// How far inside the body the point at a depth is: the least of its barycentric coordinates.
+    /// Returns the least barycentric coordinate of the point at a depth: how far inside the body it is.
     fn least<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> f64 {
         self.find(body, depth).map_or(f64::NEG_INFINITY, |(_, least, _)| least)
     }
 
-    /// The element that holds the point, or is nearest to it: its least barycentric coordinate is the largest.
+    /// Finds the element that contains the point, or is nearest to it: that with the largest least barycentric coordinate.
     fn find<const N: usize>(&self, body: &Body<D, N>, depth: f64) -> Option<(usize, f64, [f64; N])> {
         let point: [f64; D] = std::array::from_fn(|axis| self.entry[axis] + depth * self.direction[axis]);
         let mut best: Option<(usize, f64, [f64; N])> = None;

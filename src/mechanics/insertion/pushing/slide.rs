@@ -1,31 +1,31 @@
-//! Where the tip comes to: pushing, cutting, sliding in its channel, or held.
+//! Motion of the tip: pushing, cutting, sliding in its channel, or held.
 
 use serde::{Deserialize, Serialize};
 
 use super::{Phase, Pushing, frictions};
 use crate::mechanics::tissue::nonlinear::Contact;
 
-/// Travel that counts as none, mm.
+/// Travel that counts as rest, mm.
 const STILL_MM: f64 = 1e-9;
 
-/// Halvings of the way that the tip is looked for on: to rounding.
+/// Bisections to locate the tip, to rounding.
 const HALVINGS: usize = 60;
 
-/// Where the needle is.
+/// State of the needle.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(in crate::mechanics::insertion) struct At {
     pub phase: Phase,
-    /// How far the tip has come beyond the entry, mm.
+    /// Position of the tip beyond the entry, mm.
     pub travel_mm: f64,
-    /// How deep it is in the tissue, in the reference state, mm.
+    /// Depth of the tip in the tissue, in the reference state, mm.
     pub depth_mm: f64,
-    /// How deep it has been, mm.
+    /// Largest depth reached so far, mm.
     pub cut_mm: f64,
-    /// What it does where tissue is whole: at `cut_mm`.
+    /// Phase of the tip where tissue is intact: at `cut_mm`.
     pub whole: Phase,
     /// Whether the shaft slides out.
     pub outward: bool,
-    /// Force of tip and shaft against the way in, N.
+    /// Force of the tip against the direction of insertion, N.
     pub tip_n: f64,
     pub shaft_n: f64,
     /// Force of the tip when the needle stopped, N.
@@ -33,7 +33,7 @@ pub(in crate::mechanics::insertion) struct At {
 }
 
 impl At {
-    /// Before the first membrane.
+    /// State before the first membrane.
     pub fn before() -> At {
         At {
             whole: Phase::Pushing(0),
@@ -43,7 +43,7 @@ impl At {
 }
 
 impl<const D: usize, const N: usize> Pushing<D, N> {
-    /// Where the needle is next, its tip at `travel_mm` and the tissue displaced as it is.
+    /// Returns the next state of the needle, with its tip at `travel_mm` and the current displacements.
     pub(super) fn advance(&self, travel_mm: f64) -> At {
         let now = &self.at;
         let mut next = At { travel_mm, ..*now };
@@ -55,7 +55,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
                 next.phase = Phase::Held;
                 next.held_tip_n = now.tip_n;
             } else if moved.abs() > STILL_MM {
-                // Nothing holds it.
+                // No friction holds it.
                 next.phase = Phase::Free;
                 next.outward = moved < 0.0;
             }
@@ -74,12 +74,12 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         next
     }
 
-    /// Where tissue of a depth is now, mm beyond the entry.
+    /// Returns the current position of the tissue of a depth, mm beyond the entry.
     fn place(&self, depth: f64) -> f64 {
         depth + self.along(depth)
     }
 
-    /// The depth whose tissue is at the tip, between two.
+    /// Returns the depth whose tissue is at the tip, between two.
     fn depth_at(&self, travel_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
@@ -92,7 +92,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         low
     }
 
-    /// On through the channel, to where tissue is whole at most.
+    /// Advances through the channel, at most to intact tissue.
     fn slide_in(&self, next: &mut At) {
         if next.cut_mm == 0.0 || self.place(next.cut_mm) <= next.travel_mm {
             (next.phase, next.depth_mm) = (next.whole, next.cut_mm);
@@ -101,7 +101,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         }
     }
 
-    /// Back through the channel, and out of it.
+    /// Withdraws through the channel, and out of it.
     fn slide_out(&self, next: &mut At) {
         if self.place(0.0) >= next.travel_mm {
             (next.depth_mm, next.outward) = (0.0, false);
@@ -110,7 +110,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         }
     }
 
-    /// On through whole tissue, to the next layer or the far side.
+    /// Advances through intact tissue, to the next layer or the far side.
     fn cut(&self, next: &mut At, layer: usize) {
         let below = self.layers.get(layer + 1).map_or(f64::INFINITY, |layer| layer.from_mm);
         let end = below.min(self.line.length());
@@ -130,20 +130,21 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         (next.cut_mm, next.whole) = (next.depth_mm, next.phase);
     }
 
-    /// Friction along the shaft when it slides and what holds it at rest, all together, N.
+    /// Returns the sliding and the static friction summed over the shaft, N.
     fn friction_n(&self, depth_mm: f64) -> [f64; 2] {
         frictions(&self.line, &self.layers, depth_mm)
             .fold([0.0; 2], |[sum, held], (_, force, most)| [sum + force, held + most])
     }
 
-    /// The share of the tip in what a held needle bears, as it was when the needle stopped: but a needle does not pull with its tip.
+    /// Returns the force of the tip in a held needle, as it was when the needle stopped; a needle does not pull with its
+    /// tip.
     fn held_tip(&self, next: &At) -> f64 {
         let pulls = self.at.phase == Phase::Held && self.at.tip_n + self.at.shaft_n <= 0.0;
         if pulls { 0.0 } else { next.held_tip_n.max(0.0) }
     }
 
-    /// All tissue that the needle holds, as one: the mean of its displacements, each weighed by its share of the force, goes with
-    /// the needle, by `moved` mm.
+    /// Constrains all tissue that the needle holds, as one: the mean of its displacements, weighted by shares of the force,
+    /// moves with the needle, by `moved` mm.
     pub(super) fn held(&self, next: &At, moved: f64) -> Contact {
         let tip = self.held_tip(next);
         let [friction, _] = self.friction_n(next.depth_mm);
@@ -159,7 +160,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         contact
     }
 
-    /// Shares the force of a held needle between tip and shaft, and lets it slide if that is too much.
+    /// Distributes the force of a held needle between tip and shaft, and lets it slide if the friction is exceeded.
     pub(super) fn share(&self, next: &mut At) {
         let force = self.structure.contact_force();
         let tip = self.held_tip(next);

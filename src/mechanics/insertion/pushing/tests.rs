@@ -1,4 +1,4 @@
-//! A column that is pushed, punctured and cut, by hand.
+//! Hand calculation of a column that is pushed, punctured and cut.
 
 use super::*;
 use crate::mechanics::tissue::material::Material;
@@ -6,7 +6,7 @@ use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use crate::mechanics::tissue::nonlinear::{Options, Sheet, Solver, Stiffening, Supports};
 use crate::mechanics::tissue::viscoelastic::Rule;
 
-/// Two columns of 1 x 20 mm, 2 mm thick, whose nodes move along y alone and together: a bar of E (Poisson's ratio 0). The
+/// Two columns of 1 x 20 mm, 2 mm thick, whose nodes move along y only and in pairs: a bar of E (Poisson's ratio 0). The
 /// needle goes down between them, from the top at y = 20.
 fn bar() -> (Arc<Sheet>, Supports<2>) {
     let rows = 20u32;
@@ -72,23 +72,24 @@ fn a_needle_pushes_punctures_and_cuts() {
         assert_eq!((pushed.punctured, pushed.phase), (Some(layer), Phase::Pushing(layer)));
         let bears = LAYERS[layer].membrane_n;
         assert!(pushed.tip_n > bears && trace[at - 1].1.tip_n <= bears);
-        // Then the tip has the force of cutting only.
+        // After the puncture only the cutting force acts on the tip.
         assert!((trace[at + 1].1.tip_n - 0.002).abs() < 1e-15);
         assert!(trace[at + 1].1.force_n < pushed.force_n);
     }
-    // Until the first, the tip stays where it is in the tissue and the force rises with its way.
+    // Up to the first puncture, the tip stays in place in the tissue and the force rises with its travel.
     for pair in trace[..punctures[0]].windows(2) {
         assert!(pair[1].1.force_n > pair[0].1.force_n && pair[1].1.depth_mm == 0.0);
     }
-    // Everywhere the shaft drags what it passed by.
+    // Everywhere the shaft drags the tissue that it has passed.
     for (_, pushed) in &trace {
         assert!(
             (pushed.force_n - pushed.tip_n - 0.0005 * pushed.depth_mm).abs() < 1e-12,
             "{pushed:?}"
         );
     }
-    // While it cuts, tissue at the tip is at the tip: a bar of 2 x 2 mm and 10 kPa, the tip at s, gives way by the force of cutting
-    // times (20 - s) / EA, and friction q from 0 to s by q times (20 - s) s / EA. The mesh is not uniform across: within 5 %.
+    // While it cuts, tissue at the tip is at the tip: a bar of 2 x 2 mm and 10 kPa, the tip at s, yields to the cutting
+    // force by (20 - s) / EA times it, and to friction q from 0 to s by q times (20 - s) s / EA. The mesh is not uniform
+    // across: within 5 %.
     let (travel, cut) = trace[punctures[1] - 1];
     assert!(matches!(cut.phase, Phase::Pushing(1)));
     let (travel, cut) = trace
@@ -105,7 +106,7 @@ fn a_needle_pushes_punctures_and_cuts() {
     );
 }
 
-/// A viscous body gives way the more the slower it is pushed: at a lower force for the same way.
+/// A viscous body yields more the slower it is pushed: the same travel takes a lower force.
 #[test]
 fn a_slow_needle_meets_less_force() {
     let at_speed = |mm_per_s: f64| {
@@ -124,7 +125,7 @@ fn a_slow_needle_meets_less_force() {
             .unwrap()
     };
     let [fast, slow] = [5.0, 0.5].map(at_speed);
-    // A ramp is held by t^(1-k) at a rate: force goes with the speed to the power k.
+    // A ramp is resisted by t^(1-k) per unit rate: the force scales with the speed to the power k.
     assert!((fast / slow - 10f64.powf(0.1)).abs() < 1e-3, "{fast} {slow}");
 }
 

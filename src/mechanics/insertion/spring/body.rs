@@ -1,45 +1,45 @@
-//! The state of an insertion beside the springs.
+//! State of a mass-spring insertion apart from the springs.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::bone::Hold;
 use crate::mechanics::needle::{CentreLine, Entry};
 
-/// What the last node of the stack is.
+/// State of the last node of the stack.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum TipNode {
-    /// It is held at the tip.
+    /// The node is held at the tip.
     Held,
-    /// It has been penetrated: the next one is sought.
+    /// The node has been penetrated: the next one is sought.
     Penetrated,
-    /// The needle has been drawn back, or there is none: the tip is empty.
+    /// The tip holds no node: the needle has been withdrawn, or is outside.
     #[default]
     Empty,
 }
 
-/// Everything that changes from step to step but the springs, the stack and the last outcome.
+/// Everything that changes from step to step except the springs, the stack and the last outcome.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Body {
     pub step: u64,
     pub time_s: f64,
-    /// Where the hand had the needle's base; none before the first step.
+    /// Pose of the needle's base given by the hand; `None` before the first step.
     pub base: Option<Isometry3<f64>>,
     pub line: CentreLine,
-    /// Set while the needle is in the body.
+    /// Point of entry while the needle is in the body.
     pub entry: Option<Entry>,
     pub tip_node: TipNode,
-    /// A surface has been met that is not yet broken.
+    /// Whether a surface has been met that is not yet broken.
     pub breaking: bool,
-    /// The region that the tip is in.
+    /// Region of the tip.
     pub region: Option<i32>,
-    /// Place of the last crossing of a border, in the reference state, mm.
+    /// Position of the last crossing of a boundary, in the reference state, mm.
     pub crossed: Vector3<f64>,
-    /// The element that the tip was last found in.
+    /// Element in which the tip was last found.
     pub element: u32,
-    /// It has been told that the tip cannot be made a node here.
+    /// Whether the event that no node can be moved to the tip has been reported here.
     pub refused: bool,
     pub hold: Option<Hold>,
-    /// Whether anything may move: tissue that has come to rest costs nothing.
+    /// Whether anything may move: tissue at rest costs nothing.
     pub awake: bool,
     pub seeds: Vec<Point3<f64>>,
 }

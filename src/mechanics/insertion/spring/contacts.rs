@@ -1,17 +1,18 @@
-//! The stack of shaft nodes: they stay on the needle and slide along it against friction.
+//! Stack of shaft nodes, which stay on the needle and slide along it against friction.
 //!
-//! In a step of h a node moves as if the needle were not there; what brings it back to the needle is the force between them.
-//! Across the shaft all of it is taken back. Along the shaft no more than friction allows: a force F moves a node of mass m by
-//! about F h^2 / m in that step, so that a node which friction can keep where it is on the shaft sticks, and any other is moved
-//! back by what friction can. This is Coulomb's law at the end of the step, within its bound by construction and never a
-//! source of energy, however long the step.
+//! In a step of h a node moves as if the needle were not there; the force between them brings it back to the needle. Across
+//! the shaft its miss is removed entirely. Along the shaft the force is limited by friction: a force F moves a node of mass
+//! m by about F h^2 / m in that step, so that a node which friction can keep in place on the shaft sticks, and any other is
+//! moved back by as much as friction can. This is Coulomb's law at the end of the step, within its bound by construction and
+//! never a source of energy, however long the step.
 //!
-//! A needle is bent by what is across it: what a force along the shaft does once the shaft is bent (a column under load) is left
-//! out, since a long needle that hardly anything held aside would give way to less than it takes to push it in.
+//! Only forces across the needle bend it: the effect of an axial force on a bent shaft (a column under load) is omitted,
+//! since a long needle with hardly any lateral support would buckle under less than it takes to push it in.
 //!
-//! Across a needle that bends, the forces f on it and the deflections that they cause fit at the end of the step: with r by
-//! how much the nodes would miss the shaft under the forces of before, C the needle's flexibility and D the diagonal of
-//! h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as the other way round.
+//! For a flexible needle, the lateral forces f on it and the deflections that they cause are consistent at the end of the
+//! step: with r the distances by which the nodes would miss the shaft under the previous forces, C the needle's flexibility
+//! and D the diagonal of h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as the other way
+//! round.
 
 use faer::Mat;
 use nalgebra::{Unit, Vector3};
@@ -21,34 +22,34 @@ use crate::mechanics::insertion::Interaction;
 use crate::mechanics::ldl::Ldl;
 use crate::mechanics::needle::{CentreLine, Load, Needle, Row, across};
 
-/// Arcs that differ by less are one, mm.
+/// Difference below which two arcs are equal, mm.
 pub(super) const SAME_ARC_MM: f64 = 1e-9;
 
 /// A node on the shaft.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Contact {
     pub node: u32,
-    /// Where on the shaft, mm from its base.
+    /// Arc length from the base, mm.
     pub arc: f64,
-    /// Whether it stays there.
+    /// Whether the node sticks to the shaft.
     pub stuck: bool,
-    /// The region that it lies in.
+    /// Region of the node.
     pub region: Option<i32>,
-    /// Where another region begins on the shaft before the next contact, mm from this one, and which.
+    /// Distance (mm) to the start of another region on the shaft before the next contact, and that region.
     pub beyond: Option<(f64, Option<i32>)>,
-    /// What it does to the needle, N.
+    /// Force on the needle, N.
     pub force: Vector3<f64>,
-    /// What of that is across the shaft.
+    /// Component of `force` across the shaft, N.
     pub side: Vector3<f64>,
 }
 
-/// How the needle moves, and what it may do to the last node.
+/// Motion of the needle, and limits of its force on the last node.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Travel {
     pub advancing: bool,
-    /// Whether the tip holds no node: those that slide that far come off.
+    /// Whether the tip holds no node, so that nodes sliding to it come off.
     pub open: bool,
-    /// If the last node is the tip node: the force with which the tip can push it ahead, N.
+    /// If the last node is the tip node: the maximum force with which the tip can push it, N.
     pub push: Option<f64>,
 }
 
@@ -81,7 +82,7 @@ impl Contacts {
         }
     }
 
-    /// Keeps where the nodes are before the tissue moves.
+    /// Records the positions of the nodes before the tissue moves.
     pub fn remember(&mut self, network: &Network) {
         self.before.clear();
         let displacements = self
@@ -91,7 +92,7 @@ impl Contacts {
         self.before.extend(displacements);
     }
 
-    /// Writes what bends the needle.
+    /// Writes the loads that bend the needle.
     pub fn loads(&self, into: &mut Vec<Load>) {
         into.clear();
         into.extend(self.stack.iter().map(|contact| Load {
@@ -100,7 +101,8 @@ impl Contacts {
         }));
     }
 
-    /// Sliding and holding force of one contact, N: of the shaft from its node to the next, each length by its own region.
+    /// Returns sliding and holding force of one contact, N: of the shaft from its node to the next, each length by its own
+    /// region.
     fn friction(
         &self,
         place: usize,
@@ -127,8 +129,8 @@ impl Contacts {
         forces
     }
 
-    /// Brings the nodes back to the shaft, which lies as `line` says under the forces of before. Returns whether the node of
-    /// the tip has slipped back from it.
+    /// Brings the nodes back to the shaft, which lies on `line` under the previous forces. Returns whether the tip node has
+    /// slipped back from the tip.
     pub fn solve(
         &mut self,
         network: &mut Network,
@@ -160,7 +162,7 @@ impl Contacts {
                 false => along - along.signum() * (if along < 0.0 { sliding + push } else { sliding }) * reach,
             };
             if along * slip < 0.0 {
-                // Static friction is more than the sliding friction that would turn it back.
+                // Static friction exceeds the sliding friction that would turn it back.
                 slip = 0.0;
             }
             if !travel.open {
@@ -171,7 +173,7 @@ impl Contacts {
             contact.stuck = slip == 0.0;
             contact.arc += slip;
             self.tangents.push(on_shaft.tangent);
-            // What is left is taken back.
+            // The rest is corrected.
             self.misses.push(miss - on_shaft.tangent.into_inner() * slip);
         }
         if needle.is_flexible() && !self.stack.is_empty() {
@@ -189,7 +191,7 @@ impl Contacts {
         cut
     }
 
-    /// Lets the needle bend: takes from the misses what it comes towards the nodes.
+    /// Lets the needle bend: subtracts its motion towards the nodes from their misses.
     fn bend(&mut self, network: &Network, h: f64, line: &CentreLine, needle: &mut dyn Needle) {
         self.rows.clear();
         for (contact, tangent) in self.stack.iter().zip(&self.tangents) {

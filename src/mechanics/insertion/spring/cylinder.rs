@@ -1,16 +1,16 @@
-//! The cylinder of tetrahedra around the path.
+//! Cylinder of tetrahedra around the path of the needle.
 
 use super::parameters::{InvalidParameters, LEAST_DIHEDRAL_DEG, Parameters};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::quality::Quality;
 
-/// The mesh in its own frame: origin where the needle enters, z along the path. Node 0 is the origin.
+/// Mesh in its own frame: origin at the entry of the needle, z along the path. Node 0 is the origin.
 #[derive(Clone, Debug)]
 pub(super) struct Cylinder {
     pub mesh: TetMesh,
-    /// Nodes of the side and of the far end.
+    /// Whether each node is fixed: those of the side and of the far end.
     pub fixed: Vec<bool>,
-    /// The nodes before this one lie in the skin.
+    /// Number of nodes in the skin, which come first.
     pub skin_nodes: usize,
     pub least_dihedral_deg: f64,
 }
@@ -33,7 +33,7 @@ impl Cylinder {
         let mut elements = Vec::with_capacity(3 * triangles.len() * parameters.layers);
         for layer in 0..parameters.layers {
             for triangle in &triangles {
-                // Each side of a prism is cut from the lower corner of the lower number: so does its neighbour.
+                // Each side of a prism is cut from the lower corner with the lower number, as in its neighbour.
                 let mut bottom = triangle.map(|corner| (layer * disc + corner) as u32);
                 bottom.sort_unstable();
                 let [a, b, c] = bottom;
@@ -62,7 +62,7 @@ impl Cylinder {
     }
 }
 
-/// Ring and angle of each node of a layer.
+/// Returns ring and angle of each node of a layer.
 fn polar(rings: usize, sectors: usize) -> impl Iterator<Item = (usize, f64)> {
     let on_ring = move |ring: usize| {
         let count = (sectors * ring).max(1);
@@ -71,7 +71,8 @@ fn polar(rings: usize, sectors: usize) -> impl Iterator<Item = (usize, f64)> {
     (0..=rings).flat_map(on_ring)
 }
 
-/// The triangles of a layer: in each sector, between ring i and i + 1, i + 1 that stand on the outer ring and i on the inner.
+/// Returns the triangles of a layer: in each sector, between ring i and i + 1, i + 1 based on the outer ring and i on the
+/// inner.
 fn triangles(rings: usize, sectors: usize) -> Vec<[usize; 3]> {
     let node = |ring: usize, place: usize| match ring {
         0 => 0,
@@ -89,7 +90,7 @@ fn triangles(rings: usize, sectors: usize) -> Vec<[usize; 3]> {
     triangles
 }
 
-/// The same corners in the order that gives a positive volume.
+/// Returns the same corners in the order that gives a positive volume.
 fn upright(corners: [u32; 4], nodes: &[[f64; 3]]) -> [u32; 4] {
     let [a, b, c, d] = corners.map(|corner| nalgebra::Vector3::from(nodes[corner as usize]));
     match (b - a).dot(&(c - a).cross(&(d - a))) < 0.0 {

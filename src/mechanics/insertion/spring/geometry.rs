@@ -1,4 +1,4 @@
-//! Points in tetrahedra.
+//! Barycentric coordinates in tetrahedra.
 
 use nalgebra::Vector3;
 
@@ -10,14 +10,14 @@ pub(super) struct Simplex {
     gradients: [Vector3<f64>; 3],
 }
 
-/// Signed volume, mm^3.
+/// Returns the signed volume, mm^3.
 pub(super) fn volume(corners: &[Vector3<f64>; 4]) -> f64 {
     let [a, b, c] = [1, 2, 3].map(|corner| corners[corner] - corners[0]);
     a.dot(&b.cross(&c)) / 6.0
 }
 
 impl Simplex {
-    /// None if the corners lie in one plane as far as rounding tells.
+    /// Returns `None` if the corners are coplanar within rounding.
     pub fn new(corners: &[Vector3<f64>; 4]) -> Option<Simplex> {
         let [a, b, c] = [1, 2, 3].map(|corner| corners[corner] - corners[0]);
         let faces = [b.cross(&c), c.cross(&a), a.cross(&b)];
@@ -30,21 +30,21 @@ impl Simplex {
         })
     }
 
-    /// Barycentric coordinates of a point.
+    /// Returns the barycentric coordinates of a point.
     pub fn coordinates(&self, point: &Vector3<f64>) -> [f64; 4] {
         let from = point - self.origin;
         let [b, c, d] = self.gradients.map(|gradient| gradient.dot(&from));
         [1.0 - (b + c + d), b, c, d]
     }
 
-    /// How they change along a direction, 1/mm.
+    /// Returns the derivatives of the coordinates along a direction, 1/mm.
     pub fn rates(&self, direction: &Vector3<f64>) -> [f64; 4] {
         let [b, c, d] = self.gradients.map(|gradient| gradient.dot(direction));
         [-(b + c + d), b, c, d]
     }
 }
 
-/// The least of four coordinates, and whose it is.
+/// Returns the index of the least of four coordinates, and its value.
 pub(super) fn least(coordinates: &[f64; 4]) -> (usize, f64) {
     let mut found = (0, coordinates[0]);
     for (place, coordinate) in coordinates.iter().enumerate().skip(1) {
@@ -55,7 +55,7 @@ pub(super) fn least(coordinates: &[f64; 4]) -> (usize, f64) {
     found
 }
 
-/// What the corners have, mixed by barycentric coordinates.
+/// Interpolates vectors at the corners by barycentric coordinates.
 pub(super) fn mix(coordinates: &[f64; 4], corners: &[Vector3<f64>; 4]) -> Vector3<f64> {
     let mut sum = Vector3::zeros();
     for (coordinate, corner) in coordinates.iter().zip(corners) {

@@ -1,4 +1,4 @@
-//! Snapshots into tissue.
+//! Conversion of mass-spring snapshots into tissue.
 
 use std::sync::Arc;
 
@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 
 use crate::mechanics::insertion::{Field, Imager, Snapshot, Tissue};
 
-/// Elements that never change, and nodes that a snapshot brings whole.
+/// Elements that never change; snapshots contain all nodes.
 pub(super) struct Moved {
     elements: Arc<[[u32; 4]]>,
-    /// Where the nodes are as long as no snapshot says otherwise.
+    /// Node positions before the first snapshot.
     first: Vec<[f64; 3]>,
 }
 

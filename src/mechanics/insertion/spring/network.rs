@@ -1,19 +1,19 @@
 //! Masses and springs on the edges of the cylinder.
 //!
 //! A spring has the stiffness k = sum of E V / L^2 over the tetrahedra that share its edge (A. Van Gelder, "Approximate
-//! simulation of elastic membranes by triangulated spring meshes", J. Graphics Tools 3, 1998, taken to three dimensions). Where
-//! edges point everywhere alike this is an isotropic solid of Young's modulus E and, as in all networks of central forces,
-//! Poisson's ratio 1/4: the energy density under a strain e is E / 2 times the sum over a tetrahedron's six edges t of
-//! (t . e t)^2, whose mean over directions is that of a solid whose Lame parameters are both 0.4 E.
+//! simulation of elastic membranes by triangulated spring meshes", J. Graphics Tools 3, 1998, extended to three dimensions).
+//! Where edge directions are evenly distributed this is an isotropic solid of Young's modulus E and, as in all networks of
+//! central forces, Poisson's ratio 1/4: the energy density under a strain e is E / 2 times the sum over a tetrahedron's six
+//! edges t of (t . e t)^2, whose mean over directions is that of a solid whose Lame parameters are both 0.4 E.
 //!
-//! A spring answers to what its ends are displaced along its direction at rest, as the finite elements of this crate do: the
-//! stiffness changes only where nodes are moved, so that the stable step is known, energy is a quadratic form, and the only
-//! place of equilibrium without a load is the place of rest. A node has a quarter of the mass of each of its elements.
+//! A spring responds to the displacements of its ends along its direction at rest, as the finite elements of this crate do:
+//! the stiffness changes only where nodes are moved, so that the stable step is known, energy is a quadratic form, and the
+//! only equilibrium without a load is the rest position. A node has a quarter of the mass of each of its elements.
 //!
-//! The step is the symplectic Euler one: velocities from the forces of before, places from the velocities of now. With the
-//! mode of highest frequency w, w^2 being bounded by L, and with springs damped by b times their stiffness, it is stable for
-//! L (h^2 / 4 + b h / 2) < 1 (from the roots of its characteristic polynomial); undamped, h < 2 / w. Damping by mass is taken
-//! exactly, as if the force were constant in a step, and changes nothing of that.
+//! The time integration is symplectic Euler: velocities from the previous forces, positions from the new velocities. With
+//! the mode of highest frequency w, w^2 being bounded by L, and with springs damped by b times their stiffness, it is stable
+//! for L (h^2 / 4 + b h / 2) < 1 (from the roots of its characteristic polynomial); undamped, h < 2 / w. Damping by mass is
+//! integrated exactly, as if the force were constant in a step, and does not change that bound.
 
 mod places;
 
@@ -26,11 +26,11 @@ use super::geometry;
 use super::parameters::Parameters;
 use super::topology::Topology;
 
-/// N/mm^2 in a kPa.
+/// N/mm^2 per kPa.
 const MEGAPASCAL: f64 = 1e-3;
-/// Tonnes (N s^2/mm) per mm^3 in a kg/m^3.
+/// Tonnes (N s^2/mm) per mm^3, per kg/m^3.
 const TONNE_PER_MM3: f64 = 1e-12;
-/// How much of the bound on the step is used: it keeps rounding off the edge.
+/// Share of the bound on the step that is used, as a margin for rounding.
 const SAFETY: f64 = 0.95;
 
 /// Masses and springs.
@@ -40,41 +40,41 @@ pub(super) struct Network {
     neighbours: Vec<[u32; 4]>,
     topology: Topology,
     pub fixed: Vec<bool>,
-    /// Nodes of the mesh in its own frame.
+    /// Nodes of the mesh in its own frame, mm.
     own: Vec<Vector3<f64>>,
     /// Young's modulus, N/mm^2.
     young: f64,
     /// Density, N s^2/mm^4.
     density: f64,
-    /// Damping of springs over their stiffness, s.
+    /// Ratio of spring damping to stiffness, s.
     spring_damping: f64,
     /// Rate of damping by mass, 1/s.
     damping: f64,
-    /// Where the nodes rest before any is moved, mm.
+    /// Rest positions before any node is moved, mm.
     pub home: Vec<Vector3<f64>>,
-    /// Where they rest, mm.
+    /// Current rest positions, mm.
     pub reference: Vec<Vector3<f64>>,
-    /// mm.
+    /// Displacements, mm.
     pub displacement: Vec<Vector3<f64>>,
-    /// mm/s.
+    /// Velocities, mm/s.
     pub velocity: Vec<Vector3<f64>>,
-    /// N.
+    /// Forces, N.
     pub force: Vec<Vector3<f64>>,
-    /// Displacement and what damping adds to it, mm.
+    /// Displacement plus the contribution of damping, mm.
     strain: Vec<Vector3<f64>>,
-    /// N s^2/mm.
+    /// Masses, N s^2/mm.
     pub mass: Vec<f64>,
     /// Direction of each edge times the root of its stiffness.
     spring: Vec<Vector3<f64>>,
     /// Bound of each node's rows of M^-1 K, 1/s^2.
     bound: Vec<f64>,
-    /// The longest step that is stable while every node is at home, s. A node that is moved nearer to another becomes as much
-    /// heavier as a step of this length needs (see [`Network::moving_mass`]).
+    /// Longest stable step while every node is at home, s. The mass of a node that is moved nearer to another is increased
+    /// as a step of this length requires (see [`Network::moving_mass`]).
     pub limit_s: f64,
 }
 
 impl Network {
-    /// At rest, in the frame of the cylinder.
+    /// Builds a network at rest, in the frame of the cylinder.
     pub fn new(cylinder: Cylinder, parameters: &Parameters) -> Network {
         let own: Vec<Vector3<f64>> = cylinder.mesh.nodes().iter().map(|&node| node.into()).collect();
         let count = own.len();
@@ -105,7 +105,7 @@ impl Network {
         network
     }
 
-    /// Puts the whole cylinder elsewhere, at rest.
+    /// Moves the entire cylinder to another frame, at rest.
     pub fn place(&mut self, frame: &Isometry3<f64>) {
         for (home, own) in self.home.iter_mut().zip(&self.own) {
             *home = (frame * Point3::from(*own)).coords;
@@ -116,20 +116,21 @@ impl Network {
         self.limit_s = self.stable_step();
     }
 
-    /// Takes displacements and velocities away.
+    /// Clears displacements and velocities.
     pub fn rest(&mut self) {
         self.displacement.fill(Vector3::zeros());
         self.velocity.fill(Vector3::zeros());
     }
 
-    /// Masses, springs and bounds of every node.
+    /// Computes masses, springs and bounds of all nodes.
     pub fn measure_all(&mut self) {
         (0..self.mass.len() as u32).for_each(|node| self.measure_mass(node));
         (0..self.spring.len() as u32).for_each(|edge| self.measure_spring(edge));
         (0..self.mass.len() as u32).for_each(|node| self.measure_bound(node));
     }
 
-    /// The same of all that one node takes part in. What depends on no node that has moved comes out as it was, bit for bit.
+    /// Computes masses, springs and bounds that depend on one node. Values that depend on no moved node are reproduced bit
+    /// for bit.
     fn measure_about(&mut self, node: u32) {
         let around = self.topology.elements_of_node.of(node).len();
         for place in 0..around {
@@ -165,7 +166,7 @@ impl Network {
         self.spring[edge as usize] = along * (stiffness / squared).sqrt();
     }
 
-    /// The sum over a row of the absolute entries, over the node's mass, largest of its three rows (Gershgorin).
+    /// Computes the largest absolute row sum of a node's three rows, over its mass (Gershgorin).
     fn measure_bound(&mut self, node: u32) {
         let mut rows = [Vector3::zeros(); 3];
         let mut others = Vector3::zeros();
@@ -186,7 +187,7 @@ impl Network {
         };
     }
 
-    /// The longest step that is stable with every node's own mass, s.
+    /// Returns the longest step that is stable with every node's own mass, s.
     fn stable_step(&self) -> f64 {
         let bound = self.bound.iter().fold(0.0, |a: f64, &b| a.max(b));
         // The positive root of L (h^2 / 4 + b h / 2) = 1.
@@ -194,7 +195,8 @@ impl Network {
         SAFETY * 4.0 / (b * bound + root * (b * b * bound + 4.0).sqrt())
     }
 
-    /// The mass that a node moves with in a step of h: its own, or what makes the step stable if that is more.
+    /// Returns the mass with which a node moves in a step of h: its own, or the mass that makes the step stable if that is
+    /// larger.
     pub fn moving_mass(&self, node: u32, h: f64) -> f64 {
         let node = node as usize;
         let h = h / SAFETY;
@@ -202,20 +204,20 @@ impl Network {
         self.mass[node] * stability.max(1.0)
     }
 
-    /// What a step of h leaves of a velocity, and of the gain in velocity by a force (1/s of it being lost all along).
+    /// Returns the factors of a step of h on a velocity, and on the gain in velocity by a force, under damping by mass.
     fn decay(&self, h: f64) -> [f64; 2] {
         let lost = self.damping * h;
         let gained = if lost > 0.0 { -(-lost).exp_m1() / lost } else { 1.0 };
         [(-lost).exp(), gained]
     }
 
-    /// How far one newton in a step of h moves a node, mm/N.
+    /// Returns the displacement of a node by one newton in a step of h, mm/N.
     pub fn reach(&self, node: u32, h: f64) -> f64 {
         let [_, gained] = self.decay(h);
         gained * h * h / self.moving_mass(node, h)
     }
 
-    /// Forces of the springs and their damping on the nodes.
+    /// Computes the forces of the springs and their damping on the nodes.
     pub fn find_forces(&mut self) {
         let moving = self.displacement.iter().zip(&self.velocity);
         for (strain, (displacement, velocity)) in self.strain.iter_mut().zip(moving) {
@@ -230,7 +232,7 @@ impl Network {
         }
     }
 
-    /// Moves every node that is not fixed, by the forces found.
+    /// Moves every node that is not fixed by the current forces.
     pub fn advance(&mut self, h: f64) {
         let [left, gained] = self.decay(h);
         for node in 0..self.mass.len() {
@@ -242,7 +244,7 @@ impl Network {
         }
     }
 
-    /// Energy of springs and of motion, N mm.
+    /// Returns the elastic and kinetic energy, N mm.
     pub fn energy(&self) -> f64 {
         let springs = self.spring.iter().zip(&self.topology.edges);
         let elastic = springs.map(|(spring, [a, b])| {

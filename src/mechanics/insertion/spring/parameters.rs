@@ -1,35 +1,36 @@
-//! What the model is built with.
+//! Parameters of the mass-spring model.
 
-/// Numbers of the mass-spring model. The tissue is one material throughout (Zhu et al. 2007, section 2.2).
+/// Parameters of the mass-spring model. The tissue is one material throughout (Zhu et al. 2007, section 2.2).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameters {
     /// Young's modulus, kPa (above 0).
     pub young_kpa: f64,
-    /// kg/m^3 (above 0).
+    /// Density, kg/m^3 (above 0).
     pub density_kg_per_m3: f64,
-    /// Rate at which a node that nothing drives loses its velocity, 1/s (0 or more): damping in proportion to mass.
+    /// Rate at which a free node loses its velocity, 1/s (0 or more): damping in proportion to mass.
     pub damping_per_s: f64,
-    /// Damping of each spring over its stiffness, s (0 or more). It lowers the step that is stable.
+    /// Ratio of a spring's damping to its stiffness, s (0 or more). It reduces the stable step.
     pub spring_damping_s: f64,
     /// Radius of the cylinder of tissue around the path, mm (above 0). Its side is fixed.
     pub radius_mm: f64,
     /// Length of the cylinder below the skin, mm (above 0). Its far end is fixed.
     pub length_mm: f64,
-    /// Rings of nodes around the axis (1 to 64).
+    /// Number of rings of nodes around the axis (1 to 64).
     pub rings: usize,
-    /// Nodes of the first ring (3 to 12); ring i has i times as many, so that six make triangles that are nearly equilateral.
+    /// Number of nodes of the first ring (3 to 12); ring i has i times as many, so that six give nearly equilateral
+    /// triangles.
     pub sectors: usize,
-    /// Layers of elements along the axis (2 to 1000).
+    /// Number of layers of elements along the axis (2 to 1000).
     pub layers: usize,
-    /// The tip node is penetrated when the far face is nearer than this share of its circumference (0.005 to 0.2).
+    /// Share of the far face's circumference below whose distance the tip node is penetrated (0.005 to 0.2).
     pub lambda: f64,
-    /// Parts that a step is cut into at most for the sake of stability (1 to 4096). In a step that would need more, tissue
-    /// lives through less time than passes: it goes slower towards its equilibrium.
+    /// Maximum number of substeps for the sake of stability (1 to 4096). In a step that would need more, less time is
+    /// simulated for the tissue: it approaches its equilibrium more slowly.
     pub most_substeps: usize,
 }
 
 impl Default for Parameters {
-    /// Liver-like tissue (10 kPa), 25 mm around a path of 100 mm, nodes every 5 mm.
+    /// Returns liver-like tissue (10 kPa), 25 mm around a path of 100 mm, nodes every 5 mm.
     fn default() -> Self {
         Parameters {
             young_kpa: 10.0,
@@ -47,20 +48,20 @@ impl Default for Parameters {
     }
 }
 
-/// Why a model cannot be built.
+/// Reason why a model cannot be built.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidParameters {
     /// A number outside its range.
     #[error("`{key}` is {found}; expected {expected}")]
     Number {
-        /// The field.
+        /// Name of the field.
         key: &'static str,
-        /// As given.
+        /// The rejected value.
         found: f64,
-        /// Its range.
+        /// Permitted range.
         expected: &'static str,
     },
-    /// Rings, sectors and layers make elements too thin to calculate on.
+    /// Rings, sectors and layers make elements too thin for computation.
     #[error(
         "the cylinder's least dihedral angle is {found_deg:.2} degrees; expected at least {LEAST_DIHEDRAL_DEG} \
          (make radius / rings and length / layers more alike)"
@@ -69,17 +70,17 @@ pub enum InvalidParameters {
         /// The least angle between two faces of an element, degrees.
         found_deg: f64,
     },
-    /// Rings, sectors and layers make more nodes than the model is meant for.
+    /// Rings, sectors and layers make more nodes than the model supports.
     #[error("the cylinder has {found} nodes; expected at most {MOST_NODES}")]
     Large {
-        /// Nodes.
+        /// Number of nodes.
         found: usize,
     },
 }
 
-/// The least dihedral angle that is accepted, degrees. The default mesh has 35.
+/// Least dihedral angle that is accepted, degrees. The default mesh has 35.
 pub const LEAST_DIHEDRAL_DEG: f64 = 5.0;
-/// The most nodes that a cylinder may have.
+/// Maximum number of nodes of a cylinder.
 pub const MOST_NODES: usize = 200_000;
 
 impl Parameters {
@@ -124,12 +125,12 @@ impl Parameters {
         }
     }
 
-    /// Nodes of one layer.
+    /// Returns the number of nodes of one layer.
     pub(super) fn nodes_of_layer(&self) -> usize {
         1 + self.sectors * self.rings * (self.rings + 1) / 2
     }
 
-    /// Nodes of the cylinder.
+    /// Returns the number of nodes of the cylinder.
     pub fn nodes(&self) -> usize {
         (self.layers + 1) * self.nodes_of_layer()
     }

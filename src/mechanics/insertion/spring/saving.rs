@@ -1,4 +1,4 @@
-//! What of the model is state, and in which order it is written.
+//! State of the mass-spring model in its serialised order.
 
 use nalgebra::Vector3;
 
@@ -214,7 +214,7 @@ fn put_outcome(to: &mut Words, outcome: &Outcome) {
     });
 }
 
-/// The counts of an outcome that this model fills.
+/// Returns the counts of an outcome that this model sets.
 fn counts(outcome: &Outcome) -> [usize; 6] {
     [
         outcome.contacts,

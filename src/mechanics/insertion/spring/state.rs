@@ -1,4 +1,4 @@
-//! Saving and restoring: all numbers by their bits, so that going through text changes nothing.
+//! Lossless encoding of saved states: all numbers by their bits, so that a round trip through text changes nothing.
 
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Document {
-    /// Which model: its parameters and its needle, written out.
+    /// Identity of the model: its parameters and its needle as text.
     pub model: String,
-    /// The state, in the order in which [`Words`] were put.
+    /// State, in the order in which the [`Words`] were written.
     pub words: Vec<u64>,
 }
 
-/// Numbers one after another.
+/// Encoder of numbers, one after another.
 #[derive(Default)]
 pub(super) struct Words(pub Vec<u64>);
 
@@ -56,7 +56,7 @@ impl Words {
     }
 }
 
-/// Reads them back. What does not fit is an error that says what was expected.
+/// Decoder of [`Words`]. What does not fit is an error with the expectation.
 pub(super) struct Reader<'a>(pub &'a [u64]);
 
 impl Reader<'_> {
@@ -66,7 +66,7 @@ impl Reader<'_> {
         Ok(*first)
     }
 
-    /// A number below a limit.
+    /// Reads a number below a limit.
     pub fn below(&mut self, limit: usize, what: &str) -> Result<u32, String> {
         let found = self.whole()?;
         match found < limit as u64 {
@@ -79,7 +79,7 @@ impl Reader<'_> {
         Ok(self.below(2, "a flag")? == 1)
     }
 
-    /// A finite number.
+    /// Reads a finite number.
     pub fn real(&mut self) -> Result<f64, String> {
         let found = f64::from_bits(self.whole()?);
         match found.is_finite() {
@@ -123,7 +123,7 @@ impl Reader<'_> {
         self.optional(|from| Ok(from.below(1 << 32, "a region")? as i32))
     }
 
-    /// Nothing may be left.
+    /// Checks that nothing is left.
     pub fn end(&self) -> Result<(), String> {
         match self.0.len() {
             0 => Ok(()),

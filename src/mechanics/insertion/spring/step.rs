@@ -1,4 +1,4 @@
-//! One part of a step: tissue moves, the needle moves, and they are brought together.
+//! One substep: motion of tissue and needle, and their coupling.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
@@ -9,13 +9,13 @@ use crate::mechanics::insertion::anatomy::interaction;
 use crate::mechanics::insertion::{Event, EventKind};
 use crate::mechanics::needle::ShaftPoint;
 
-/// Travel of the tip that counts as none, mm.
+/// Travel of the tip that counts as rest, mm.
 pub(super) const STILL_MM: f64 = 1e-9;
-/// Tissue without a needle is at rest when it moves by less, mm and mm/s.
+/// Motion below which tissue without a needle is at rest, mm and mm/s.
 const REST: [f64; 2] = [1e-9, 1e-7];
 
 impl MassSpring {
-    /// Moves the needle's base from `hand_before` on to `hand` and the tissue on by `h`.
+    /// Moves the needle's base from `hand_before` to `hand` and the tissue by a time `h`.
     pub(super) fn part(&mut self, hand_before: &Isometry3<f64>, hand: &Isometry3<f64>, h: f64) {
         if self.body.awake {
             self.contacts.remember(&self.network);
@@ -41,10 +41,10 @@ impl MassSpring {
         self.body.line.at(self.body.line.length_mm())
     }
 
-    /// Puts the needle where hand, bone and the forces of before have it. Returns how far it has been pushed along its base.
+    /// Places the needle by hand, bone and the previous forces. Returns its advance along its axis.
     fn place_needle(&mut self, hand_before: &Isometry3<f64>, hand: &Isometry3<f64>) -> f64 {
         let length = self.needle.length_mm();
-        // Bone is not where springs would have carried it.
+        // Bone does not move with the springs.
         let tip = self.tip().point_mm;
         if let Some(hold) = &mut self.body.hold
             && !(hold.bone.holds() && hold.bone.is_ahead(self.anatomy.as_ref(), &tip, &hold.direction))
@@ -100,14 +100,14 @@ impl MassSpring {
         }
     }
 
-    /// The surface before the tip is broken, if there is one.
+    /// Records that the surface in front of the tip is broken, if there is one.
     pub(super) fn broken(&mut self) {
         if std::mem::take(&mut self.body.breaking) {
             self.event(EventKind::Puncture, self.tip().point_mm, self.body.region);
         }
     }
 
-    /// Lets go of the nodes that have come off the needle: it draws back, or the tissue that it dragged along goes back itself.
+    /// Releases the nodes that have come off the needle: it is withdrawn, or the tissue that it dragged along springs back.
     fn let_go(&mut self) {
         if self.body.tip_node != TipNode::Empty {
             return;
@@ -136,7 +136,7 @@ impl MassSpring {
         });
     }
 
-    /// Adds what the needle does to the hand in this part of the step.
+    /// Adds the force on the hand in this substep.
     fn feel(&mut self, hand: &Isometry3<f64>) {
         let about = Point3::from(hand.translation.vector);
         for contact in &self.contacts.stack {

@@ -1,4 +1,4 @@
-//! What the tests move, and into what.
+//! Needles, bodies and motions for the tests.
 
 use faer::Mat;
 use nalgebra::{Isometry3, Point3, Translation3};
@@ -7,7 +7,7 @@ use super::{Anatomy, MassSpring, Parameters};
 use crate::mechanics::insertion::{Instruments, Interaction, Model, Outcome};
 use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
 
-/// A needle that nothing bends.
+/// A rigid needle.
 #[derive(Debug)]
 pub struct Stiff(pub f64);
 
@@ -34,16 +34,16 @@ impl Needle for Stiff {
     }
 }
 
-/// A needle that bends as a clamped beam does, a little: deflections of its straight line, by the closed form.
+/// A needle that bends like a clamped beam, for small deflections, in closed form.
 #[derive(Debug)]
 pub struct Beam {
     pub length_mm: f64,
-    /// N mm^2.
+    /// Bending stiffness, N mm^2.
     pub ei: f64,
 }
 
 impl Beam {
-    /// The deflection at arc `at` under a unit force at arc `of`, mm/N.
+    /// Returns the deflection at arc `at` under a unit force at arc `of`, mm/N.
     fn yielding(&self, at: f64, of: f64) -> f64 {
         let (near, far) = (at.min(of), at.max(of));
         near * near * (3.0 * far - near) / (6.0 * self.ei)
@@ -87,7 +87,7 @@ impl Needle for Beam {
     }
 }
 
-/// A body below z = 0 in layers: region i from `at[i]` (mm) on.
+/// A layered body below z = 0: region i from `at[i]` (mm) on.
 #[derive(Clone, Debug)]
 pub struct Layers {
     pub at: Vec<f64>,
@@ -114,7 +114,7 @@ impl Anatomy for Layers {
     }
 }
 
-/// Soft tissue as insertions meet it.
+/// Returns the interaction of typical soft tissue.
 pub fn soft() -> Interaction {
     Interaction {
         friction_n_per_mm: 0.01,
@@ -123,7 +123,7 @@ pub fn soft() -> Interaction {
     }
 }
 
-/// A coarse cylinder: 20 mm about a path of 100 mm, nodes every 6.7 mm.
+/// Returns a coarse cylinder: 20 mm around a path of 100 mm, nodes every 6.7 mm.
 pub fn coarse() -> Parameters {
     Parameters {
         radius_mm: 20.0,
@@ -133,12 +133,12 @@ pub fn coarse() -> Parameters {
     }
 }
 
-/// A model with a needle of 150 mm.
+/// Returns a model with a needle of 150 mm.
 pub fn model(parameters: Parameters, anatomy: Layers) -> MassSpring {
     MassSpring::new(parameters, Box::new(anatomy), Box::new(Stiff(150.0))).unwrap()
 }
 
-/// The instruments with the tip of a needle of 150 mm along z at a place.
+/// Returns the instruments for a tip position of a needle of 150 mm along z.
 pub fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
     Instruments {
         base: Translation3::new(x, y, z - 150.0).into(),
@@ -148,7 +148,7 @@ pub fn tip_at(x: f64, y: f64, z: f64) -> Instruments {
     }
 }
 
-/// Moves the tip along z from one depth to another at a speed (mm/s) in steps of `dt_s`, telling each outcome.
+/// Moves the tip along z from one depth to another at a speed (mm/s) in steps of `dt_s`, passing each outcome to `tell`.
 pub fn drive(model: &mut MassSpring, [from, to]: [f64; 2], speed: f64, dt_s: f64, mut tell: impl FnMut(&Outcome)) {
     let steps = ((to - from).abs() / (speed * dt_s)).round() as usize;
     for step in 1..=steps {

@@ -1,4 +1,4 @@
-//! What must hold of the model, by what it holds of.
+//! Invariants of the mass-spring model, by topic.
 
 mod bending;
 mod insertion;

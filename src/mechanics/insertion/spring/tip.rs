@@ -1,28 +1,29 @@
-//! When the tip node counts as penetrated (Zhu et al. 2007, section 2.2).
+//! Penetration rule for the tip node (Zhu et al. 2007, section 2.2).
 
 use nalgebra::Vector3;
 
 use super::geometry::{self, Simplex};
 
-/// Rates of coordinates below this share of the largest are rounding: the needle runs along that face.
+/// Share of the largest coordinate rate below which a rate is rounding: the needle runs along that face.
 const PARALLEL: f64 = 1e-9;
 
-/// The face through which the needle would leave an element.
+/// Face through which the needle would leave an element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct FarFace {
-    /// The corner opposite.
+    /// Corner opposite the face.
     pub opposite: usize,
-    /// P_inter: where the needle's direction meets it, mm.
+    /// P_inter: intersection of the needle's direction with the face, mm.
     pub at: Vector3<f64>,
-    /// From the tip to there, mm: negative where the tip is beyond it.
+    /// Distance from the tip to P_inter, mm: negative where the tip is beyond it.
     pub distance: f64,
-    /// mm.
+    /// Circumference of the face, mm.
     pub circumference: f64,
 }
 
 impl FarFace {
-    /// The far face for a tip that goes along `direction` (of unit length). `tip_node` is the corner that is the last node of
-    /// the shaft, if one is: its opposite is the far face. None for a flat element, or if the needle goes away from that face.
+    /// Finds the far face for a tip that moves along `direction` (of unit length). `tip_node` is the corner that is the last
+    /// node of the shaft, if one is: its opposite is the far face. Returns `None` for a flat element, or if the needle moves
+    /// away from that face.
     pub fn of(
         corners: &[Vector3<f64>; 4],
         tip: &Vector3<f64>,
@@ -50,12 +51,12 @@ impl FarFace {
         })
     }
 
-    /// Whether the tip is as near to it as `lambda` circumferences.
+    /// Returns whether the tip is within `lambda` circumferences of the face.
     pub fn is_met(&self, lambda: f64) -> bool {
         self.distance <= lambda * self.circumference
     }
 
-    /// Its corners, nearest to P_inter first; of equally near ones the first in the element.
+    /// Returns the corners of the face, nearest to P_inter first; ties in element order.
     pub fn nearest_first(&self, corners: &[Vector3<f64>; 4]) -> [usize; 3] {
         let mut places = face(self.opposite);
         places.sort_by(|&a, &b| {
@@ -66,7 +67,7 @@ impl FarFace {
     }
 }
 
-/// The corners of the face opposite a corner.
+/// Returns the corners of the face opposite a corner.
 fn face(opposite: usize) -> [usize; 3] {
     [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]][opposite]
 }

@@ -1,6 +1,6 @@
-//! Who is whose neighbour in a mesh of tetrahedra whose elements never change.
+//! Adjacency of edges, nodes and elements in a mesh of tetrahedra whose elements never change.
 
-/// Lists of different lengths in one piece of memory.
+/// Lists of different lengths in one allocation.
 #[derive(Clone, Debug)]
 pub(super) struct Lists {
     starts: Vec<u32>,
@@ -32,10 +32,10 @@ impl Lists {
     }
 }
 
-/// The corners of an element's six edges.
+/// Corners of an element's six edges.
 const EDGES: [[usize; 2]; 6] = [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]];
 
-/// Edges, and who touches what.
+/// Edges, and the adjacency of nodes, edges and elements.
 #[derive(Clone, Debug)]
 pub(super) struct Topology {
     /// Ends of each edge, lower number first, in ascending order.

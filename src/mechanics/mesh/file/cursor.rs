@@ -1,8 +1,8 @@
-//! A place in a file of words and lines.
+//! Cursor in a file of words and lines.
 
 use super::error::{Fault, quote};
 
-/// Reads words and lines, each with its byte offset.
+/// Reader of words and lines, each with its byte offset.
 pub(super) struct Cursor<'a> {
     pub bytes: &'a [u8],
     pub at: usize,
@@ -13,12 +13,12 @@ impl<'a> Cursor<'a> {
         Cursor { bytes, at: 0 }
     }
 
-    /// What has not been read.
+    /// Returns the unread bytes.
     pub fn rest(&self) -> &'a [u8] {
         &self.bytes[self.at..]
     }
 
-    /// What is left of the line, without its end.
+    /// Reads the rest of the line, without its end.
     pub fn line(&mut self) -> &'a [u8] {
         let rest = self.rest();
         let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
@@ -26,7 +26,7 @@ impl<'a> Cursor<'a> {
         &rest[..end]
     }
 
-    /// The next word and its offset, without passing it; empty at the end.
+    /// Returns the next word and its offset without consuming it; empty at the end.
     pub fn peek(&self) -> (usize, &'a [u8]) {
         let rest = self.rest();
         let start = rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(rest.len());
@@ -37,14 +37,14 @@ impl<'a> Cursor<'a> {
         (self.at + start, &rest[start..end])
     }
 
-    /// The next word and its offset; empty at the end.
+    /// Reads the next word and its offset; empty at the end.
     pub fn word(&mut self) -> (usize, &'a [u8]) {
         let (at, word) = self.peek();
         self.at = at + word.len();
         (at, word)
     }
 
-    /// The next word as a number; `expected` says of what.
+    /// Reads the next word as a number; `expected` describes it.
     pub fn number<T: std::str::FromStr>(&mut self, expected: impl FnOnce() -> String) -> Result<T, Fault> {
         let (at, word) = self.word();
         let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
@@ -55,7 +55,7 @@ impl<'a> Cursor<'a> {
         self.number(|| "a count".to_owned())
     }
 
-    /// The next `count` bytes.
+    /// Reads the next `count` bytes.
     pub fn take(&mut self, count: usize) -> Option<&'a [u8]> {
         let taken = self.rest().get(..count)?;
         self.at += count;

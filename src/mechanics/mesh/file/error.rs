@@ -1,4 +1,4 @@
-//! What can be wrong with a mesh file, and where in it.
+//! Errors of mesh files, with their position.
 
 use std::path::{Path, PathBuf};
 
@@ -7,7 +7,7 @@ use crate::memory::TooLarge;
 use crate::output::atomic::WriteError;
 use crate::{read, text};
 
-/// Why a mesh file cannot be read or written.
+/// Reason why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum MeshFileError {
     /// The file cannot be opened or read.
@@ -15,13 +15,13 @@ pub enum MeshFileError {
     Read {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// The file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
-    /// The contents break the format.
+    /// The contents violate the format.
     #[error("{}: line {line} (byte {offset}): found {found}; expected {expected}", path.display())]
     Syntax {
         /// The file.
@@ -30,53 +30,54 @@ pub enum MeshFileError {
         line: usize,
         /// Byte offset, from 0.
         offset: usize,
-        /// What stands there.
+        /// Contents at that position.
         found: String,
-        /// What should stand there.
+        /// Expected contents.
         expected: String,
     },
-    /// The file is well formed, but what it describes is not a tetrahedral mesh.
+    /// The file is well formed, but does not describe a tetrahedral mesh.
     #[error("{}: {found}; expected {expected}", path.display())]
     Content {
         /// The file.
         path: PathBuf,
-        /// What it holds.
+        /// Contents of the file.
         found: String,
-        /// What is needed.
+        /// Required contents.
         expected: String,
     },
-    /// The cells do not make a valid mesh.
+    /// The cells do not form a valid mesh.
     #[error("{}: {source}", path.display())]
     Mesh {
         /// The file.
         path: PathBuf,
-        /// What is wrong with them.
+        /// The fault of the mesh.
         source: InvalidMesh,
     },
-    /// An array cannot be written beside the mesh.
+    /// An array cannot be written with the mesh.
     #[error("{}: the array `{name}` cannot be written: {problem}", path.display())]
     Array {
         /// The file.
         path: PathBuf,
-        /// The array.
+        /// Name of the array.
         name: String,
-        /// What is wrong with it.
+        /// Description of the fault.
         problem: String,
     },
-    /// A time series with a time that is none.
+    /// A time in a time series is not finite.
     #[error("{}: `{file}` is given the time {time}; times must be finite", path.display())]
     Time {
-        /// The list.
+        /// File of the time series.
         path: PathBuf,
-        /// The file of that time.
+        /// File of that time.
         file: String,
-        /// Its time.
+        /// The invalid time.
         time: f64,
     },
 }
 
 impl MeshFileError {
-    /// Whether the machine is at fault rather than the input: the output cannot be written, the memory is short, the disk fails.
+    /// Returns whether the machine is at fault rather than the input: the output cannot be written, memory is short, or the
+    /// disk fails.
     pub fn is_machine(&self) -> bool {
         match self {
             MeshFileError::Write(_) => true,
@@ -86,7 +87,7 @@ impl MeshFileError {
     }
 }
 
-/// A fault at a byte offset or in the whole, or more memory wanted than there is.
+/// A fault at a byte offset or in the entire file, or a lack of memory.
 #[derive(Debug, PartialEq)]
 pub(super) enum Fault {
     Contents {
@@ -120,7 +121,7 @@ impl Fault {
         }
     }
 
-    /// The error that tells of it, with the line of the offset.
+    /// Converts the fault into an error with the line of its offset.
     pub fn locate(self, bytes: &[u8], path: &Path) -> MeshFileError {
         let path = path.to_owned();
         match self {
@@ -151,7 +152,7 @@ impl Fault {
     }
 }
 
-/// Bytes as an error message can show them.
+/// Formats bytes for an error message.
 pub(super) fn quote(bytes: &[u8]) -> String {
     const SHOWN: usize = 60;
     match bytes.get(..SHOWN) {

@@ -1,9 +1,9 @@
-//! Tetrahedra in Gmsh files (`.msh`), versions 2.2 and 4.1, ASCII and binary of either byte order.
+//! Reader of Gmsh files (`.msh`), versions 2.2 and 4.1, ASCII and binary of either byte order.
 //!
 //! Formats as in the "MSH file format" chapters of the Gmsh reference manual (C. Geuzaine, J.-F. Remacle). Nodes are
-//! numbered in the order of their tags, elements as they stand in the file. Vertices, lines and surfaces are counted and left
-//! out; sections other than `$PhysicalNames`, `$Entities`, `$PartitionedEntities`, `$Nodes` and `$Elements` are skipped.
-//! Written here because the crate `mshio` reads neither version 2.2 nor the names of physical groups.
+//! numbered in the order of their tags, elements in file order. Vertices, lines and surfaces are counted and ignored;
+//! sections other than `$PhysicalNames`, `$Entities`, `$PartitionedEntities`, `$Nodes` and `$Elements` are skipped. Written
+//! here because the crate `mshio` reads neither version 2.2 nor the names of physical groups.
 //!
 //! The region of an element is the first physical group of its volume, whose name is kept, or the volume's own number where
 //! it is in none.
@@ -23,7 +23,7 @@ use elements::{Elements, Regions};
 use nodes::Nodes;
 use reader::Reader;
 
-/// What the file has told so far.
+/// Contents read so far.
 #[derive(Default)]
 struct Contents {
     names: Option<names::Names>,
@@ -38,7 +38,7 @@ enum Version {
     V4,
 }
 
-/// The tetrahedra of a Gmsh file; none where the contents are no Gmsh file.
+/// Returns the tetrahedra of a Gmsh file, or `None` where the contents are not a Gmsh file.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
     let is_section = bytes.trim_ascii_start().first() == Some(&b'$');
     is_section.then(|| {
@@ -94,7 +94,7 @@ fn sections(bytes: &[u8], regions: Regions) -> Result<Contents, Fault> {
     }
 }
 
-/// Reads a section after its name, which stands at `at`; false where it is one to skip.
+/// Reads a section after its name, which starts at `at`; returns false if it is to be skipped.
 fn section(
     name: &[u8],
     at: usize,
@@ -146,7 +146,7 @@ fn section(
 
 const VERSIONS: &str = "version 2.2 or 4.1 (save again with `gmsh old.msh -save -format msh41 -o new.msh`)";
 
-/// Version, file type and data size; sets the reader up.
+/// Reads version, file type and data size, and sets up the reader.
 fn header(reader: &mut Reader) -> Result<Version, Fault> {
     let (at, word) = reader.cursor.word();
     let version = match word {
@@ -185,7 +185,7 @@ fn header(reader: &mut Reader) -> Result<Version, Fault> {
     Ok(version)
 }
 
-/// Passes over a section, whatever it holds.
+/// Skips a section of any contents.
 fn skip(cursor: &mut Cursor, at: usize, word: &[u8]) -> Result<(), Fault> {
     let end = [b"$End", &word[1..]].concat();
     let rest = cursor.rest();

@@ -1,4 +1,4 @@
-//! Unstructured grids in VTK files, legacy (`.vtk`) and XML (`.vtu`).
+//! VTK files of unstructured grids, legacy (`.vtk`) and XML (`.vtu`).
 //!
 //! Formats as in "VTK File Formats" (Kitware, VTK documentation): legacy versions up to 5.1, ASCII and binary; XML with
 //! ascii, base64 and appended (raw or base64) arrays, uncompressed or compressed by zlib.
@@ -14,12 +14,12 @@ use super::cursor::Cursor;
 use super::error::{Fault, MeshFileError, quote};
 use super::{Parts, ReadOptions};
 pub use pvd::write_pvd;
-pub use write::{REGION, Values, write_vtu, write_vtu_with};
+pub use write::{Values, write_vtu, write_vtu_with};
 
-/// What a legacy file begins with.
+/// First bytes of a legacy file.
 const LEGACY: &[u8] = b"# vtk DataFile";
 
-/// The tetrahedra of a VTK file; none where the contents are no VTK file.
+/// Returns the tetrahedra of a VTK file, or `None` where the contents are not a VTK file.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
     let grid = if bytes.starts_with(LEGACY) {
         legacy::parse(bytes)

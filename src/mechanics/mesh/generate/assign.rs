@@ -1,12 +1,12 @@
-//! Which region each element belongs to.
+//! Assignment of elements to regions.
 //!
-//! The energy of a labelling is the volume of tissue that it gets wrong, plus a price on faces between unlike elements (a
-//! Potts term: no lone elements), plus the squared errors of the volumes of the regions. It is lowered element by
-//! element, in a fixed order, until nothing changes (J. Besag, "On the statistical analysis of dirty pictures", Journal of
-//! the Royal Statistical Society B 48, 1986); the weight of the volumes then rises until they are met. Where several
-//! elements could make up for a volume, the early stages take those that are cheapest.
+//! The energy of a labelling is the volume of mislabelled tissue, plus a price on faces between unlike elements (a Potts
+//! term: no isolated elements), plus the squared errors of the volumes of the regions. It is lowered element by element, in
+//! a fixed order, until nothing changes (J. Besag, "On the statistical analysis of dirty pictures", Journal of the Royal
+//! Statistical Society B 48, 1986); the weight of the volumes then rises until they are met. Where several elements could
+//! correct a volume, the early stages take those that are cheapest.
 //!
-//! An element never comes or goes where that would leave parts of the mesh that touch in a corner or an edge only.
+//! An element is never added or removed where that would leave parts of the mesh that touch in a corner or an edge only.
 
 use rayon::prelude::*;
 
@@ -14,31 +14,31 @@ use super::draft::Draft;
 use super::shape::sharpest_cosine;
 use super::tissue::{OUTSIDE, Tissue};
 
-/// Price of a face between unlike elements, in cubes of the square root of its area: a lone regular element costs about
+/// Price of a face between unlike elements, in cubes of the square root of its area: an isolated regular element costs about
 /// a third of its volume.
 const FACE_PRICE: f64 = 0.03;
-/// How much worse it is to mistake tissue for the outside, or the outside for tissue, than one tissue for another: the
-/// surface of the body must not grow teeth for the sake of a skin thinner than the elements.
+/// Weight of mistaking tissue for the outside, or the outside for tissue, relative to one tissue for another: the surface of
+/// the body must not become jagged for the sake of a skin thinner than the elements.
 const SURFACE: f64 = 3.0;
-/// The most that the volumes of regions may bid for an element at the surface, per volume, in the stages that most meshes
-/// need; see [`Stage`].
+/// Maximum bid of the volumes of regions for an element at the surface, per volume, in the stages that most meshes need; see
+/// [`Stage`].
 const SURFACE_BID: f64 = 0.5;
-/// Stages of [`prefer`].
+/// Number of stages of [`prefer`].
 const EARLY_STAGES: u32 = 3;
-/// Stages of [`settle`].
+/// Number of stages of [`settle`].
 const STAGES: u32 = 14;
-/// Stages after which the bids at the surface double too.
+/// Number of stages after which the bids at the surface double too.
 const MODEST_STAGES: u32 = 9;
-/// Most sweeps of a stage; each lowers the energy, and few are needed.
+/// Maximum number of sweeps of a stage; each lowers the energy, and few are needed.
 const SWEEPS: usize = 20;
-/// Relative error to which volumes are brought.
+/// Target relative error of the volumes.
 const TOLERANCE: f64 = 0.01;
-/// Regions of fewer mean elements than this need not be within the tolerance.
+/// Size of a region in mean elements below which it need not be within the tolerance.
 const FEWEST_ELEMENTS: f64 = 20.0;
-/// Least dihedral angle of elements outside, degrees: they must not invert, since they may come in later.
+/// Least dihedral angle of elements outside, degrees: they must not invert, since they may be added later.
 const OUTSIDE_DEG: f64 = 2.0;
 
-/// How sharp elements may become when nodes move.
+/// Limits on the dihedral angles of elements when nodes move.
 pub(super) struct Limits {
     kept: f64,
     outside: f64,
@@ -52,31 +52,31 @@ impl Limits {
         }
     }
 
-    /// The largest cosine of a dihedral angle.
+    /// Returns the largest permitted cosine of a dihedral angle.
     pub fn of(&self, class: u8) -> f64 {
         if class == OUTSIDE { self.outside } else { self.kept }
     }
 }
 
-/// What a sweep goes by.
+/// Parameters of a sweep.
 struct Stage<'a> {
     tissue: &'a Tissue<'a>,
     /// Weight of the squared volume errors. At 1 an error of 1 % bids 2 % of an element's volume for it.
     weight: f64,
-    /// The most that they bid at the surface.
+    /// Maximum bid of the volume errors at the surface.
     surface_bid: f64,
     /// Price of each face, mm^3.
     prices: &'a [[f64; 4]],
-    /// Whether an element is sound enough to be kept.
+    /// Whether each element is sound enough to be kept.
     sound: &'a [bool],
 }
 
-/// Lowers the energy with volumes of little weight.
+/// Lowers the energy with a small weight of the volumes.
 pub(super) fn prefer(draft: &mut Draft, tissue: &Tissue, limits: &Limits) {
     assign(draft, tissue, limits, EARLY_STAGES);
 }
 
-/// Lowers the energy with volumes of rising weight until they are right.
+/// Lowers the energy with a rising weight of the volumes until they are met.
 pub(super) fn settle(draft: &mut Draft, tissue: &Tissue, limits: &Limits) {
     assign(draft, tissue, limits, STAGES);
 }
@@ -112,7 +112,7 @@ fn assign(draft: &mut Draft, tissue: &Tissue, limits: &Limits, stages: u32) {
     }
 }
 
-/// Whether the volumes of all regions that are not small are within the tolerance.
+/// Returns whether the volumes of all regions that are not small are within the tolerance.
 fn are_right(draft: &Draft, tissue: &Tissue, volumes: &[f64]) -> bool {
     let kept = draft.classes.iter().filter(|class| **class != OUTSIDE).count();
     if kept == 0 {
@@ -125,7 +125,8 @@ fn are_right(draft: &Draft, tissue: &Tissue, volumes: &[f64]) -> bool {
         .all(|class| (volumes[class] / tissue.volumes[class] - 1.0).abs() <= TOLERANCE)
 }
 
-/// Gives the outside the elements that hang on others by a corner or an edge only, which would swing freely there.
+/// Assigns to the outside the elements that are attached to others by a corner or an edge only, where they would swing
+/// freely.
 fn drop_pinches(draft: &mut Draft) {
     let mut pending: Vec<u32> = (0..draft.nodes.len() as u32).collect();
     while let Some(node) = pending.pop() {
@@ -178,7 +179,7 @@ fn sweep(draft: &mut Draft, stage: &Stage, volumes: &mut [f64]) -> usize {
 }
 
 impl Stage<'_> {
-    /// The candidate whose energy is lowest, if it is below that of the element's own class.
+    /// Returns the candidate with the lowest energy, if it is below that of the element's own class.
     fn best(&self, draft: &Draft, element: u32, across: &[u8; 4], candidates: &[u8], volumes: &[f64]) -> Option<u8> {
         let at = element as usize;
         let own = draft.classes[at];
@@ -205,7 +206,7 @@ impl Stage<'_> {
             };
             faces + wrong
         };
-        // By how much the squared error of a class rises when its volume changes.
+        // Change of a class's squared error when its volume changes.
         let strain = |class: u8, change: f64| {
             if class == OUTSIDE {
                 return 0.0;
@@ -213,7 +214,7 @@ impl Stage<'_> {
             let (now, wanted) = (volumes[usize::from(class)], self.tissue.volumes[usize::from(class)]);
             self.weight * change * (2.0 * (now - wanted) + change) / wanted
         };
-        // What rounding could make of equal energies is no gain.
+        // Differences within rounding are no gain.
         let mut best = (None, -1e-9 * volume);
         for &class in candidates {
             let mut strained = strain(own, -volume) + strain(class, volume);

@@ -1,4 +1,4 @@
-//! Keeping to the node budget: which lattice to start from, and how far to refine it.
+//! Node budget: the initial lattice, and the extent of its refinement.
 
 use super::assign::{self, Limits};
 use super::bisection::{Bisection, Lattice};
@@ -11,29 +11,29 @@ use super::{GenerateError, GenerateOptions, Generated, MOST_NODES, ROUNDS, finis
 
 /// Nodes of the result for each of the lattice: room for interfaces to be refined twice over while the bulk stays coarse.
 const REFINEMENT: f64 = 12.0;
-/// A cell is at least this share of the others across: tissue thinner than that lies in a wider cell, with space beside it.
+/// Least width of a cell as a share of the others: thinner tissue lies in a wider cell, with space beside it.
 const NARROWEST: f64 = 0.4;
-/// Share of the budget that may go into the lattice so that thin tissue fills its cells.
+/// Share of the budget that may be spent on the lattice so that thin tissue fills its cells.
 const THIN: f64 = 0.6;
-/// Share of the budget that is aimed for first: the last steps move a node here or there across the surface.
+/// Share of the budget that is the first target: the last steps move a few nodes across the surface.
 const FIRST_AIM: f64 = 0.985;
-/// How often the aim is lowered while the result exceeds the budget, and by how much more than the excess.
+/// Number of times that the target is lowered while the result exceeds the budget, and the additional factor on it.
 const AIMS: usize = 8;
 const MARGIN: f64 = 0.99;
-/// A count of nodes that falls short of the aim by less than this share is near enough.
+/// Relative shortfall of the node count from the target that is accepted.
 const SHORTFALL: f64 = 0.01;
-/// Most refinements for one aim.
+/// Maximum number of refinements for one target.
 const TRIES: usize = 12;
-/// The most that refinement aims at, in multiples of the nodes that are wanted: where tissue is thinner than the elements,
-/// fewer of them are kept than refinement counts on.
+/// Maximum target of the refinement, as a multiple of the wanted nodes: where tissue is thinner than the elements, fewer of
+/// them are kept than refinement counts.
 const OVERSHOOT: usize = 3;
 
-/// Most nodes that are tried in search of a budget that works.
+/// Maximum number of nodes tried in search of a budget that works.
 const MOST_TRIED: usize = MOST_NODES / 64;
 /// Work after which that search ends, some seconds.
 pub(super) const MOST_SEARCH: u64 = 100_000_000;
 
-/// Refuses tissue so thin that elements of its thickness could not fill it with as many nodes as are ever tried.
+/// Rejects tissue so thin that elements of its thickness could not fill it with the largest number of nodes tried.
 pub(super) fn check_thickness(tissue: &Tissue) -> Result<(), GenerateError> {
     let cell = (tissue.thickness / NARROWEST).powi(3);
     let volume: f64 = tissue.volumes.iter().sum();
@@ -43,14 +43,14 @@ pub(super) fn check_thickness(tissue: &Tissue) -> Result<(), GenerateError> {
     }
 }
 
-/// The lattice over a box of tissue whose low corner is the origin: cells as near to cubes as fill it exactly, but for a box
-/// far thinner than a cell, which lies in the middle of one layer.
+/// Returns the lattice over a box of tissue whose low corner is the origin: cells as close to cubes as fill it exactly,
+/// except for a box far thinner than a cell, which lies in the middle of one layer.
 fn lattice(extent: [f64; 3], nodes: usize) -> Lattice {
     let points = nodes as f64 / REFINEMENT;
     let cells = |edge: f64| extent.map(|length| (length / edge).round().max(1.0));
     let count = |edge: f64| cells(edge).iter().map(|n| n + 1.0).product::<f64>();
     let longest = extent.iter().fold(0.0f64, |a, b| a.max(*b));
-    // The count falls as the edge grows: halve the interval between too many and the fewest.
+    // The count falls as the edge grows: bisect between too many and the fewest.
     let (mut fine, mut coarse) = (longest / points.max(1.0), longest);
     for _ in 0..40 {
         let middle = 0.5 * (fine + coarse);
@@ -60,7 +60,7 @@ fn lattice(extent: [f64; 3], nodes: usize) -> Lattice {
             coarse = middle;
         }
     }
-    // Thin tissue is worth a finer lattice, since elements cannot be flat.
+    // Thin tissue justifies a finer lattice, since elements cannot be flat.
     let thinnest = extent.iter().fold(f64::INFINITY, |a, b| a.min(*b));
     let fitting = coarse.min(thinnest / NARROWEST);
     let edge = if count(fitting) <= THIN * nodes as f64 {
@@ -84,7 +84,7 @@ fn lattice(extent: [f64; 3], nodes: usize) -> Lattice {
     }
 }
 
-/// A mesh of at most `nodes` nodes; none if there is none of so few or the sampler's work is spent.
+/// Generates a mesh of at most `nodes` nodes, or `None` if none is that small or the sampler's work is spent.
 pub(super) fn within(
     tissue: &Tissue,
     sampler: &Sampler,
@@ -126,7 +126,7 @@ pub(super) fn within(
     Ok(None)
 }
 
-/// A mesh refined until `aim` nodes belong to tissue, its elements assigned; none if that many show none.
+/// Refines a mesh until `aim` nodes belong to tissue, and assigns its elements; `None` if no element is kept.
 fn refined(
     tissue: &Tissue,
     sampler: &Sampler,
@@ -167,7 +167,7 @@ fn refined(
         let mut draft = Draft::new(&refinement.mesh, tissue, sampler)?;
         assign::prefer(&mut draft, tissue, limits);
         if 2 * draft.kept_nodes() < aim {
-            // Tissue thinner than the elements: only its volume brings it in.
+            // Tissue thinner than the elements: only its volume includes it.
             assign::settle(&mut draft, tissue, limits);
         }
         let kept = draft.kept_nodes();
@@ -193,7 +193,8 @@ fn refined(
     Ok(best.filter(|draft| draft.kept_nodes() > 0))
 }
 
-/// Why `nodes` are too few, with the least that works: found by doubling, then halving the interval while work is left.
+/// Returns the error for too few `nodes`, with the least number that works: found by doubling, then bisection while work is
+/// left.
 pub(super) fn shortage(
     tissue: &Tissue,
     sampler: &Sampler,

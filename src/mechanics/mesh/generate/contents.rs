@@ -1,20 +1,20 @@
-//! What an element holds: the tissue at a regular lattice of points inside it.
+//! Contents of an element: the tissue at a regular lattice of points inside it.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use super::shape::six_volumes;
 use super::tissue::{OUTSIDE, Tissue};
 
-/// Fewest points of an element: order 2, 10 points.
+/// Order of the smallest lattice: 10 points per element.
 const LEAST_ORDER: usize = 2;
-/// Most points of an element: order 18, 1,330 points.
+/// Order of the largest lattice: 1,330 points per element.
 const MOST_ORDER: usize = 18;
-/// Work on an element beside its points, in points.
+/// Work on an element in addition to its points, in points.
 const WORK: u64 = 100;
-/// Points for each voxel that fits into the element, between these bounds.
+/// Points per voxel volume of the element, between these bounds.
 const DENSITY: f64 = 0.5;
 
-/// The shares of the classes in one element.
+/// Volumes of the classes in one element.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Contents {
     /// Volume of the element, mm^3.
@@ -24,7 +24,7 @@ pub(super) struct Contents {
 }
 
 impl Contents {
-    /// Volume of a class in the element, mm^3.
+    /// Returns the volume of a class in the element, mm^3.
     pub fn of(&self, class: u8) -> f64 {
         self.parts
             .iter()
@@ -32,12 +32,13 @@ impl Contents {
             .map_or(0.0, |part| part.1)
     }
 
-    /// Volume of all tissue in the element, mm^3.
+    /// Returns the volume of all tissue in the element, mm^3.
     pub fn tissue(&self) -> f64 {
         self.volume - self.of(OUTSIDE)
     }
 
-    /// Outside if that is half of the volume or more, else the class with most of it; of several the lowest.
+    /// Returns the outside if that is half of the volume or more, else the class with the largest volume; of ties the
+    /// lowest.
     pub fn majority(&self) -> u8 {
         let mut best = (OUTSIDE, 0.0);
         if 2.0 * self.of(OUTSIDE) < self.volume {
@@ -50,13 +51,13 @@ impl Contents {
         best.0
     }
 
-    /// Volume of what is not the majority, mm^3.
+    /// Returns the volume that is not of the majority class, mm^3.
     pub fn impurity(&self) -> f64 {
         self.volume - self.of(self.majority())
     }
 }
 
-/// The points by order `n`: barycentric coordinates `(a + 1/4) / (n + 1)` for whole `a` that add up to `n`.
+/// Sample points by order `n`: barycentric coordinates `(a + 1/4) / (n + 1)` for whole `a` that add up to `n`.
 pub(super) struct Sampler {
     lattices: Vec<Vec<[f64; 4]>>,
     work: AtomicU64,
@@ -89,17 +90,17 @@ impl Sampler {
         self.most.store(self.work().saturating_add(more), Ordering::Relaxed);
     }
 
-    /// The limit is reached.
+    /// Returns whether the limit is reached.
     pub fn is_spent(&self) -> bool {
         self.work() >= self.most.load(Ordering::Relaxed)
     }
 
-    /// Work so far: points looked at, and [`WORK`] for each element.
+    /// Returns the work so far: the number of points, and [`WORK`] for each element.
     pub fn work(&self) -> u64 {
         self.work.load(Ordering::Relaxed)
     }
 
-    /// The points of an element of this volume (mm^3), in barycentric coordinates.
+    /// Returns the points for an element of this volume (mm^3), in barycentric coordinates.
     pub fn lattice(&self, tissue: &Tissue, volume: f64) -> &[[f64; 4]] {
         let wanted = DENSITY * volume / tissue.voxel_mm3;
         let last = &self.lattices[self.lattices.len() - 1];
@@ -107,7 +108,7 @@ impl Sampler {
         fitting.unwrap_or(last)
     }
 
-    /// What the element with these corners holds.
+    /// Returns the contents of the element with these corners.
     pub fn contents(&self, tissue: &Tissue, corners: &[[f64; 3]; 4]) -> Contents {
         let volume = six_volumes(corners).abs() / 6.0;
         let lattice = self.lattice(tissue, volume);

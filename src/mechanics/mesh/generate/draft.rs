@@ -1,4 +1,4 @@
-//! The mesh while its nodes move and its elements change region.
+//! Draft mesh, whose nodes move and whose elements change region.
 
 use rayon::prelude::*;
 
@@ -8,25 +8,24 @@ use super::shape::{FACES, cross, norm, sharpest_cosine, six_volumes, sub};
 use super::tissue::{OUTSIDE, Tissue};
 use crate::mechanics::mesh::{InvalidMesh, NONE, adjacency};
 
-/// Elements that fill a lattice around the tissue, those outside among them.
+/// Elements that fill a lattice around the tissue, including those outside.
 pub(super) struct Draft {
     pub nodes: Vec<[f64; 3]>,
-    /// Axes along which a node must not move: it lies on a face of the lattice.
+    /// Axes along which a node is fixed, because it lies on a face of the lattice.
     pub held: Vec<[bool; 3]>,
     /// Corners; all elements have positive volume.
     pub elements: Vec<[u32; 4]>,
     pub neighbours: Vec<[u32; 4]>,
-    /// Class of each element.
     pub classes: Vec<u8>,
     pub contents: Vec<Contents>,
-    /// Cosine of the smallest dihedral angle that refinement left.
+    /// Cosine of the smallest dihedral angle after refinement.
     pub sharpest_refined: f64,
     star_starts: Vec<u32>,
     star_elements: Vec<u32>,
 }
 
 impl Draft {
-    /// The mesh of a bisection, each element of the class that most of it is.
+    /// Builds a draft from a bisection, with each element in its majority class.
     pub fn new(mesh: &Bisection, tissue: &Tissue, sampler: &Sampler) -> Result<Self, InvalidMesh> {
         let mut elements = mesh.elements.clone();
         for corners in &mut elements {
@@ -53,7 +52,7 @@ impl Draft {
             star_starts,
             star_elements,
         };
-        // Bisection leaves shapes that differ by rounding: a margin keeps them all sound.
+        // Bisection produces shapes that differ by rounding: a margin keeps them all sound.
         let sharpest = (0..draft.elements.len() as u32)
             .into_par_iter()
             .map(|e| sharpest_cosine(&draft.corners(e)));
@@ -63,7 +62,7 @@ impl Draft {
         Ok(draft)
     }
 
-    /// Looks again at what the elements hold.
+    /// Samples the contents of the elements again.
     pub fn sample(&mut self, tissue: &Tissue, sampler: &Sampler) {
         let (nodes, elements) = (&self.nodes, &self.elements);
         let contents = elements.par_iter().map(|corners| {
@@ -73,7 +72,7 @@ impl Draft {
         self.contents = contents.collect();
     }
 
-    /// Elements around a node, ascending.
+    /// Returns the elements around a node, ascending.
     pub fn star(&self, node: u32) -> &[u32] {
         let node = node as usize;
         &self.star_elements[self.star_starts[node] as usize..self.star_starts[node + 1] as usize]
@@ -83,7 +82,7 @@ impl Draft {
         self.elements[element as usize].map(|node| self.nodes[node as usize])
     }
 
-    /// The class across a face; beyond the lattice it is the outside.
+    /// Returns the class across a face; beyond the lattice it is the outside.
     pub fn across(&self, element: u32, face: usize) -> u8 {
         match self.neighbours[element as usize][face] {
             NONE => OUTSIDE,
@@ -91,18 +90,18 @@ impl Draft {
         }
     }
 
-    /// Nodes of the face opposite a corner.
+    /// Returns the nodes of the face opposite a corner.
     pub fn face(&self, element: u32, opposite: usize) -> [u32; 3] {
         FACES[opposite].map(|corner| self.elements[element as usize][corner])
     }
 
-    /// Area of the face opposite a corner, mm^2.
+    /// Returns the area of the face opposite a corner, mm^2.
     pub fn area(&self, element: u32, opposite: usize) -> f64 {
         let [a, b, c] = self.face(element, opposite).map(|node| self.nodes[node as usize]);
         0.5 * norm(cross(sub(b, a), sub(c, a)))
     }
 
-    /// The kept elements around a node, in groups that hang together through faces at that node.
+    /// Returns the kept elements around a node, in groups connected through faces at that node.
     pub fn fans(&self, node: u32) -> Vec<Vec<u32>> {
         let star = self.star(node);
         let mut open: Vec<u32> = star
@@ -132,7 +131,7 @@ impl Draft {
         fans
     }
 
-    /// Volumes of the classes, mm^3.
+    /// Returns the volumes of the classes, mm^3.
     pub fn volumes(&self, classes: usize) -> Vec<f64> {
         let mut volumes = vec![0.0; classes];
         for (contents, &class) in self.contents.iter().zip(&self.classes) {
@@ -141,12 +140,12 @@ impl Draft {
         volumes
     }
 
-    /// Elements that are kept.
+    /// Returns the elements that are kept.
     pub fn kept(&self) -> impl Iterator<Item = u32> + '_ {
         (0..self.elements.len() as u32).filter(|element| self.classes[*element as usize] != OUTSIDE)
     }
 
-    /// Nodes of elements that are kept.
+    /// Returns the number of nodes of elements that are kept.
     pub fn kept_nodes(&self) -> usize {
         let mut used = vec![false; self.nodes.len()];
         for element in self.kept() {

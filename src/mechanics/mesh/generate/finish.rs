@@ -1,4 +1,4 @@
-//! The draft without what lies outside, in the world, and its figures.
+//! Final mesh in the world, without the elements outside, and its figures.
 
 use super::contents::Sampler;
 use super::draft::Draft;
@@ -8,7 +8,7 @@ use super::{GenerateError, GenerateReport, Generated, RegionVolume};
 use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::mesh::{NONE, TetMesh};
 
-/// The mesh of the elements that are kept. Nodes are numbered in the order in which elements name them.
+/// Builds the mesh of the elements that are kept. Nodes are numbered in the order of their first element.
 pub(super) fn finish(
     draft: &Draft,
     tissue: &Tissue,

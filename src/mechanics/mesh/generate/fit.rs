@@ -1,9 +1,9 @@
-//! Nodes of interfaces are moved onto the interfaces of the voxels.
+//! Fit of interface nodes to the interfaces of the voxels.
 //!
-//! Through a point near the node on each face between unlike elements a line along the face's normal is searched for the
-//! place that parts the two tissues best. The node goes where all these planes meet in the sense of least squares, held
-//! back towards the middle of its neighbours where they leave it free (the quadratic error function of T. Ju, F. Losasso,
-//! S. Schaefer and J. Warren, "Dual contouring of Hermite data", ACM Transactions on Graphics 21, 2002).
+//! Through a point near the node on each face between unlike elements, a line along the face's normal is searched for the
+//! position that separates the two tissues best. The node moves to the least-squares intersection of all these planes,
+//! pulled towards the mean of its neighbours where they leave it free (the quadratic error function of T. Ju, F. Losasso, S.
+//! Schaefer and J. Warren, "Dual contouring of Hermite data", ACM Transactions on Graphics 21, 2002).
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -13,14 +13,14 @@ use super::shape::{cross, dot, norm, sub};
 use super::smooth::shift;
 use super::tissue::{OUTSIDE, Tissue};
 
-/// Points on either side of the face on a line of search.
+/// Number of points on either side of the face on a search line.
 const STEPS: usize = 16;
-/// Half the length of a line of search, in square roots of the area of the face: about a third of an edge. Longer lines find
+/// Half the length of a search line, in square roots of the area of the face: about a third of an edge. Longer lines find
 /// other interfaces.
 const REACH: f64 = 0.45;
-/// Weight of the middle of the neighbours against that of the planes.
+/// Weight of the mean of the neighbours relative to that of the planes.
 const TETHER: f64 = 0.02;
-/// A direction of search that keeps to the faces of the lattice by less than this has nowhere to go.
+/// Least component of a search direction along the faces of the lattice for a node on them to move.
 const FREE: f64 = 0.1;
 
 /// Moves the nodes of interfaces once, in order.
@@ -32,7 +32,7 @@ pub(super) fn fit(draft: &mut Draft, tissue: &Tissue, limits: &Limits) {
     }
 }
 
-/// Where a node should be; none if it lies on no interface.
+/// Returns the target position of a node, or `None` if it lies on no interface.
 fn wanted(draft: &Draft, tissue: &Tissue, node: u32) -> Option<[f64; 3]> {
     let from = Vector3::from(draft.nodes[node as usize]);
     let held = draft.held[node as usize];
@@ -95,9 +95,9 @@ fn wanted(draft: &Draft, tissue: &Tissue, node: u32) -> Option<[f64; 3]> {
     }))
 }
 
-/// Where along a line through a point the first class gives way to the second (mm from the point): the place with the
-/// fewest points of either on the wrong side, of equals the nearest. Towards the outside all tissue is alike. None where
-/// the line does not meet both.
+/// Finds the position along a line through a point (mm from the point) where the first class gives way to the second: that
+/// with the fewest points of either on the wrong side, of ties the nearest. Towards the outside all tissues are equivalent.
+/// Returns `None` where the line does not meet both.
 fn parting(
     tissue: &Tissue,
     point: &Vector3<f64>,

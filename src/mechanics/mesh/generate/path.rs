@@ -1,4 +1,4 @@
-//! The path along which elements are finer, and the share of the tissue near it that has a wrong region.
+//! Path along which elements are finer, and the share of mislabelled tissue near it.
 
 use nalgebra::Vector3;
 
@@ -7,21 +7,21 @@ use super::draft::Draft;
 use super::tissue::{OUTSIDE, Tissue};
 use super::{GRADING_MM, GenerateOptions, NEAR_MM, PATH_EDGE_MM};
 
-/// Length of the steps in which a segment is looked for tissue, as a share of a voxel's edge.
+/// Step length in the search of a segment for tissue, as a share of a voxel's edge.
 const STEP: f64 = 0.5;
-/// Most such steps of a segment.
+/// Maximum number of search steps of a segment.
 const MOST_STEPS: f64 = 1e5;
 
 /// Straight segments within tissue, in its frame, mm.
 pub(super) struct Path {
     segments: Vec<[Vector3<f64>; 2]>,
     is_graded: bool,
-    /// Longest edge of an element near the path that is fine enough, mm.
+    /// Target length of the longest edge of an element near the path, mm.
     pub edge_mm: f64,
 }
 
 impl Path {
-    /// Each segment from where it first meets tissue to where it last does; each once, whatever its direction.
+    /// Trims each segment to its first and last points in tissue; each once, in either direction.
     pub fn new(options: &GenerateOptions, nodes: usize, tissue: &Tissue) -> Self {
         let mut segments: Vec<[Vector3<f64>; 2]> = Vec::new();
         for ends in options.path {
@@ -41,7 +41,7 @@ impl Path {
                 segments.push(segment);
             }
         }
-        // The diagonal of a cell of an even mesh: along the path it is no coarser.
+        // The diagonal of a cell of a uniform mesh: along the path it is no coarser.
         let even = (tissue.volumes.iter().sum::<f64>() / nodes as f64).cbrt() * 3f64.sqrt();
         Path {
             is_graded: options.along_path && !segments.is_empty(),
@@ -50,28 +50,28 @@ impl Path {
         }
     }
 
-    /// How much longer the edges of an element with these corners may be than on the path: 1 or more; none where no path grades
-    /// the mesh.
+    /// Returns the permitted edge length of an element with these corners relative to that on the path: 1 or more; `None`
+    /// where no path grades the mesh.
     pub fn grade(&self, corners: &[[f64; 3]; 4]) -> Option<f64> {
         let (middle, radius) = ball(corners);
         let away = || (self.distance(&middle) - radius).max(0.0);
         self.is_graded.then(|| 1.0 + away() / GRADING_MM)
     }
 
-    /// Distance of a point of the frame, mm; infinite where the path meets no tissue.
+    /// Returns the distance of a point in the frame from the path, mm; infinite where the path meets no tissue.
     fn distance(&self, point: &Vector3<f64>) -> f64 {
         let to = |[a, b]: &[Vector3<f64>; 2]| {
             let along = b - a;
             let share = (point - a).dot(&along) / along.norm_squared();
-            // Not a number where the segment is a point.
+            // NaN where the segment is a point.
             let share = if share.is_nan() { 0.0 } else { share.clamp(0.0, 1.0) };
             (point - a - share * along).norm()
         };
         self.segments.iter().map(to).fold(f64::INFINITY, f64::min)
     }
 
-    /// Volume within [`NEAR_MM`] that has the wrong region, lies outside the tissue or is missing, as a share of that of the
-    /// tissue there, per cent; none where there is no tissue.
+    /// Returns the volume within [`NEAR_MM`] that has the wrong region, lies outside the tissue or is missing, as a share of
+    /// that of the tissue there, per cent; `None` where there is no tissue.
     pub fn mislabelled_percent(&self, draft: &Draft, tissue: &Tissue, sampler: &Sampler) -> Option<f64> {
         let (mut wrong, mut all) = (0.0, 0.0);
         for element in 0..draft.elements.len() as u32 {
@@ -97,7 +97,7 @@ impl Path {
     }
 }
 
-/// A ball around an element: its centroid and the distance of the farthest corner.
+/// Returns a ball around an element: its centroid and the distance of the farthest corner.
 fn ball(corners: &[[f64; 3]; 4]) -> (Vector3<f64>, f64) {
     let corners = corners.map(Vector3::from);
     let middle = corners.iter().sum::<Vector3<f64>>() / 4.0;

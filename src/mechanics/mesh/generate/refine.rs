@@ -1,4 +1,4 @@
-//! Refinement to a node budget: the element that is least pure is halved, again and again.
+//! Refinement to a node budget: repeated bisection of the element with the largest impurity.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -9,21 +9,21 @@ use super::path::Path;
 use super::shape::{norm, sub};
 use super::tissue::{OUTSIDE, Tissue};
 
-/// Share of the tissue in an element that counts as impure whatever it is: pure elements are halved too once they are some
+/// Share of the tissue in an element that counts as impure in any case: pure elements are bisected too once they are some
 /// thirty times as large as those of interfaces, so the bulk is graded and can bend.
 const BULK: f64 = 0.01;
-/// The same on the path: there pure elements are almost as fine as those of interfaces.
+/// Share of tissue that counts as impure on the path: there pure elements are almost as fine as those of interfaces.
 const PATH_BULK: f64 = 0.3;
-/// Most nodes of all elements for each that is wanted: where tissue is so thin that hardly an element is mostly tissue,
+/// Maximum number of nodes of all elements per wanted node: where tissue is so thin that hardly an element is mostly tissue,
 /// refinement must end for lack of room.
 const SURROUNDINGS: usize = 8;
-/// Nodes beyond these that refinement may always make.
+/// Additional nodes that refinement may always make.
 const LATTICE_ROOM: usize = 64;
 /// Score of an element that is too long, mm^3: above that of any other.
 const OVERLONG: f64 = 1e30;
 
-/// An element in the queue: highest score first, of equals the lowest number. Scores are ordered by their bits, which for
-/// numbers of 0 and more is their order.
+/// Entry of the queue: highest score first, of ties the lowest number. Scores are ordered by their bits, which for
+/// non-negative numbers is their order.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 struct Entry {
     score: u64,
@@ -31,33 +31,33 @@ struct Entry {
     version: u32,
 }
 
-/// Why refinement ended.
+/// Reason why refinement ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum End {
-    /// As many nodes as wanted.
+    /// The wanted number of nodes is reached.
     Target,
-    /// Nothing is left to halve.
+    /// Nothing is left to bisect.
     Pure,
 }
 
 #[derive(Clone, Copy, Default)]
 struct State {
-    /// How often the element has been looked at.
+    /// Number of times that the element has been sampled.
     version: u32,
-    /// Its corners when it last was, if it then was mostly tissue.
+    /// Corners when it was last sampled, if it was then mostly tissue.
     kept: Option<[u32; 4]>,
 }
 
-/// A bisection, what its elements hold, and the elements in the order in which they are to be halved.
+/// A bisection, the contents of its elements, and the queue of elements to be bisected.
 #[derive(Clone)]
 pub(super) struct Refinement<'a> {
     pub mesh: Bisection,
     path: &'a Path,
     states: Vec<State>,
     queue: BinaryHeap<Entry>,
-    /// Elements around each node that are mostly tissue.
+    /// Number of elements around each node that are mostly tissue.
     kept: Vec<u32>,
-    /// Nodes of such elements.
+    /// Number of nodes of elements that are mostly tissue.
     kept_nodes: usize,
     max_edge: f64,
 }
@@ -80,12 +80,12 @@ impl<'a> Refinement<'a> {
         refinement
     }
 
-    /// Nodes of elements that are mostly tissue.
+    /// Returns the number of nodes of elements that are mostly tissue.
     pub fn nodes(&self) -> usize {
         self.kept_nodes
     }
 
-    /// Halves elements until `target` nodes belong to tissue or the sampler's work is spent.
+    /// Bisects elements until `target` nodes belong to tissue or the sampler's work is spent.
     pub fn refine(
         &mut self,
         target: usize,
@@ -116,14 +116,14 @@ impl<'a> Refinement<'a> {
         End::Target
     }
 
-    /// Whether an element is still longer than it should be.
+    /// Returns whether an element is still too long.
     pub fn is_overlong(&self) -> bool {
         self.queue.iter().any(|entry| {
             entry.score >= OVERLONG.to_bits() && entry.version == self.states[entry.before.0 as usize].version
         })
     }
 
-    /// Takes an element into the queue and the count, with the corners it has now.
+    /// Adds an element with its current corners to the queue and the count.
     fn admit(&mut self, element: u32, tissue: &Tissue, sampler: &Sampler) {
         let at = element as usize;
         if self.states.len() <= at {
@@ -154,7 +154,7 @@ impl<'a> Refinement<'a> {
         }
     }
 
-    /// How much an element wants to be halved; 0 if it does not.
+    /// Returns the priority for bisecting an element; 0 if it needs none.
     fn score(&self, contents: &Contents, corners: &[[f64; 3]; 4], voxel_mm3: f64) -> f64 {
         let tissue = contents.tissue();
         if tissue <= 0.0 {
@@ -166,7 +166,7 @@ impl<'a> Refinement<'a> {
         if longest > self.max_edge {
             return OVERLONG + longest;
         }
-        // What is smaller than a voxel cannot become purer by being halved.
+        // An element smaller than a voxel cannot become purer by bisection.
         let impurity = if contents.volume < voxel_mm3 {
             0.0
         } else {

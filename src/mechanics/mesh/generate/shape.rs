@@ -1,4 +1,4 @@
-//! Shape of a tetrahedron, as the generator judges it: often, and without knowing its orientation.
+//! Shape measures of a tetrahedron for the generator: fast, and independent of its orientation.
 
 /// Corners of the face opposite each corner.
 pub(super) const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
@@ -23,13 +23,13 @@ pub(super) fn norm(a: [f64; 3]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Six times the signed volume, mm^3.
+/// Returns six times the signed volume, mm^3.
 pub(super) fn six_volumes(corners: &[[f64; 3]; 4]) -> f64 {
     let [a, b, c] = [1, 2, 3].map(|corner: usize| sub(corners[corner], corners[0]));
     dot(a, cross(b, c))
 }
 
-/// Cosine of the smallest dihedral angle: the smaller the better; 1 for a flat element.
+/// Returns the cosine of the smallest dihedral angle: the smaller the better; 1 for a flat element.
 pub(super) fn sharpest_cosine(corners: &[[f64; 3]; 4]) -> f64 {
     let [a, b, c] = [1, 2, 3].map(|corner: usize| sub(corners[corner], corners[0]));
     // Normals of the faces opposite corners 1, 2, 3 and 0, all inwards or all outwards.
@@ -41,7 +41,7 @@ pub(super) fn sharpest_cosine(corners: &[[f64; 3]; 4]) -> f64 {
     for i in 0..4 {
         for j in 0..i {
             let cosine = -dot(faces[i], faces[j]) * scales[i] * scales[j];
-            // Not a number where a face has no area.
+            // NaN where a face has no area.
             if cosine.is_nan() {
                 return 1.0;
             }

@@ -1,13 +1,13 @@
-//! Moving single nodes without spoiling the elements around them.
+//! Moves of single nodes that keep the elements around them sound.
 
 use super::assign::Limits;
 use super::draft::Draft;
 use super::shape::{sharpest_cosine, six_volumes};
 
-/// Parts of a move that are tried, until one leaves all elements sound.
+/// Shares of a move that are tried, until one leaves all elements sound.
 const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 
-/// Moves a node towards a place as far as the elements around it allow: none may invert, and none may become sharper than
+/// Moves a node towards a position as far as the elements around it allow: none may invert, and none may become sharper than
 /// the limit unless it was that sharp before.
 pub(super) fn shift(draft: &mut Draft, node: u32, to: [f64; 3], limits: &Limits) {
     let from = draft.nodes[node as usize];
@@ -30,7 +30,7 @@ pub(super) fn shift(draft: &mut Draft, node: u32, to: [f64; 3], limits: &Limits)
     draft.nodes[node as usize] = from;
 }
 
-/// Moves the nodes within tissue to the middle of their neighbours where that makes the sharpest element around them less
+/// Moves the nodes within tissue to the mean of their neighbours where that makes the sharpest element around them less
 /// sharp: room for the nodes of interfaces.
 pub(super) fn relax(draft: &mut Draft) {
     for node in 0..draft.nodes.len() as u32 {
@@ -57,7 +57,7 @@ pub(super) fn relax(draft: &mut Draft) {
     }
 }
 
-/// Cosine of the smallest dihedral angle around a node; 1 if an element is inverted.
+/// Returns the cosine of the smallest dihedral angle around a node; 1 if an element is inverted.
 fn sharpest(draft: &Draft, node: u32) -> f64 {
     let cosine = |&element: &u32| {
         let corners = draft.corners(element);

@@ -1,4 +1,4 @@
-//! Meshes of made-up volumes: what must hold of every one ([`sound`]), and how near they come to what was meshed.
+//! Meshes of synthetic volumes: invariants of every mesh ([`sound`]), and their agreement with the volume.
 
 mod along;
 mod refused;
@@ -12,7 +12,7 @@ use nalgebra::{Matrix4, Vector3};
 use super::*;
 use crate::mechanics::mesh::NONE;
 
-/// Labels on a grid, all of them but 0 to be meshed as regions of ten times their number.
+/// Labels on a grid; all but 0 are meshed as regions of ten times their number.
 struct Volume {
     labels: Vec<u8>,
     size: [usize; 3],
@@ -21,7 +21,7 @@ struct Volume {
 }
 
 impl Volume {
-    /// Voxels of `spacing` mm; the label of each is that of its centre, mm from the low corner of the grid.
+    /// Builds voxels of `spacing` mm; the label of each is that of its centre, mm from the low corner of the grid.
     fn new(size: [usize; 3], spacing: [f64; 3], label: impl Fn([f64; 3]) -> u8) -> Volume {
         let mut labels = Vec::new();
         for k in 0..size[2] {
@@ -57,7 +57,7 @@ impl Volume {
         generate(&self.grid(), nodes, &GenerateOptions::default(), |_| {})
     }
 
-    /// The mesh, checked.
+    /// Returns the mesh, checked.
     fn mesh(&self, nodes: usize) -> Generated {
         let generated = self
             .generate(nodes)
@@ -66,7 +66,7 @@ impl Volume {
         generated
     }
 
-    /// What holds of every mesh, recomputed from its nodes and elements alone.
+    /// Checks the invariants of every mesh, recomputed from its nodes and elements alone.
     fn check(&self, generated: &Generated, budget: usize, min_dihedral_deg: f64) {
         let Generated { mesh, report } = generated;
         assert_eq!(report.nodes, mesh.nodes().len());
@@ -91,7 +91,7 @@ impl Volume {
             *volumes.entry(*region).or_default() += volume / 1000.0;
             least = least.min(least_angle_deg(mesh, corners));
         }
-        // Acos of a cosine that is right to a few units of rounding.
+        // Arc cosine of a value accurate to a few units of rounding.
         assert!(least >= min_dihedral_deg - 1e-6, "{least} degrees");
         assert!((least - report.min_dihedral_deg).abs() < 1e-6, "{least}: {report:?}");
         assert_no_hinge(mesh);
@@ -120,7 +120,7 @@ impl Volume {
     }
 }
 
-/// The smallest angle between two faces, from their unit normals.
+/// Returns the smallest angle between two faces, from their unit normals.
 fn least_angle_deg(mesh: &TetMesh, corners: &[u32; 4]) -> f64 {
     let at = corners.map(|node| Vector3::from(mesh.nodes()[node as usize]));
     let outwards = |opposite: usize| {
@@ -135,7 +135,7 @@ fn least_angle_deg(mesh: &TetMesh, corners: &[u32; 4]) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// Faces of elements that no other element shares.
+/// Returns the faces that belong to only one element.
 fn surface(mesh: &TetMesh) -> Vec<[u32; 3]> {
     let mut faces: HashMap<[u32; 3], u32> = HashMap::new();
     for corners in mesh.elements() {
@@ -152,8 +152,8 @@ fn surface(mesh: &TetMesh) -> Vec<[u32; 3]> {
     single.into_iter().map(|(face, _)| face).collect()
 }
 
-/// No elements hang on others by an edge or a corner only, as on a hinge: those around each node hang together through
-/// faces at that node.
+/// Asserts that no elements are attached to others by an edge or a corner only, as by a hinge: those around each node are
+/// connected through faces at that node.
 fn assert_no_hinge(mesh: &TetMesh) {
     let mut stars: Vec<Vec<u32>> = vec![Vec::new(); mesh.nodes().len()];
     for (element, corners) in mesh.elements().iter().enumerate() {
@@ -177,7 +177,7 @@ fn assert_no_hinge(mesh: &TetMesh) {
     }
 }
 
-/// Nodes less edges plus faces less elements: 1 for a ball, 2 for a hollow one, 0 for a ring.
+/// Returns nodes minus edges plus faces minus elements: 1 for a ball, 2 for a hollow one, 0 for a ring.
 fn euler(mesh: &TetMesh) -> i64 {
     let mut edges: Vec<[u32; 2]> = mesh
         .elements()
@@ -190,12 +190,12 @@ fn euler(mesh: &TetMesh) -> i64 {
     edges.sort_unstable();
     edges.dedup();
     let elements = mesh.elements().len();
-    // Each element has four faces, of which those inside count twice.
+    // Each element has four faces, of which interior ones count twice.
     let faces = (4 * elements + surface(mesh).len()) / 2;
     mesh.nodes().len() as i64 - edges.len() as i64 + faces as i64 - elements as i64
 }
 
-/// Area of the surface, mm^2.
+/// Returns the area of the surface, mm^2.
 fn area(mesh: &TetMesh) -> f64 {
     let one = |face: [u32; 3]| {
         let [a, b, c] = face.map(|node| Vector3::from(mesh.nodes()[node as usize]));

@@ -1,32 +1,32 @@
-//! The labelled volume as the generator sees it: classes of tissue in an orthonormal frame in millimetres.
+//! Labelled volume as classes of tissue in an orthonormal frame in millimetres.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::{GenerateError, LabelGrid};
 
-/// The class of everything that is not to be meshed.
+/// Class of everything that is not to be meshed.
 pub(super) const OUTSIDE: u8 = 0;
 
-/// Class 0 is the outside, class `c` is `regions[c - 1]`.
+/// Classes of a labelled volume: class 0 is the outside, class `c` is `regions[c - 1]`.
 pub(super) struct Tissue<'a> {
     voxels: &'a [u8],
     size: [usize; 3],
     class_of: [u8; 256],
-    /// Rows of the map from the frame (mm) to voxel indices, half a voxel ahead, so that the floor is the nearest voxel.
+    /// Rows of the map from the frame (mm) to voxel indices, offset by half a voxel, so that the floor is the nearest voxel.
     to_index: [[f64; 4]; 3],
-    /// Columns: the axes of the frame in the world.
+    /// Axes of the frame in the world, as columns.
     axes: Matrix3<f64>,
-    /// Where the frame has its origin in the world, mm.
+    /// Origin of the frame in the world, mm.
     origin: Vector3<f64>,
     /// Edges of the box around the tissue, mm. Its low corner is the origin of the frame.
     pub extent: [f64; 3],
-    /// Volume of the voxels of each class, mm^3; the outside counts 0.
+    /// Volume of the voxels of each class, mm^3; 0 for the outside.
     pub volumes: Vec<f64>,
     /// Volume of a voxel, mm^3.
     pub voxel_mm3: f64,
-    /// Least distance between opposite faces of the block of voxels around the tissue, which is sheared where they are, mm.
+    /// Least distance between opposite faces of the block of voxels around the tissue, which is sheared if they are, mm.
     pub thickness: f64,
-    /// Region number of each class; the outside has 0.
+    /// Region number of each class; 0 for the outside.
     pub regions: Vec<i32>,
 }
 
@@ -133,20 +133,20 @@ impl<'a> Tissue<'a> {
         Ok(low)
     }
 
-    /// The class at a point of the frame.
+    /// Returns the class at a point of the frame.
     #[inline]
     pub fn class_at(&self, point: [f64; 3]) -> u8 {
         let index = self.index_of(point);
         self.class_at_index(index)
     }
 
-    /// Voxel index of a point of the frame, half a voxel ahead: its floor is the nearest voxel. Affine.
+    /// Returns the voxel index of a point of the frame, offset by half a voxel: its floor is the nearest voxel. Affine.
     #[inline]
     pub fn index_of(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         self.to_index.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3])
     }
 
-    /// The class at what [`Tissue::index_of`] gave.
+    /// Returns the class at an index from [`Tissue::index_of`].
     #[inline]
     pub fn class_at_index(&self, index: [f64; 3]) -> u8 {
         let [nx, ny, nz] = self.size;
@@ -159,18 +159,18 @@ impl<'a> Tissue<'a> {
         self.class_of[usize::from(self.voxels[i + nx * (j + ny * k)])]
     }
 
-    /// A point of the world in the frame, mm.
+    /// Transforms a point from the world to the frame, mm.
     pub fn to_frame(&self, point: [f64; 3]) -> Vector3<f64> {
         self.axes.transpose() * (Vector3::from(point) - self.origin)
     }
 
-    /// A point of the frame in the world, mm.
+    /// Transforms a point from the frame to the world, mm.
     pub fn to_world(&self, point: [f64; 3]) -> [f64; 3] {
         (self.axes * Vector3::from(point) + self.origin).into()
     }
 }
 
-/// The class of each label, and the region number of each class.
+/// Returns the class of each label, and the region number of each class.
 fn classes(grid: &LabelGrid) -> Result<([u8; 256], Vec<i32>), GenerateError> {
     let mut class_of = [OUTSIDE; 256];
     let mut regions = vec![0];
@@ -191,8 +191,8 @@ fn classes(grid: &LabelGrid) -> Result<([u8; 256], Vec<i32>), GenerateError> {
     Ok((class_of, regions))
 }
 
-/// A right-handed orthonormal frame whose first axis is the first column's direction and whose second lies in the plane of
-/// the first two (Gram and Schmidt): for a rotation with a scale these are the axes of the volume, up to a sign.
+/// Returns a right-handed orthonormal frame whose first axis is the first column's direction and whose second lies in the
+/// plane of the first two (Gram and Schmidt): for a rotation with a scale these are the axes of the volume, up to a sign.
 fn orthonormal(linear: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     let first = linear.column(0).try_normalize(0.0)?;
     let second = (linear.column(1) - first * first.dot(&linear.column(1))).try_normalize(0.0)?;

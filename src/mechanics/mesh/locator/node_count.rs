@@ -1,14 +1,14 @@
-//! As many positions as the mesh has nodes, or none.
+//! Check of the number of node positions.
 
-/// The number of node positions does not match the mesh.
+/// Error for a number of node positions that does not match the mesh.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{found} {state} node positions for a mesh of {expected} nodes")]
 pub struct NodeCount {
-    /// Of which state they are: `current` or `reference`.
+    /// State of the positions: `current` or `reference`.
     pub state: &'static str,
-    /// Positions given.
+    /// Number of positions.
     pub found: usize,
-    /// Nodes of the mesh.
+    /// Number of nodes of the mesh.
     pub expected: usize,
 }
 

@@ -1,4 +1,4 @@
-//! Where points are in meshes that can be searched by hand: helpers, and what updates leave.
+//! Point location in meshes that can be searched exhaustively: helpers, and the reports of updates.
 
 mod answers;
 mod spoilt;
@@ -9,18 +9,18 @@ use super::*;
 use crate::mechanics::mesh::Displacement;
 use crate::random::{hash3, seed_words, unit};
 
-/// A number in [-1, 1) from integers.
+/// Returns a pseudo-random number in [-1, 1) from integers.
 fn noise(a: u64, b: u64, seed: u64) -> f64 {
     2.0 * f64::from(unit(hash3([a as i32, b as i32, 7], seed_words(seed))[0])) - 1.0
 }
 
-/// A lattice of `n`^3 cells over [0, n]^3 mm, placed far from the origin, as scanner coordinates are.
+/// Returns a lattice of `n`^3 cells over [0, n]^3 mm, shifted far from the origin, as scanner coordinates are.
 fn lattice(n: usize, shift: f64) -> TetMesh {
     let to_world = Matrix4::new_translation(&Vector3::repeat(shift)) * Matrix4::new_scaling(n as f64);
     TetMesh::lattice([n; 3], &to_world).unwrap()
 }
 
-/// The nodes with those inside the box moved by up to `amount` cells; below 0.2 no element folds.
+/// Returns the nodes with those inside the box moved by up to `amount` cells; below 0.2 no element folds.
 fn jitter(mesh: &TetMesh, amount: f64, seed: u64) -> Vec<[f64; 3]> {
     let [low, high] = mesh.bounds();
     let nodes = mesh.nodes().iter().enumerate().map(|(index, node)| {
@@ -32,7 +32,7 @@ fn jitter(mesh: &TetMesh, amount: f64, seed: u64) -> Vec<[f64; 3]> {
     nodes.collect()
 }
 
-/// Barycentric coordinates by ratios of volumes: the oracle.
+/// Returns barycentric coordinates by ratios of volumes: the oracle.
 fn coordinates(mesh: &TetMesh, nodes: &[[f64; 3]], element: usize, p: [f64; 3]) -> [f64; 4] {
     let corners = mesh.elements()[element].map(|node| Vector3::from(nodes[node as usize]));
     let volume = |c: [Vector3<f64>; 4]| Matrix3::from_columns(&[c[1] - c[0], c[2] - c[0], c[3] - c[0]]).determinant();
@@ -56,7 +56,7 @@ fn locator<T: Real>(mesh: &TetMesh, nodes: &[[f64; 3]]) -> (Locator<T>, LocatorR
     (locator, report)
 }
 
-/// The one answer from the grid, from some elements and from some beyond the last.
+/// Returns the single answer from the grid, from some elements and from some beyond the last.
 fn from_all_starts<T: Real>(locator: &Locator<T>, p: [T; 3], seed: u64) -> Hit<T> {
     let hit = locator.locate(p, NONE);
     let count = locator.elements.len() as u64;

@@ -1,28 +1,29 @@
-//! A mesh in its two states, either of which a frame may move: tissue moves the current nodes, remeshing the reference ones.
+//! Deformed and reference state of a mesh, either of which a frame may change: tissue moves the current nodes, remeshing the
+//! reference ones.
 
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::{Locator, NodeCount};
 use crate::real::Real;
 
-/// Locators of the deformed and the reference state of one mesh, in step with each other: the one carries points to the
-/// nodes that the other locates in.
+/// Consistent locators of the deformed and the reference state of one mesh: the first carries points to the nodes among
+/// which the second locates.
 #[derive(Clone, Debug)]
 pub struct States<T> {
     deformed: Locator<T>,
     reference: Locator<T>,
 }
 
-/// Which of the two locators an update has changed.
+/// Locators changed by an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Moved {
-    /// The locator of the deformed state.
+    /// Whether the locator of the deformed state has changed.
     pub deformed: bool,
-    /// The locator of the reference state.
+    /// Whether the locator of the reference state has changed.
     pub reference: bool,
 }
 
 impl<T: Real> States<T> {
-    /// Both states as the mesh has them.
+    /// Builds both locators for the reference state of the mesh.
     pub fn new(mesh: &TetMesh) -> Self {
         Self {
             deformed: Locator::new(mesh),
@@ -30,11 +31,11 @@ impl<T: Real> States<T> {
         }
     }
 
-    /// Moves nodes to their places in the current and in the reference state (mm, in the order of the mesh); none leaves
-    /// them where they are. Reference nodes that are where they were cost a comparison. Allocates nothing.
+    /// Moves nodes to their positions in the current and in the reference state (mm, in the order of the mesh); `None`
+    /// leaves a state unchanged. Unchanged reference nodes cost a comparison. Allocates nothing.
     ///
     /// # Errors
-    /// [`NodeCount`] where the number of positions is not that of the mesh; both states are then as they were.
+    /// [`NodeCount`] where the number of positions is not that of the mesh; both states are then unchanged.
     pub fn update(&mut self, current: Option<&[[f64; 3]]>, reference: Option<&[[f64; 3]]>) -> Result<Moved, NodeCount> {
         let reference = reference.filter(|nodes| *nodes != self.deformed.reference());
         let moved = Moved {
@@ -50,12 +51,12 @@ impl<T: Real> States<T> {
         Ok(moved)
     }
 
-    /// Locates in the deformed state, and carries from there to the reference state.
+    /// Returns the locator of the deformed state, which carries points to the reference state.
     pub fn deformed(&self) -> &Locator<T> {
         &self.deformed
     }
 
-    /// Locates in the reference state.
+    /// Returns the locator of the reference state.
     pub fn reference(&self) -> &Locator<T> {
         &self.reference
     }

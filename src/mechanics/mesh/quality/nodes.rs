@@ -1,14 +1,14 @@
-//! Nodes that belong to nothing, or that are in one place.
+//! Isolated and coincident nodes.
 
 use std::collections::HashMap;
 
 use crate::mechanics::mesh::TetMesh;
 
-/// Nodes nearer than this share of the diagonal of their box are one point: far above the rounding of coordinates, even of
-/// those printed with ten digits, and far below any element that can be calculated on.
+/// Distance below which nodes coincide, as a share of the diagonal of their box: far above the rounding of coordinates, even
+/// of those printed with ten digits, and far below any usable element.
 const COINCIDENT: f64 = 1e-9;
 
-/// Nodes of no element.
+/// Returns the nodes without an element.
 pub(super) fn isolated(mesh: &TetMesh) -> Vec<u32> {
     let mut used = vec![false; mesh.nodes().len()];
     for node in mesh.elements().as_flattened() {
@@ -21,7 +21,7 @@ pub(super) fn isolated(mesh: &TetMesh) -> Vec<u32> {
         .collect()
 }
 
-/// Nodes in the place of an earlier one, with that one. Nodes that are not finite are nowhere.
+/// Returns coincident nodes, each preceded by the earlier one. Nodes that are not finite are skipped.
 pub(super) fn coincident(nodes: &[[f64; 3]]) -> Vec<[u32; 2]> {
     let finite = |node: &[f64; 3]| node.iter().all(|x| x.is_finite());
     let mut bounds = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
@@ -33,7 +33,7 @@ pub(super) fn coincident(nodes: &[[f64; 3]]) -> Vec<[u32; 2]> {
     }
     let diagonal = distance(bounds[0], bounds[1]);
     if !(diagonal > 0.0 && diagonal.is_finite()) {
-        // All in one point, or so far apart that their distances have no number.
+        // All in one point, or so far apart that their distances overflow.
         let all: Vec<u32> = (0..)
             .zip(nodes)
             .filter(|(_, node)| finite(node))
@@ -45,7 +45,7 @@ pub(super) fn coincident(nodes: &[[f64; 3]]) -> Vec<[u32; 2]> {
         };
     }
     let reach = COINCIDENT * diagonal;
-    // In cells twice the reach wide, what is near a point lies in its cell or in the neighbours on the nearer sides.
+    // In cells twice the reach wide, the neighbours of a point lie in its cell or in the adjacent ones on the nearer sides.
     let side = 2.0 * reach;
     let mut cells: HashMap<[i64; 3], Vec<u32>> = HashMap::new();
     let mut found = Vec::new();

@@ -1,22 +1,22 @@
-//! What elements hang together, and which are there twice.
+//! Connected parts of a mesh, and duplicated elements.
 
 use super::Shape;
 use crate::mechanics::mesh::{NONE, TetMesh};
 
 pub(super) const ML_PER_MM3: f64 = 1e-3;
 
-/// Elements that hang together.
+/// A connected part of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    /// The first of them.
+    /// First element of the part.
     pub first: u32,
-    /// How many there are.
+    /// Number of its elements.
     pub elements: usize,
     /// Sum of their signed volumes, ml.
     pub volume_ml: f64,
 }
 
-/// Elements that hang together through common nodes, by first element.
+/// Returns the parts connected through common nodes, by first element.
 pub(super) fn by_nodes(mesh: &TetMesh, shapes: &[Shape]) -> Vec<Part> {
     let mut sets = Sets::new(mesh.nodes().len());
     for corners in mesh.elements() {
@@ -42,7 +42,7 @@ pub(super) fn by_nodes(mesh: &TetMesh, shapes: &[Shape]) -> Vec<Part> {
     parts
 }
 
-/// How many sets of elements hang together through common faces.
+/// Returns the number of parts connected through common faces.
 pub(super) fn by_faces(mesh: &TetMesh) -> usize {
     let mut sets = Sets::new(mesh.elements().len());
     for (element, neighbours) in (0..).zip(mesh.neighbours()) {
@@ -54,7 +54,7 @@ pub(super) fn by_faces(mesh: &TetMesh) -> usize {
         .count()
 }
 
-/// Elements with the corners of an earlier one, in whatever order, with that one.
+/// Returns the elements with the corners of an earlier one, in any order, preceded by that one.
 pub(super) fn duplicates(elements: &[[u32; 4]]) -> Vec<[u32; 2]> {
     let mut sorted: Vec<([u32; 4], u32)> = elements
         .iter()
@@ -74,7 +74,7 @@ pub(super) fn duplicates(elements: &[[u32; 4]]) -> Vec<[u32; 2]> {
     found
 }
 
-/// Disjoint sets of numbers, each known by its least member.
+/// Disjoint sets of numbers, each represented by its least member.
 struct Sets(Vec<u32>);
 
 impl Sets {

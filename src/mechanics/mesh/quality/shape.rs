@@ -1,4 +1,4 @@
-//! The shape of a tetrahedron.
+//! Shape measures of a tetrahedron.
 
 use nalgebra::Vector3;
 
@@ -13,7 +13,7 @@ pub struct Shape {
     pub min_dihedral_deg: f64,
     /// Greatest angle between two faces, degrees. NaN where a corner is not finite.
     pub max_dihedral_deg: f64,
-    /// [`jacobian_condition`].
+    /// [`jacobian_condition`] of the element.
     pub condition: f64,
 }
 
@@ -40,32 +40,32 @@ impl Shape {
     }
 }
 
-/// The condition number of an element: `|J|_F |J^-1|_F / 3`, where J maps the regular tetrahedron onto the one with these
-/// corners (Freitag and Knupp, "Tetrahedral mesh improvement via optimization of the element condition number",
-/// Int. J. Numer. Meth. Engng 53, 2002). 1 for a regular tetrahedron, the more the worse, and infinite for an inverted or flat
-/// one or one with a corner that is not finite. It does not depend on size, place, orientation or the order of corners.
+/// Returns the condition number of an element: `|J|_F |J^-1|_F / 3`, where J maps the regular tetrahedron onto the one with
+/// these corners (Freitag and Knupp, "Tetrahedral mesh improvement via optimization of the element condition number", Int.
+/// J. Numer. Meth. Engng 53, 2002). 1 for a regular tetrahedron, larger for worse ones, and infinite for an inverted or flat
+/// one or one with a corner that is not finite. It does not depend on size, position, orientation or the order of corners.
 ///
-/// Written out, `|J|_F^2` is half the sum of the squared edges, and `|J^-1|_F^2` half the sum of the squared inverse heights.
+/// Explicitly, `|J|_F^2` is half the sum of the squared edges, and `|J^-1|_F^2` half the sum of the squared inverse heights.
 pub fn jacobian_condition(corners: &[[f64; 3]; 4]) -> f64 {
     Scaled::of(corners).map_or(f64::INFINITY, |scaled| scaled.condition())
 }
 
-/// An element measured in units of its greatest edge component, so that no product of coordinates leaves the range of `f64`.
+/// An element in units of its greatest edge component, so that no product of coordinates leaves the range of `f64`.
 struct Scaled {
     unit: f64,
     determinant: f64,
     /// Sum of the squares of the six edges.
     squared_edges: f64,
-    /// Of each corner the normal of the opposite face, twice its area long.
+    /// Normal of the face opposite each corner, with twice its area as length.
     normals: [Vector3<f64>; 4],
 }
 
 impl Scaled {
-    /// None where all corners are one point, or not all are finite.
+    /// Returns `None` where all corners are one point, or not all are finite.
     fn of(corners: &[[f64; 3]; 4]) -> Option<Scaled> {
         let edges = edges(corners);
         let unit = edges.amax();
-        // `amax` passes over NaN.
+        // `amax` ignores NaN.
         if !(unit > 0.0 && edges.iter().all(|x| x.is_finite())) {
             return None;
         }
@@ -90,12 +90,13 @@ impl Scaled {
         }
     }
 
-    /// The least and the greatest angle between two faces.
+    /// Returns the least and the greatest angle between two faces, degrees.
     fn dihedral_deg(&self) -> [f64; 2] {
         let mut range = [f64::INFINITY, f64::NEG_INFINITY];
         for (place, normal) in self.normals.iter().enumerate() {
             for other in &self.normals[..place] {
-                // Normals that both point outwards (or both inwards) leave the angle's complement between them.
+                // The angle between normals that both point outwards (or both inwards) is the supplement of the angle
+                // between the faces.
                 let angle = f64::atan2(normal.cross(other).norm(), 0.0 - normal.dot(other)).to_degrees();
                 range = [range[0].min(angle), range[1].max(angle)];
             }

@@ -1,13 +1,13 @@
-//! How values are spread.
+//! Distribution of values: range, median and histogram.
 
-/// Ten-degree steps.
+/// Bin edges in steps of ten degrees.
 pub(super) const ANGLES: [f64; 19] = [
     0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0, 130.0, 140.0, 150.0, 160.0, 170.0,
     180.0,
 ];
-/// From regular to hardly usable.
+/// Bin edges from regular to hardly usable.
 pub(super) const CONDITIONS: [f64; 9] = [1.0, 1.25, 1.5, 2.0, 3.0, 5.0, 10.0, 100.0, f64::INFINITY];
-/// Orders of magnitude; what is negative lies in the first.
+/// Bin edges in orders of magnitude; negative values lie in the first bin.
 pub(super) const DECADES: [f64; 9] = [
     f64::NEG_INFINITY,
     0.0,
@@ -20,32 +20,33 @@ pub(super) const DECADES: [f64; 9] = [
     f64::INFINITY,
 ];
 
-/// Least, middle and greatest of a set of values, and how many lie where. NaN are left out.
+/// Minimum, median, maximum and histogram of a set of values. NaN are excluded.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Spread {
-    /// NaN where there is no value.
+    /// Minimum; NaN where there is no value.
     pub min: f64,
-    /// The middle value, or the mean of the two in the middle; NaN where there is none.
+    /// Median: the middle value, or the mean of the two in the middle; NaN where there is none.
     pub median: f64,
-    /// NaN where there is no value.
+    /// Maximum; NaN where there is no value.
     pub max: f64,
-    /// How many values lie from `low` to below `high`; in the last up to `high` itself.
+    /// Number of values from `low` to below `high`; the last bin includes `high`.
     pub histogram: Vec<Bin>,
 }
 
 /// A range of values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bin {
-    /// Its least value.
+    /// Lower edge.
     pub low: f64,
-    /// The least value of the next.
+    /// Upper edge, which is the lower edge of the next bin.
     pub high: f64,
-    /// How many values lie in it.
+    /// Number of values in the bin.
     pub count: usize,
 }
 
 impl Spread {
-    /// Of these values, counted between ascending edges; what lies beyond the edges is in the outermost ranges.
+    /// Computes the distribution of these values over bins with ascending edges; values beyond the edges count in the
+    /// outermost bins.
     pub(super) fn of(values: impl Iterator<Item = f64>, edges: &[f64]) -> Spread {
         let mut values: Vec<f64> = values.filter(|value| !value.is_nan()).collect();
         values.sort_by(f64::total_cmp);

@@ -104,7 +104,7 @@ fn nodes_of_no_element_and_nodes_in_one_place_are_found() {
     assert_eq!(quality.isolated_nodes, [4, 5, 6, 7]);
     assert_eq!(quality.coincident_nodes, [[1, 5], [2, 7]]);
     assert_eq!(quality.usable(), Ok(()));
-    // Neighbours across the cells that the search sorts nodes into.
+    // Neighbours across the cells into which the search sorts nodes.
     for n in 0..200 {
         let x = f64::from(n) * 0.3e-9;
         let close = [
@@ -126,7 +126,7 @@ fn nodes_of_no_element_and_nodes_in_one_place_are_found() {
 
 #[test]
 fn parts_on_a_hinge_are_told_from_parts_on_a_face() {
-    // Two share a face, a third hangs on an edge, a fourth on a node; a fifth stands alone.
+    // Two share a face, a third is attached by an edge, a fourth by a node; a fifth is separate.
     let mut nodes = CORNER.to_vec();
     nodes.extend([
         [1.0; 3],

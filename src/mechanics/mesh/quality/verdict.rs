@@ -1,15 +1,15 @@
-//! Why a mesh cannot be calculated on.
+//! Verdict on a mesh that is unusable for computation.
 
 use std::fmt;
 
 use super::{CONDITION_LIMIT, Quality};
 
-/// A mesh that cannot be calculated on, with the elements that are at fault.
+/// Error for a mesh that is unusable for computation, with the elements at fault.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub struct UnusableMesh {
     /// Elements of negative volume.
     pub inverted: Vec<u32>,
-    /// Elements whose volume is nothing but rounding.
+    /// Elements whose volume is within rounding of 0.
     pub flat: Vec<u32>,
     /// Elements with a corner that is NaN or infinite.
     pub not_finite: Vec<u32>,

@@ -1,7 +1,8 @@
-//! Materials from measured stretch and stress, by least squares (Wang et al. 2023, section III-A).
+//! Least-squares fit of materials to measured stretch and stress (Wang et al. 2023, section III-A).
 //!
-//! Stress is linear in all parameters but Ogden's exponent, which is sought on a line: each exponent has its best modulus. Where
-//! models that fit alike part beyond the data, none of them should be trusted there: Wang et al. 2023 turn one down for that.
+//! Stress is linear in all parameters except Ogden's exponent, which is found by a line search: each exponent has its best
+//! modulus. Where models with similar fits diverge beyond the data, none of them should be trusted there: Wang et al. 2023
+//! reject one for that.
 
 #[cfg(test)]
 mod tests;
@@ -10,13 +11,13 @@ use nalgebra::{Matrix2, Vector2};
 
 use super::material::{ALPHA, Compression, Law, Material};
 
-/// Stress of a model counts as parted from the others from this share on.
+/// Relative difference of stress from which a model counts as diverging from the others.
 pub const PARTED: f64 = 0.1;
-/// Lowest compression ratio that is looked at.
+/// Lowest compression ratio that is examined.
 const LOWEST: f64 = 0.05;
-/// Steps in which it is approached.
+/// Step of the compression ratio down to [`LOWEST`].
 const STEP: f64 = 0.01;
-/// Exponents of Ogden's material that are tried, and how far apart they are at first.
+/// Largest exponent of Ogden's material that is tried, and the initial spacing of exponents.
 const EXPONENTS: f64 = 60.0;
 const APART: f64 = 0.25;
 
@@ -29,70 +30,70 @@ pub struct Sample {
     pub stress_kpa: f64,
 }
 
-/// A material that fits best among those of its model.
+/// Best fit of one material model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fitted {
     /// The material.
     pub material: Material,
-    /// Coefficient of determination: 1 of a perfect fit.
+    /// Coefficient of determination: 1 for a perfect fit.
     pub r_squared: f64,
-    /// Root mean square of what is left, kPa.
+    /// Root mean square residual, kPa.
     pub rms_kpa: f64,
 }
 
-/// Where a model leaves the others, in compression beyond the data.
+/// Divergence of a model from the others, in compression beyond the data.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parting {
-    /// Its model.
+    /// Name of the model.
     pub model: &'static str,
-    /// Highest stretch below the data at which its stress is [`PARTED`] off the median of all models.
+    /// Highest stretch below the data at which its stress differs by [`PARTED`] from the median of all models.
     pub stretch: f64,
 }
 
-/// All models fitted to the same data.
+/// Fits of all models to the same data.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fit {
-    /// The stress that was measured.
+    /// Kind of stress that was measured.
     pub compression: Compression,
     /// Least and largest stretch of the data.
     pub range: [f64; 2],
-    /// One a model, in the order neo-hookean, mooney-rivlin, yeoh, ogden.
+    /// One fit per model, in the order neo-hookean, mooney-rivlin, yeoh, ogden.
     pub models: Vec<Fitted>,
-    /// Models that leave the others.
+    /// Models that diverge from the others.
     pub partings: Vec<Parting>,
 }
 
-/// Why data cannot be fitted.
+/// Reason why data cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FitError {
-    /// Too few of them.
+    /// Too few samples.
     #[error("found {found} points at different stretches other than 1; expected at least 3")]
     TooFew {
-        /// How many there are.
+        /// Number of samples.
         found: usize,
     },
-    /// A number that is no stretch or no stress.
+    /// A number that is not a valid stretch or stress.
     #[error("found stretch {stretch} with stress {stress_kpa} kPa; expected finite numbers, the stretch above 0")]
     Number {
-        /// As given.
+        /// Rejected stretch.
         stretch: f64,
-        /// As given.
+        /// Rejected stress, kPa.
         stress_kpa: f64,
     },
-    /// A model whose numbers leave the range of numbers.
+    /// A model whose parameters are not finite.
     #[error("the fit of {model} has no finite numbers; expected stretches and stresses as of a test of tissue")]
     NotFinite {
-        /// The model.
+        /// Name of the model.
         model: &'static str,
     },
-    /// Stress of the other sign.
+    /// Stress of the wrong sign.
     #[error(
         "stress has the wrong sign: found {stress_kpa} kPa at stretch {stretch}; expected negative stress where stretch is below 1"
     )]
     Sign {
-        /// Of the point farthest from rest.
+        /// Stretch of the sample farthest from rest.
         stretch: f64,
-        /// There.
+        /// Stress at that stretch, kPa.
         stress_kpa: f64,
     },
 }
@@ -109,7 +110,7 @@ impl Fit {
         let yeoh = |c10_kpa, c20_kpa| Material::Yeoh { c10_kpa, c20_kpa };
         let [mu_kpa] = single(samples, &law(Material::NeoHookean { mu_kpa: 1.0 }));
         let mut materials = vec![Material::NeoHookean { mu_kpa }];
-        // Tissue that cannot widen along the needle does not tell the two invariants apart.
+        // Tissue that cannot widen along the needle does not distinguish the two invariants.
         materials.push(match compression {
             Compression::CTru => unit(single(samples, &law(unit(1.0, 0.0)))[0], 0.0),
             _ => {
@@ -172,7 +173,7 @@ fn check(samples: &[Sample]) -> Result<(), FitError> {
     }
 }
 
-/// The factor of a law that fits best.
+/// Returns the best-fitting factor of a law.
 fn single(samples: &[Sample], law: &Law) -> [f64; 1] {
     let (mut along, mut square) = (0.0, 0.0);
     for sample in samples {
@@ -183,7 +184,7 @@ fn single(samples: &[Sample], law: &Law) -> [f64; 1] {
     [along / square]
 }
 
-/// The factors of two laws whose sum fits best.
+/// Returns the best-fitting factors of the sum of two laws.
 fn double(samples: &[Sample], laws: [&Law; 2]) -> [f64; 2] {
     let (mut matrix, mut right) = (Matrix2::zeros(), Vector2::zeros());
     for sample in samples {
@@ -191,7 +192,7 @@ fn double(samples: &[Sample], laws: [&Law; 2]) -> [f64; 2] {
         matrix += stress * stress.transpose();
         right += stress * sample.stress_kpa;
     }
-    // Laws may differ in size by orders of magnitude.
+    // Laws may differ in magnitude by orders.
     let scale = matrix.diagonal().map(|x| 1.0 / x.sqrt());
     let matrix = Matrix2::from_diagonal(&scale) * matrix * Matrix2::from_diagonal(&scale);
     match matrix.lu().solve(&right.component_mul(&scale)) {
@@ -210,12 +211,12 @@ fn ogden(samples: &[Sample], compression: Compression) -> Material {
         let left = remainder(samples, &best(alpha), compression);
         if left.is_finite() { left } else { f64::INFINITY }
     };
-    // Exponents around 0 are none, though those on either side of it are much alike.
+    // Exponents around 0 are invalid, though those on either side of it are nearly equivalent.
     let usable = |alpha: f64| if alpha.abs() < ALPHA[0] { ALPHA[0] } else { alpha };
     let count = (2.0 * EXPONENTS / APART) as usize;
     let exponents = (0..=count).map(|at| usable(-EXPONENTS + APART * at as f64));
     let start = exponents.min_by(|a, b| left(*a).total_cmp(&left(*b))).unwrap_or(1.0);
-    // The golden section.
+    // Golden-section search.
     let (mut low, mut high) = (start - APART, start + APART);
     let golden = 0.5 * (5.0f64.sqrt() - 1.0);
     while high - low > 1e-9 * (1.0 + start.abs()) {
@@ -229,7 +230,7 @@ fn ogden(samples: &[Sample], compression: Compression) -> Material {
     best(usable(0.5 * (low + high)))
 }
 
-/// Sum of squares of what a material leaves, kPa^2.
+/// Returns the sum of squared residuals of a material, kPa^2.
 fn remainder(samples: &[Sample], material: &Material, compression: Compression) -> f64 {
     let law = Law::new(material, compression);
     let square = |sample: &Sample| (law.at(sample.stretch).stress_kpa - sample.stress_kpa).powi(2);

@@ -1,13 +1,13 @@
-//! What tissue does to an element: its reaction in the weak form, and how that changes.
+//! Reaction of the tissue on an element in the weak form, and its derivatives.
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 use super::problem::Bed;
 
-/// Moduli are in kPa, forces per length in N/mm.
+/// N/mm^2 per kPa: moduli are in kPa, forces per length in N/mm.
 const NMM2_PER_KPA: f64 = 1e-3;
 
-/// Tissue compressed to less than this share of its length counts as crushed.
+/// Compression ratio below which tissue counts as crushed.
 const CRUSHED: f64 = 1e-9;
 
 /// Points and weights of the Gauss rule on 0 to 1, exact to degree 7: the product of two cubics is integrated exactly.
@@ -22,23 +22,23 @@ const GAUSS: [(f64, f64); 4] = [
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Reaction {
     pub force: f64,
-    /// By deflection, N/mm^2.
+    /// Derivative by deflection, N/mm^2.
     pub by_deflection: f64,
-    /// By slope, N/mm.
+    /// Derivative by slope, N/mm.
     pub by_slope: f64,
 }
 
-/// Compression ratio of tissue beside a needle that is deflected by `u` mm.
+/// Returns the compression ratio of tissue beside a needle that is deflected by `u` mm.
 pub(super) fn ratio(bed: &Bed, u: f64) -> f64 {
     1.0 - u.abs() / bed.initial_length_mm
 }
 
-/// Whether tissue of a compression ratio is not crushed. Not so if the ratio is no number.
+/// Returns whether tissue of a compression ratio is not crushed; false for NaN.
 fn is_whole(ratio: f64) -> bool {
     ratio > CRUSHED
 }
 
-/// The reaction at a point; none where tissue is crushed or forces leave all bounds.
+/// Returns the reaction at a point, or `None` where tissue is crushed or forces overflow.
 pub(super) fn reaction(bed: &Bed, u: f64, slope: f64) -> Option<Reaction> {
     let ratio = ratio(bed, u);
     if !is_whole(ratio) {
@@ -59,7 +59,7 @@ pub(super) fn reaction(bed: &Bed, u: f64, slope: f64) -> Option<Reaction> {
     sum.is_finite().then_some(reaction)
 }
 
-/// The reaction on an element by its two nodes (force N, moment N mm; force, moment), and its derivatives.
+/// Reaction on an element by its two nodes (force N, moment N mm; force, moment), and its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Load {
     pub force: [Vector2<f64>; 2],
@@ -73,7 +73,7 @@ impl Load {
     };
 }
 
-/// The four cubics of Hermite and their slopes, of an element of a length at a share of it.
+/// Returns the four Hermite cubics and their slopes at a share of an element of a given length.
 pub(super) fn cubics(length: f64, at: f64) -> (Vector4<f64>, Vector4<f64>) {
     let (s, h) = (at, length);
     let values = [
@@ -87,7 +87,8 @@ pub(super) fn cubics(length: f64, at: f64) -> (Vector4<f64>, Vector4<f64>) {
     (values.into(), slopes.into())
 }
 
-/// The load on an element of a length (mm) whose nodes have these deflections (mm) and slopes; none where tissue is crushed.
+/// Returns the load on an element of a length (mm) whose nodes have these deflections (mm) and slopes, or `None` where
+/// tissue is crushed.
 pub(super) fn load(bed: &Bed, length: f64, ends: [Vector2<f64>; 2]) -> Option<Load> {
     // Points of the rule lie within the element.
     if !ends.iter().all(|end| is_whole(ratio(bed, end.x))) {
@@ -148,7 +149,7 @@ mod tests {
                 for i in 0..4 {
                     let expected = (more.force[i / 2][i % 2] - less.force[i / 2][i % 2]) / (2.0 * step);
                     let found = here.stiffness[i / 2][j / 2][(i % 2, j % 2)];
-                    // Differences of second order: 1e-10/6 of third derivatives of 30 N/mm^3, and roundings of 1e-13 N over the step.
+                    // Central differences: 1e-10/6 of third derivatives of 30 N/mm^3, and rounding of 1e-13 N over the step.
                     assert!((found - expected).abs() < 1e-7, "{i} {j}: {found} {expected}");
                 }
             }

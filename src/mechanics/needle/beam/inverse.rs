@@ -1,4 +1,4 @@
-//! The base motion that brings about what is wanted (Wang et al. 2023, section III-E).
+//! Inverse problem: base motion for a given tip or centre of motion (Wang et al. 2023, section III-E).
 
 use nalgebra::{DMatrix, DVector};
 
@@ -9,73 +9,73 @@ use super::shape::Shape;
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::shaft::check;
 
-/// A needle within this of what is wanted is there, mm.
+/// Convergence tolerance of the goals, mm.
 pub const TOLERANCE_MM: f64 = 1e-9;
-/// Steps of the search.
+/// Maximum number of Newton steps.
 const STEPS: usize = 60;
-/// Halvings of a step.
+/// Maximum number of halvings of a step.
 const HALVINGS: usize = 12;
-/// Change of the base by which derivatives are taken: mm, and mm at the needle's tip.
+/// Increment for finite differences: mm, and mm at the needle's tip.
 const NUDGE_MM: f64 = 1e-4;
 
-/// What is wanted.
+/// Goal of the base motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Wanted {
-    /// The tip's deflection (mm), the base turning with its displacement about a remote centre of motion at a depth (mm from the
-    /// entry, below the base).
+    /// Deflection of the tip, with the base turning with its displacement about a remote centre of motion at a depth below
+    /// the base.
     TipAbout {
-        /// Of the tip.
+        /// Deflection of the tip, mm.
         tip_mm: f64,
-        /// Of the centre.
+        /// Depth of the centre, mm from the entry.
         rcm_mm: f64,
     },
-    /// The tip's deflection (mm), the base turning freely.
+    /// Deflection of the tip, with the base turning freely.
     TipFree {
-        /// Of the tip.
+        /// Deflection of the tip, mm.
         tip_mm: f64,
     },
-    /// The centre of motion at a depth (mm from the entry), for a displacement of the base (mm).
+    /// Centre of motion at a depth, for a displacement of the base.
     Centre {
-        /// Of the centre, 0 to the inserted depth.
+        /// Depth of the centre, mm from the entry (0 to the inserted depth).
         com_mm: f64,
-        /// Of the base, not 0.
+        /// Displacement of the base, mm (not 0).
         displacement_mm: f64,
     },
-    /// Both the tip's deflection (mm, not 0) and the depth of the centre of motion (mm, above the tip).
+    /// Both the deflection of the tip and the depth of the centre of motion.
     TipAndCentre {
-        /// Of the tip.
+        /// Deflection of the tip, mm (not 0).
         tip_mm: f64,
-        /// Of the centre.
+        /// Depth of the centre, mm (above the tip).
         com_mm: f64,
     },
 }
 
-/// Why no base motion was found.
+/// Reason why no base motion was found.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InverseError {
-    /// The needle cannot be moved so.
+    /// The beam has no solution.
     #[error(transparent)]
     Beam(#[from] BeamError),
-    /// A number is out of its range.
+    /// A number out of range.
     #[error(transparent)]
     Invalid(#[from] InvalidNeedleModel),
-    /// The search ended without one.
+    /// The search did not converge.
     #[error("no motion of the base was found: the nearest leaves the needle {miss_mm:.3e} mm from what is wanted")]
     NotFound {
-        /// Largest distance from what is wanted, mm.
+        /// Largest distance from the goals, mm.
         miss_mm: f64,
     },
-    /// The needle crosses its old place before that depth.
+    /// The needle crosses its undeflected line above that depth.
     #[error("no centre of motion at {wanted_mm} mm: a needle that crosses there has crossed at {found_mm} mm before")]
     Earlier {
-        /// Depth that is wanted, mm.
+        /// Depth of the goal, mm.
         wanted_mm: f64,
         /// Depth of the first crossing, mm.
         found_mm: f64,
     },
 }
 
-/// Finds the motion of the base, and the needle's shape then.
+/// Finds the motion of the base, and the resulting shape of the needle.
 ///
 /// # Errors
 /// [`InverseError`].
@@ -129,7 +129,7 @@ pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape),
     }
 }
 
-/// Refuses a needle that has crossed its old place before.
+/// Rejects a needle that crosses its undeflected line above the goal.
 fn first(found: (Base, Shape), wanted_mm: f64) -> Result<(Base, Shape), InverseError> {
     match found.1.com_mm() {
         Some(found_mm) if found_mm < wanted_mm - 1e-3 => Err(InverseError::Earlier { wanted_mm, found_mm }),
@@ -137,7 +137,8 @@ fn first(found: (Base, Shape), wanted_mm: f64) -> Result<(Base, Shape), InverseE
     }
 }
 
-/// Newton's method with derivatives by differences on what makes up the base motion, from rest: goals are places and deflections, mm.
+/// Solves for the parameters of the base motion by Newton's method with finite differences, from rest; goals are positions
+/// and deflections, mm.
 fn seek(
     beam: &mut FoundationBeam,
     goals: &[(f64, f64)],

@@ -1,4 +1,4 @@
-//! Newton's method on the beam: line search and load steps.
+//! Newton's method on the beam, with a line search and load steps.
 
 use nalgebra::Vector2;
 
@@ -10,22 +10,23 @@ use super::sweep::{self, Change, Element, Push, Sweep};
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::shaft::check;
 
-/// Solved too when corrections are less than this share of the deflections: rounding then allows no better balance.
+/// Size of corrections relative to the deflections below which the beam counts as solved too: rounding allows no better
+/// balance.
 const ROUNDING: f64 = 1e-13;
-/// Newton steps of one load step.
+/// Maximum number of Newton steps of one load step.
 const STEPS: usize = 40;
-/// Shortest part of a Newton step, and of the base motion, that is tried.
+/// Smallest share of a Newton step, and of the base motion, that is tried.
 const SHORTEST: f64 = 1e-3;
 /// Largest displacement (mm) and slope of the base.
 const MAX_MOTION: f64 = 1e6;
 
-/// Where a trial broke off.
+/// Crushed tissue that ended a trial.
 #[derive(Clone, Copy, Debug)]
 struct Crush {
     element: usize,
 }
 
-/// Base and angles of a beam, and what follows from them.
+/// Base and angles of a beam, and derived values.
 #[derive(Clone, Debug, Default)]
 struct State {
     angles: Vec<Vector2<f64>>,
@@ -33,7 +34,8 @@ struct State {
     loads: Vec<Load>,
 }
 
-/// A needle in tissue, divided and ready to be moved. Solutions depend on the motion asked for alone; vectors are kept.
+/// A needle in tissue, divided into elements and ready to be moved. Solutions depend only on the given motion; buffers are
+/// kept.
 #[derive(Clone, Debug)]
 pub struct FoundationBeam {
     problem: Problem,
@@ -50,7 +52,7 @@ pub struct FoundationBeam {
 }
 
 impl FoundationBeam {
-    /// Checks and divides a problem.
+    /// Checks a problem and divides it into elements.
     ///
     /// # Errors
     /// [`InvalidNeedleModel`] with the key of the number that is out of range.
@@ -79,12 +81,12 @@ impl FoundationBeam {
         })
     }
 
-    /// The problem as given.
+    /// Returns the problem.
     pub fn problem(&self) -> &Problem {
         &self.problem
     }
 
-    /// The shape of the needle when its base has been moved.
+    /// Returns the shape of the needle after a motion of its base.
     ///
     /// # Errors
     /// [`BeamError`].
@@ -127,7 +129,7 @@ impl FoundationBeam {
         let _ = follow(&self.division, &self.elements, &self.beds, &mut self.state);
     }
 
-    /// Newton steps to a share of the base's motion.
+    /// Makes Newton steps to a share of the base's motion.
     fn reach(&mut self, base: &Base, share: f64, iterations: &mut usize) -> Result<(), Option<Crush>> {
         let free = base.slope.is_none();
         let goal = Vector2::new(base.displacement_mm, base.slope.unwrap_or(0.0)) * share;
@@ -161,9 +163,9 @@ impl FoundationBeam {
         Err(None)
     }
 
-    /// Goes along a Newton step as far as it does good: the next step with the same stiffness must be shorter (the natural
-    /// monotonicity test; P. Deuflhard, "Newton Methods for Nonlinear Problems", section 3.3). Motion of the base that is left
-    /// counts as part of that step.
+    /// Moves along a Newton step as far as it improves the solution: the next step with the same stiffness must be shorter
+    /// (the natural monotonicity test; P. Deuflhard, "Newton Methods for Nonlinear Problems", section 3.3). The remaining
+    /// motion of the base counts as part of that step.
     fn search(&mut self, push: &Push, goal: &Vector2<f64>) -> Result<(), Option<Crush>> {
         let (mut part, mut crush) = (1.0, None);
         while part >= SHORTEST {
@@ -198,7 +200,7 @@ impl FoundationBeam {
         Err(crush)
     }
 
-    /// Largest moment out of balance, as a share of the largest moment.
+    /// Returns the largest residual moment, as a share of the largest moment.
     fn residual(&self, free: bool) -> f64 {
         let (mut out, scale, base) = sweep::balance(&self.elements, &self.state.loads, &self.state.angles);
         if free {
@@ -240,7 +242,7 @@ impl FoundationBeam {
     }
 }
 
-/// Nodes and loads that follow from the base and the angles of a state.
+/// Computes nodes and loads from the base and the angles of a state.
 fn follow(division: &Division, elements: &[Element], beds: &[Bed], state: &mut State) -> Result<(), Crush> {
     let mut near = state.nodes[0];
     state.nodes.truncate(1);

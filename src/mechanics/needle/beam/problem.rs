@@ -1,4 +1,4 @@
-//! A needle in layers of tissue, and how it is divided.
+//! Beam problem: a needle in layers of tissue, and its division into elements.
 
 use std::f64::consts::PI;
 
@@ -6,35 +6,35 @@ use super::material::{Compression, Law, Material};
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::shaft::check;
 
-/// Most elements of a needle.
+/// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1e5;
 
-/// EI of a solid round rod, N mm^2, of Young's modulus (GPa) and diameter (mm).
+/// Returns the bending stiffness EI of a solid round rod, N mm^2, from Young's modulus (GPa) and diameter (mm).
 pub fn bending_stiffness_nmm2(young_gpa: f64, diameter_mm: f64) -> f64 {
     1e3 * young_gpa * PI * diameter_mm.powi(4) / 64.0
 }
 
-/// A layer of tissue, of the whole depth between two planes across the needle.
+/// A layer of tissue between two planes across the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Layer {
-    /// Depth, mm (above 0, at most 1e4).
+    /// Thickness of the layer, mm (above 0, at most 1e4).
     pub thickness_mm: f64,
-    /// What it is made of.
+    /// Material of the layer.
     pub material: Material,
-    /// How it is compressed.
+    /// Constraint and kind of stress of the compressed tissue.
     pub compression: Compression,
-    /// Length of the tissue beside the needle before it is compressed, t0, mm (above 0). Infinite: the tissue stays linear.
+    /// Initial length t0 of the tissue beside the needle, mm (above 0). Infinite: the tissue stays linear.
     pub initial_length_mm: f64,
     /// Friction between needle and tissue, gamma (0 to 1).
     pub friction: f64,
 }
 
-/// How the base is moved.
+/// Motion of the base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Base {
-    /// Across the needle, mm.
+    /// Displacement across the needle, mm.
     pub displacement_mm: f64,
-    /// Slope du/dx; none if the base turns freely.
+    /// Slope du/dx; `None` if the base turns freely.
     pub slope: Option<f64>,
 }
 
@@ -43,13 +43,13 @@ pub struct Base {
 pub struct Problem {
     /// Bending stiffness EI, N mm^2 (1e-6 to 1e12; see [`bending_stiffness_nmm2`]).
     pub bending_nmm2: f64,
-    /// From the base to the point of entry, mm (0 to 1e4).
+    /// Distance from the base to the point of entry, mm (0 to 1e4).
     pub control_distance_mm: f64,
-    /// How deep the tip is, mm (0 to the sum of the layers).
+    /// Depth of the tip, mm (0 to the sum of the layers).
     pub inserted_mm: f64,
-    /// From the entry on.
+    /// Layers, from the entry on.
     pub layers: Vec<Layer>,
-    /// Longest element, mm (above 0; Wang et al. 2023 have 1).
+    /// Maximum length of an element, mm (above 0; Wang et al. 2023 use 1).
     pub element_mm: f64,
 }
 
@@ -72,7 +72,7 @@ impl Layer {
 }
 
 impl Problem {
-    /// Checks the numbers that are not of a layer.
+    /// Checks the numbers that do not belong to a layer.
     ///
     /// # Errors
     /// [`InvalidNeedleModel`] with the key of the number.
@@ -100,21 +100,21 @@ impl Problem {
     }
 }
 
-/// Elements from base to tip, with nodes at the entry and where layers meet.
+/// Elements from base to tip, with nodes at the entry and at layer boundaries.
 #[derive(Clone, Debug)]
 pub(super) struct Division {
-    /// Nodes, mm.
+    /// Positions of the nodes, mm.
     pub nodes: Vec<f64>,
-    /// The layer of each element, if it is in tissue.
+    /// Layer of each element, if it is in tissue.
     pub layers: Vec<Option<usize>>,
-    /// The node at the entry.
+    /// Index of the node at the entry.
     pub entry: usize,
 }
 
 impl Division {
     pub fn new(problem: &Problem) -> Self {
         let mut division = Division {
-            // Not a negative zero.
+            // Avoids a negative zero.
             nodes: vec![0.0 - problem.control_distance_mm],
             layers: Vec::new(),
             entry: 0,
@@ -135,14 +135,14 @@ impl Division {
         division
     }
 
-    /// Elements of equal length from the last node to `end`; none if that is no way ahead.
+    /// Adds elements of equal length from the last node to `end`; none if `end` is not beyond it.
     fn add(&mut self, end: f64, layer: Option<usize>, element_mm: f64) {
         let start = self.nodes[self.nodes.len() - 1];
         let length = end - start;
         if length <= 0.0 {
             return;
         }
-        // A length that is a multiple of the element but for rounding is not divided once more.
+        // A length that is a multiple of the element up to rounding gets no additional element.
         let count = (length / element_mm - 1e-9).ceil().max(1.0);
         for part in 1..count as usize {
             self.nodes.push(start + length * (part as f64 / count));
@@ -156,7 +156,7 @@ impl Division {
     }
 }
 
-/// A layer ready to calculate with.
+/// A layer prepared for computation.
 #[derive(Clone, Debug)]
 pub(super) struct Bed {
     pub law: Law,

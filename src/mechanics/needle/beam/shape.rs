@@ -1,53 +1,53 @@
-//! What a solution tells.
+//! Solution of the beam problem: shape of the needle, and its centres of motion.
 
 use nalgebra::{Vector2, Vector4};
 
 use super::foundation::{self, cubics};
 use super::problem::{Bed, Division};
 
-/// Halvings that find a zero of a cubic to the last bit.
+/// Bisections that find a zero of a cubic to the last bit.
 const HALVINGS: usize = 80;
 
-/// A deflection at the entry of less than this share of the largest is none: the needle pivots there.
+/// Share of the largest deflection below which the deflection at the entry counts as 0: the needle pivots there.
 const NOTHING: f64 = 1e-9;
 
 /// A node of the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
-    /// Along the undeflected needle, mm from the entry.
+    /// Position along the undeflected needle, mm from the entry.
     pub x_mm: f64,
     /// Deflection, mm.
     pub u_mm: f64,
-    /// du/dx.
+    /// Slope du/dx.
     pub slope: f64,
-    /// Reaction of the tissue per length of needle, F, N/mm: it has the sign of the deflection and pushes the needle back. Where
-    /// layers meet, that of the deeper one; 0 outside the tissue.
+    /// Reaction of the tissue per length of needle, F, N/mm: it has the sign of the deflection and pushes the needle back.
+    /// At layer boundaries, that of the deeper layer; 0 outside the tissue.
     pub reaction_n_per_mm: f64,
 }
 
-/// A needle whose base has been moved. Between its points it is a cubic.
+/// Shape of a needle whose base has been moved: a cubic between its points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
-    /// From base to tip.
+    /// Points from base to tip.
     pub points: Vec<Point>,
-    /// Force that holds the base, N, along the deflection.
+    /// Force on the base, N, along the deflection.
     pub base_force_n: f64,
-    /// Moment that holds it, N mm, the way in which the slope rises.
+    /// Moment on the base, N mm, positive in the direction in which the slope rises.
     pub base_moment_nmm: f64,
-    /// Energy of bending, N mm.
+    /// Bending energy, N mm.
     pub bending_energy_nmm: f64,
-    /// Least compression ratio of the tissue, at the points; 1 without tissue.
+    /// Least compression ratio of the tissue at the points; 1 without tissue.
     pub least_ratio: f64,
-    /// Largest moment out of balance over the largest moment.
+    /// Largest residual moment over the largest moment.
     pub residual: f64,
-    /// Newton steps.
+    /// Number of Newton steps.
     pub iterations: usize,
-    /// The point at the entry.
+    /// Index of the point at the entry.
     entry: usize,
 }
 
 impl Shape {
-    /// `sums` are force and moment at the base and the energy; `effort` residual and iterations.
+    /// Builds a shape; `sums` are force and moment at the base and the energy, `effort` residual and iterations.
     pub(super) fn new(
         division: &Division,
         beds: &[Bed],
@@ -83,21 +83,21 @@ impl Shape {
         }
     }
 
-    /// Deflection of the tip, mm.
+    /// Returns the deflection of the tip, mm.
     pub fn tip_mm(&self) -> f64 {
         self.points.last().map_or(0.0, |point| point.u_mm)
     }
 
-    /// The remote centre of motion: where the tangent at the base meets the undeflected needle, as a depth from the entry (mm,
-    /// negative before it). None for a base that has not turned.
+    /// Returns the remote centre of motion: the intersection of the tangent at the base with the undeflected needle, as a
+    /// depth from the entry (mm, negative before it). `None` for a base that has not turned.
     pub fn rcm_mm(&self) -> Option<f64> {
         let base = self.points.first()?;
         let rcm = base.x_mm - base.u_mm / base.slope;
         (base.slope != 0.0).then_some(rcm)
     }
 
-    /// The centre of motion: the depth from the entry (mm) at which the needle first is where it was. None if it is so nowhere, or
-    /// everywhere.
+    /// Returns the centre of motion: the smallest depth from the entry (mm) at which the needle is not deflected. `None` if
+    /// there is none, or if it is undeflected everywhere.
     pub fn com_mm(&self) -> Option<f64> {
         let inside = &self.points[self.entry..];
         if inside.iter().all(|point| point.u_mm == 0.0) {
@@ -113,7 +113,7 @@ impl Shape {
         inside.windows(2).find_map(|pair| first_zero(&pair[0], &pair[1]))
     }
 
-    /// Deflection (mm) and slope at a place (mm from the entry), between base and tip.
+    /// Returns deflection (mm) and slope at a position (mm from the entry), between base and tip.
     pub fn at(&self, x_mm: f64) -> [f64; 2] {
         let last = self.points.len() - 1;
         let after = self
@@ -134,10 +134,10 @@ fn between(near: &Point, far: &Point, x_mm: f64) -> [f64; 2] {
     [values.dot(&ends), slopes.dot(&ends)]
 }
 
-/// The first zero of an element, its near end left out.
+/// Returns the first zero in an element, excluding its near end.
 fn first_zero(near: &Point, far: &Point) -> Option<f64> {
     let (from, length) = (near.x_mm, far.x_mm - near.x_mm);
-    // Between the extrema of the cubic it rises or falls: u' = slope + 2 b s + 3 c s^2 of the share s.
+    // Between its extrema the cubic is monotonic: u' = slope + 2 b s + 3 c s^2 of the share s.
     let chord = far.u_mm - near.u_mm;
     let (a, end) = (near.slope * length, far.slope * length);
     let (b, c) = (3.0 * chord - 2.0 * a - end, a + end - 2.0 * chord);
@@ -171,7 +171,7 @@ fn first_zero(near: &Point, far: &Point) -> Option<f64> {
 mod tests {
     use super::*;
 
-    /// The first zero of one element of 2 mm from 3 mm on.
+    /// Returns the first zero of one element of 2 mm from 3 mm on.
     fn zero(u: [f64; 2], slopes: [f64; 2]) -> Option<f64> {
         let point = |x_mm, u_mm, slope| Point {
             x_mm,
@@ -193,7 +193,7 @@ mod tests {
         near(zero([0.75, 0.75], [-2.0, 2.0]), 3.5);
         let slope = |x: f64| (x - 4.0) * (x - 4.5) + (x - 3.25) * (x - 4.5) + (x - 3.25) * (x - 4.0);
         near(zero([-0.375, 0.875], [slope(3.0), slope(5.0)]), 3.25);
-        // At the far end, and none.
+        // At the far end, and without a zero.
         near(zero([1.0, 0.0], [-0.5, -0.5]), 5.0);
         assert_eq!(zero([1.0, 2.0], [0.5, 0.5]), None);
         assert_eq!(zero([1.0, 1.0], [-0.1, 0.1]), None);

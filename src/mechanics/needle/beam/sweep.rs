@@ -1,29 +1,30 @@
-//! The linear equations of a Newton step.
+//! Linear equations of a Newton step, solved in two sweeps.
 //!
-//! Nodes have deflection and slope, q = (u, s). What an element is bent by are its slopes against its chord, a = (a1, a2) at
-//! its ends; with its length h the far node follows from the near one as `q2 = T q1 + G a`:
+//! Nodes have deflection and slope, q = (u, s). An element is bent by the slopes at its ends relative to its chord, a = (a1,
+//! a2); with its length h the far node follows from the near one as `q2 = T q1 + G a`:
 //!
 //! ```text
 //! T = [1 h]   G = [-h 0]   bending moments  B a,  B = (E I/h) [4 2]
 //!     [0 1]       [-1 1]                                      [2 4]
 //! ```
 //!
-//! These are the Hermite elements, in variables that are small where bending is: the state of the beam is its base and `a`, to
-//! which corrections are added, so rounding does not grow with the cube of the number of elements, as it does where bending
-//! is a difference of deflections. Balance is `B a + G' p = 0` for each element, with `p` the force and the moment on its far
-//! node from everything beyond. From the tip to the base, `p` is written as a linear function of the change of the near node,
-//! element by element; from the base to the tip the changes follow. Nothing is subtracted that is larger than the result by
-//! more than the foundation's stiffness over that of an element, so weak tissue and free bases do no harm.
+//! These are the Hermite elements, in variables that are small where bending is: the state of the beam is its base and `a`,
+//! to which corrections are added, so rounding does not grow with the cube of the number of elements, as it does where
+//! bending is a difference of deflections. Balance is `B a + G' p = 0` for each element, with `p` the force and the moment
+//! on its far node from everything beyond. From the tip to the base, `p` is written as a linear function of the change of
+//! the near node, element by element; from the base to the tip the changes follow. Nothing is subtracted that exceeds the
+//! result by more than the ratio of the foundation's stiffness to that of an element, so weak tissue and free bases do no
+//! harm.
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::foundation::Load;
 
-/// An element: its length and bending stiffness.
+/// Length and bending stiffness of an element.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Element {
     pub length: f64,
-    /// E I, N mm^2.
+    /// Bending stiffness E I, N mm^2.
     pub bending: f64,
 }
 
@@ -33,7 +34,7 @@ impl Element {
         Matrix2::new(4.0 * unit, 2.0 * unit, 2.0 * unit, 4.0 * unit)
     }
 
-    /// Moments at its ends, N mm.
+    /// Returns the moments at the ends, N mm.
     pub fn moments(&self, angles: &Vector2<f64>) -> Vector2<f64> {
         self.bend() * angles
     }
@@ -46,44 +47,44 @@ impl Element {
         Matrix2::new(-self.length, 0.0, -1.0, 1.0)
     }
 
-    /// The far node, from the near one.
+    /// Returns the far node from the near one.
     pub fn far(&self, near: &Vector2<f64>, angles: &Vector2<f64>) -> Vector2<f64> {
         let chord = near.y - angles.x;
         Vector2::new(near.x + self.length * chord, chord + angles.y)
     }
 
-    /// Force and moment on the far node, carried to the near one.
+    /// Carries force and moment on the far node to the near one.
     fn back(&self, far: &Vector2<f64>) -> Vector2<f64> {
         Vector2::new(far.x, far.y + self.length * far.x)
     }
 
-    /// Moments by which force and moment on the far node bend it.
+    /// Returns the bending moments due to force and moment on the far node.
     pub fn bent_by(&self, far: &Vector2<f64>) -> Vector2<f64> {
         Vector2::new(-self.length * far.x - far.y, far.y)
     }
 }
 
-/// What one element contributes to the sweeps.
+/// Contribution of one element to the sweeps.
 #[derive(Clone, Copy, Debug)]
 struct Gain {
     /// (B + G' P G)^-1.
     yielding: Matrix2<f64>,
-    /// Its change of `a` by change of its near node, reversed.
+    /// Change of `a` by change of the near node, negated.
     follow: Matrix2<f64>,
-    /// Force and moment on its near node by its change of `a`.
+    /// Force and moment on the near node by change of `a`.
     feed: Matrix2<f64>,
 }
 
-/// The equations of one state, solved for any out-of-balance and any motion of the base.
+/// Factored equations of one state, for any residual and any motion of the base.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sweep {
     gains: Vec<Gain>,
-    /// Stiffness felt at the base.
+    /// Stiffness at the base.
     base: Matrix2<f64>,
     steps: Vec<Vector2<f64>>,
 }
 
-/// A change: of the base, and of the angles of each element.
+/// Change of the base, and of the angles of each element.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Change {
     pub base: Vector2<f64>,
@@ -92,7 +93,7 @@ pub(super) struct Change {
     pub largest: f64,
 }
 
-/// How the base is moved on: by so much, and whether its slope is free instead.
+/// Increment of the base motion, and whether the slope of the base is free instead.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Push {
     pub by: Vector2<f64>,
@@ -100,7 +101,7 @@ pub(super) struct Push {
 }
 
 impl Sweep {
-    /// Takes the stiffness of all elements. None if they have no stable balance.
+    /// Factors the stiffness of all elements. Returns `None` if they have no stable equilibrium.
     pub fn factor(&mut self, elements: &[Element], loads: &[Load]) -> Option<()> {
         self.gains.clear();
         let mut beyond = Matrix2::zeros();
@@ -123,8 +124,8 @@ impl Sweep {
         beyond.iter().all(|x| x.is_finite()).then_some(())
     }
 
-    /// The change that balances the state with these angles and loads, with the stiffness taken before. None if the base cannot
-    /// find its slope.
+    /// Returns the change that balances the state with these angles and loads, with the factored stiffness, or `None` if the
+    /// slope of the base is undetermined.
     pub fn solve(
         &mut self,
         elements: &[Element],
@@ -162,7 +163,7 @@ impl Sweep {
     }
 }
 
-/// What is out of balance: the largest moment, and the largest that is in it; N mm. And force and moment that tissue has on the base.
+/// Returns the largest residual moment, the largest moment (N mm), and force and moment of the tissue on the base.
 pub(super) fn balance(elements: &[Element], loads: &[Load], angles: &[Vector2<f64>]) -> (f64, f64, Vector2<f64>) {
     let (mut out, mut scale, mut beyond) = (0.0f64, 0.0f64, Vector2::zeros());
     for ((element, load), angles) in elements.iter().zip(loads).zip(angles).rev() {

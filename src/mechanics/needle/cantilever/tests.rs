@@ -22,7 +22,7 @@ fn load(arc_mm: f64, force: [f64; 3]) -> Load {
     }
 }
 
-/// Places until nothing moves.
+/// Calls `place` until nothing moves.
 fn settle(needle: &mut dyn Needle, base: &Isometry3<f64>, loads: &[Load], line: &mut CentreLine) {
     for _ in 0..400 {
         let before = line.clone();
@@ -51,7 +51,8 @@ fn rows() -> Vec<Row> {
     arcs.into_iter().flat_map(row).collect()
 }
 
-/// Nodes lie on the closed form of the cantilever under forces at nodes, with elements of any length: Hermite cubics hold it.
+/// Nodes lie on the closed form of the cantilever under forces at nodes, with elements of any length: Hermite cubics contain
+/// it.
 #[test]
 fn a_cantilever_bends_as_the_closed_form() {
     let stiffness = Stiffness::default().bending_nmm2();
@@ -77,7 +78,7 @@ fn a_cantilever_bends_as_the_closed_form() {
     }
 }
 
-/// Forces between nodes converge with the square of the length of elements, to the closed form.
+/// Forces between nodes converge to the closed form with the square of the length of elements.
 #[test]
 fn forces_between_nodes_converge() {
     let stiffness = Stiffness::default().bending_nmm2();
@@ -93,7 +94,7 @@ fn forces_between_nodes_converge() {
         );
         (line.at(at).point_mm.x - beam).abs()
     };
-    // The polyline cuts the curve by at most h^2/8 of the curvature, and the force sees the chord: h^3/(48 EI).
+    // The polyline cuts the curve by at most h^2/8 of the curvature, and the force acts on the chord: h^3/(48 EI).
     for element in [20.0f64, 10.0, 4.0] {
         let bound = force * at * element * element / (8.0 * stiffness) + force * element.powi(3) / (48.0 * stiffness);
         assert!(error(element) < bound, "{element}: {} {bound}", error(element));
@@ -123,7 +124,7 @@ fn large_rotations_follow_the_elastica() {
     }
 }
 
-/// As springs of short links, for their midpoint rule converges to the same integrals.
+/// Agrees with springs of short links, whose midpoint rule converges to the same integrals.
 #[test]
 fn springs_of_short_links_bend_alike() {
     let loads = [
@@ -138,7 +139,7 @@ fn springs_of_short_links_bend_alike() {
     settle(&mut springs, &base, &loads, &mut other);
     let straight = base * Point3::new(0.0, 0.0, LENGTH);
     let bent = (one.tip() - straight).norm();
-    // h^2/(4 L^2) of the deflection is 2.5e-5 of it; levers of a tilted needle take as much again, and more.
+    // h^2/(4 L^2) of the deflection is 2.5e-5 of it; levers of a tilted needle add as much again, and more.
     assert!(
         bent > 10.0 && (one.tip() - other.tip()).norm() < 3e-4 * bent,
         "{} of {bent}",
@@ -146,8 +147,8 @@ fn springs_of_short_links_bend_alike() {
     );
 }
 
-/// Exactly about the straight needle, also under a load along it near the one that buckles it; about a bent one but for what turns
-/// of finite angle do to each other.
+/// Exact about the straight needle, also under an axial load near buckling; about a bent one up to the interaction of finite
+/// rotations.
 #[test]
 fn linearisation_is_what_forces_move() {
     let buckling = PI * PI * Stiffness::default().bending_nmm2() / (4.0 * LENGTH * LENGTH);
@@ -185,7 +186,7 @@ fn linearisation_is_what_forces_move() {
     }
 }
 
-/// The free needle buckles in as many ways as the load along it is beyond loads of Euler's, (2 n - 1)^2 times the first, each in
+/// The free needle has as many buckling modes as Euler loads, (2 n - 1)^2 times the first, lie below the axial load, each in
 /// two planes. Cubics over elements of 10 mm find them to a thousandth.
 #[test]
 fn ways_to_buckle_are_counted() {

@@ -18,7 +18,7 @@ fn load(arc_mm: f64, force: [f64; 3]) -> Load {
     }
 }
 
-/// Places until nothing moves; how often that took.
+/// Calls `place` until nothing moves; returns the number of calls.
 fn settle(needle: &mut Springs, base: &Isometry3<f64>, loads: &[Load], line: &mut CentreLine) -> usize {
     for count in 1..=200 {
         let before = line.clone();
@@ -54,13 +54,12 @@ fn flexibility(needle: &mut Springs, line: &CentreLine, loads: &[Load], rows: &[
     out
 }
 
-/// Deflections follow the closed forms of a cantilever, less what the midpoint rule leaves out of their integrals:
-/// exactly h^2/12 times the smaller of the two arcs, for where the force acts and where it is watched are ends of
-/// parts.
+/// Deflections follow the closed forms of a cantilever, less what the midpoint rule omits from their integrals: exactly
+/// h^2/12 times the smaller of the two arcs, since load and observation point lie at ends of parts.
 #[test]
 fn a_cantilever_bends_as_the_beam() {
     let stiffness = 10.7 * 180.0 / PI * 10.0;
-    // Small: what lines of finite angles add is (deflection / length)^2 of it, 1e-9.
+    // Small: lines of finite angles add (deflection / length)^2 of it, 1e-9.
     let force = 1e-5;
     for link in [10.0, 5.0, 2.5] {
         for (at, seen) in [
@@ -99,7 +98,7 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
         line
     });
     assert!(lines[0].distance(&lines[1]) < 1e-12);
-    // One joint, its spring by the torque that turns it by a degree.
+    // One joint, its spring under the torque that turns it by a degree.
     let degree = 10.7 / 5.0;
     let shaft = Shaft {
         length_mm: 10.0,
@@ -112,8 +111,8 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
     assert!((tilt - 1.0).abs() < 1e-12, "{tilt}");
 }
 
-/// Exactly about the straight needle, also under a load along it; about a bent one but for what turns of finite angle do to each
-/// other: the square of the bend.
+/// Exact about the straight needle, also under an axial load; about a bent one up to the interaction of finite rotations:
+/// the square of the bend.
 #[test]
 fn linearisation_is_what_forces_move() {
     let buckling = PI * PI * Stiffness::default().bending_nmm2() / (4.0 * LENGTH * LENGTH);
@@ -159,7 +158,7 @@ fn linearisation_is_what_forces_move() {
     }
 }
 
-/// What is left to move is told, and gone after a step.
+/// The remaining motion is reported, and gone after a step.
 #[test]
 fn drift_is_what_the_shape_still_moves() {
     let (mut needle, base, rows) = (needle(10.0, None), slanted(), rows());
@@ -179,7 +178,7 @@ fn drift_is_what_the_shape_still_moves() {
     }
 }
 
-/// The free needle buckles in as many ways as the load along it is beyond loads of Euler's.
+/// The free needle has as many buckling modes as Euler loads lie below the axial load.
 #[test]
 fn ways_to_buckle_are_counted() {
     let buckling = PI * PI * Stiffness::default().bending_nmm2() / (4.0 * LENGTH * LENGTH);
@@ -257,8 +256,8 @@ fn there_is_no_torsion() {
         length_mm: 4.0,
     });
     let (mut needle, base) = (needle(10.0, bevel), slanted());
-    // It bends in two planes. A force at the tip, off the centre line, has a torque along the shaft; forces elsewhere
-    // have none once all is at rest, for torsion is constant along a round rod.
+    // It bends in two planes. A force at the tip, off the centre line, has a torque along the shaft; forces elsewhere have
+    // none at rest, since torsion is constant along a round rod.
     let loads = |arc_mm| [load(arc_mm, [0.2, -0.1, 0.05]), load(90.0, [-0.4, 0.9, 0.3])];
     let mut offset = |roll, loads: [Load; 2]| {
         let rolled = base * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), roll);
@@ -316,7 +315,7 @@ fn no_force_tears_it() {
     }
 }
 
-/// Steps of Newton's method: a few, however near a force along the shaft comes to the one that buckles the needle.
+/// Newton's method takes a few steps, however close an axial force is to the buckling force.
 #[test]
 fn it_settles() {
     let (base, stiffness) = (Isometry3::identity(), Stiffness::default().bending_nmm2());
@@ -327,7 +326,7 @@ fn it_settles() {
         let loads = [load(LENGTH, [0.02 * (1.0 - share), 0.0, -share * buckling])];
         let count = settle(&mut needle, &base, &loads, &mut line);
         assert!(count <= 7, "{share}: {count}");
-        // Beam columns deflect by 1 / (1 - share) more, to 2 % (the shape is not quite that of buckling).
+        // Beam columns deflect more by 1 / (1 - share), to 2 % (the shape is not quite the buckling mode).
         let straight = loads[0].force_n.x * LENGTH.powi(3) / (3.0 * stiffness);
         let column = line.tip().x / straight;
         assert!((column * (1.0 - share) - 1.0).abs() < 0.02, "{share}: {column}");

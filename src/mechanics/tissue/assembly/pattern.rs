@@ -1,11 +1,11 @@
-//! Where the entries of a stiffness matrix are, and which of them each element adds to.
+//! Sparsity pattern of a stiffness matrix, and the entries that each element adds to.
 
 use faer::sparse::SymbolicSparseColMat;
 
 use super::AssemblyError;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
 
-/// The pairs of an element's corners, in the order of [`Pattern::places`].
+/// Pairs of an element's corners, in the order of [`Pattern::places`].
 pub const PAIRS: [(usize, usize); 10] = [
     (0, 0),
     (0, 1),
@@ -19,26 +19,26 @@ pub const PAIRS: [(usize, usize); 10] = [
     (3, 3),
 ];
 
-/// Place of each pair of corners in [`PAIRS`].
+/// Index of each pair of corners in [`PAIRS`].
 const PAIR_OF: [[usize; 4]; 4] = [[0, 1, 2, 3], [1, 4, 5, 6], [2, 5, 7, 8], [3, 6, 8, 9]];
 
-/// Pairs of nodes that share an element, one block each: in the column of the lower node, the rows of the higher, ascending.
-/// Every node is paired with itself.
+/// Pairs of nodes that share an element, one block each: the lower node gives the column, the higher nodes the rows,
+/// ascending. Every node is paired with itself.
 #[derive(Debug)]
 pub struct Pattern {
-    /// Where the blocks of each node's column begin; one more at the end.
+    /// Start of each node's column of blocks, with a final end.
     starts: Vec<u32>,
-    /// The node of each block's rows.
+    /// Row node of each block.
     rows: Vec<u32>,
-    /// For each element the blocks that it adds to.
+    /// Blocks that each element adds to.
     places: Vec<[u32; 10]>,
-    /// The lower triangle over the free degrees of freedom.
+    /// Lower triangle over the free degrees of freedom.
     pub lower: SymbolicSparseColMat<u32>,
 }
 
 impl Pattern {
     pub fn new(elements: &[[u32; 4]], dofs: &Dofs) -> Result<Pattern, AssemblyError> {
-        // Nine entries a block, and four times an element's number, stay below this.
+        // Nine entries per block, and four times an element's number, stay below this.
         let limit = i32::MAX as usize;
         if elements.len() > limit / 9 {
             return Err(AssemblyError::TooLarge { limit });
@@ -48,7 +48,7 @@ impl Pattern {
         let mut starts = Vec::with_capacity(nodes + 1);
         let mut rows = Vec::with_capacity(8 * nodes);
         let mut places = vec![[0; 10]; elements.len()];
-        // The column that met a node last, and the block of that meeting.
+        // Last column in which each node occurred, and its block there.
         let mut met = vec![(NONE, 0); nodes];
         for column in 0..nodes as u32 {
             let around = &corners[firsts[column as usize] as usize..firsts[column as usize + 1] as usize];
@@ -102,7 +102,7 @@ impl Pattern {
         SymbolicSparseColMat::new_checked(free, free, starts, None, rows)
     }
 
-    /// Calls `entry` with row, column, block and place in the block, for each entry of the lower triangle in its order.
+    /// Calls `entry` with row, column, block and place in the block for each entry of the lower triangle, in order.
     #[inline]
     pub fn for_each_entry(&self, dofs: &Dofs, mut entry: impl FnMut(u32, u32, usize, (usize, usize))) {
         for node in 0..dofs.nodes() as u32 {
@@ -115,7 +115,7 @@ impl Pattern {
             {
                 for at in span.clone() {
                     for (i, row) in dofs.of(self.rows[at]).into_iter().enumerate() {
-                        // Numbers ascend with node and axis: this leaves out what lies above the diagonal.
+                        // Numbers ascend with node and axis: this omits entries above the diagonal.
                         if row != NONE && row >= column {
                             entry(row, column, at, (i, j));
                         }
@@ -130,17 +130,17 @@ impl Pattern {
         self.lower.row_idx().len()
     }
 
-    /// Number of pairs of nodes.
+    /// Number of node pairs.
     pub fn pairs(&self) -> usize {
         self.rows.len()
     }
 
-    /// For each element the blocks that its pairs of corners add to.
+    /// Blocks that the corner pairs of each element add to.
     pub fn places(&self) -> &[[u32; 10]] {
         &self.places
     }
 
-    /// All blocks: column node, row node, number.
+    /// All blocks as (column node, row node, number).
     pub fn blocks(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
         self.starts.windows(2).enumerate().flat_map(move |(column, span)| {
             (span[0] as usize..span[1] as usize).map(move |at| (column, self.rows[at] as usize, at))
@@ -148,8 +148,8 @@ impl Pattern {
     }
 }
 
-/// For each node where its corners begin in the list beside, one more at the end; a corner is four times its element plus
-/// its place there.
+/// Returns the start of each node's corners, with a final end, and the list of corners; a corner is four times its
+/// element plus its place there.
 pub fn corners_by_node(elements: &[[u32; 4]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
     let mut firsts = vec![0u32; nodes + 1];
     for &node in elements.iter().flatten() {

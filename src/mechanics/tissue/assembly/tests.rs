@@ -5,13 +5,13 @@ use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::element::{ElementStiffness, element_stiffness};
 
 impl Stiffness {
-    /// The matrix with all signs turned, which no mesh has.
+    /// Reverses all signs, giving a matrix that no mesh has.
     pub(in crate::mechanics::tissue) fn negate(&mut self) {
         self.values.iter_mut().for_each(|value| *value = -*value);
     }
 }
 
-/// A small box, no two materials alike, some displacements prescribed.
+/// Returns a small box with all materials different and some displacements prescribed.
 fn example() -> (TetMesh, Vec<Material>, Dofs) {
     let mesh = TetMesh::over_box([0.0; 3], [3.0, 2.0, 2.0], 36).unwrap();
     let materials = (0..mesh.elements().len())
@@ -21,7 +21,7 @@ fn example() -> (TetMesh, Vec<Material>, Dofs) {
     (mesh, materials, dofs)
 }
 
-/// All entries, prescribed ones too, element by element.
+/// Assembles all entries, including prescribed ones, element by element.
 fn dense(mesh: &TetMesh, materials: &[Material]) -> DMatrix<f64> {
     let size = 3 * mesh.nodes().len();
     let mut matrix = DMatrix::zeros(size, size);
@@ -136,7 +136,7 @@ fn unusable_elements_are_named() {
     let element = 7;
     let corners = mesh.elements()[element];
     let mut nodes = mesh.nodes().to_vec();
-    // Through the opposite face: this element and perhaps its neighbours turn inside out.
+    // Moved through the opposite face: this element and perhaps its neighbours are inverted.
     let centre: [f64; 3] =
         std::array::from_fn(|k| corners[1..].iter().map(|n| nodes[*n as usize][k]).sum::<f64>() / 3.0);
     let tip = corners[0] as usize;

@@ -4,7 +4,7 @@ use super::*;
 
 const CORNERS: [[f64; 3]; 4] = [[0.1, 0.2, -0.1], [1.3, 0.1, 0.2], [0.2, 1.1, 0.3], [0.4, 0.3, 1.7]];
 
-/// V B^T D B in Voigt notation with engineering shear strains: another way to the same stiffness.
+/// Computes V B^T D B in Voigt notation with engineering shear strains, an independent formula of the stiffness.
 fn by_voigt(corners: &[[f64; 3]; 4], young: f64, nu: f64) -> SMatrix<f64, 12, 12> {
     let columns = [1, 2, 3].map(|c: usize| Vector3::from(corners[c]) - Vector3::from(corners[0]));
     let jacobian = Matrix3::from_columns(&columns);
@@ -115,8 +115,8 @@ fn elements_without_volume_are_refused() {
     assert!(matches!(error, DegenerateElement::NotFinite { corner } if corner[1].is_nan()));
 }
 
-/// Forces from differences of displacements are those of the stiffness, none for a translation of any size, and add up to
-/// nothing more than the rounding of their sum.
+/// Forces from differences of displacements equal those of the stiffness, are zero for a translation of any size, and
+/// sum to zero up to the rounding of their sum.
 #[test]
 fn forces_from_differences_are_those_of_the_stiffness_and_balance() {
     let material = Material::new(7.0, 0.45).unwrap();

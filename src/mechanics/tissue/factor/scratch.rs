@@ -1,16 +1,16 @@
-//! Scratch memory that solves on several threads share.
+//! Scratch memory shared by solves on several threads.
 
 use std::fmt;
 use std::sync::{Mutex, PoisonError};
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 
-/// Buffers that nobody uses at the moment.
+/// Buffers that are not in use.
 #[derive(Default)]
 pub struct Scratch(Mutex<Vec<MemBuffer>>);
 
 impl Scratch {
-    /// Runs `work` on a stack that holds `need`; none if that memory cannot be had.
+    /// Runs `work` on a stack of size `need`; `None` if that memory cannot be allocated.
     pub fn with<T>(&self, need: StackReq, work: impl FnOnce(&mut MemStack) -> T) -> Option<T> {
         let mut buffer = match self.store().pop().filter(|buffer| fits(buffer, need)) {
             Some(buffer) => buffer,
@@ -22,7 +22,7 @@ impl Scratch {
     }
 
     fn store(&self) -> std::sync::MutexGuard<'_, Vec<MemBuffer>> {
-        // A panic elsewhere leaves the list whole.
+        // A panic elsewhere leaves the list intact.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -31,7 +31,7 @@ fn fits(buffer: &MemBuffer, need: StackReq) -> bool {
     buffer.len() >= need.unaligned_bytes_required()
 }
 
-/// A copy begins without buffers.
+/// A clone starts without buffers.
 impl Clone for Scratch {
     fn clone(&self) -> Self {
         Self::default()

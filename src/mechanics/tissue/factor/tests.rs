@@ -5,7 +5,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::material::Material;
 
-/// A block of `nodes` nodes, its bottom fixed unless `loose`.
+/// Returns the stiffness of a block of `nodes` nodes, its bottom fixed unless `loose`.
 fn block(nodes: usize, loose: bool) -> Stiffness {
     let mesh = TetMesh::over_box([0.0; 3], [30.0, 20.0, 20.0], nodes).unwrap();
     let materials = vec![Material::new(5.0, 0.45).unwrap(); mesh.elements().len()];
@@ -18,8 +18,8 @@ fn wave(size: usize, phase: usize) -> Vec<f64> {
     (0..size).map(|i| f64::sin((i * i + phase) as f64)).collect()
 }
 
-/// Backward error that Cholesky and one refinement stay under (N. J. Higham, "Accuracy and Stability of Numerical
-/// Algorithms", chapters 10 and 12): a small multiple of the rounding unit, here far from its bound of rows times that.
+/// Backward error that Cholesky and one refinement do not exceed (N. J. Higham, "Accuracy and Stability of Numerical
+/// Algorithms", chapters 10 and 12): a small multiple of the rounding unit, far below the bound of rows times that.
 const SMALL: f64 = 1e-14;
 
 #[test]

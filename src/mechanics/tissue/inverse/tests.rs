@@ -19,8 +19,8 @@ fn inverted<T: Scalar>(block: &Block) -> Symmetric<T> {
     invert(&block.factor, |_, _| ()).expect("an inverse")
 }
 
-/// |K x - e| for x by Cholesky: gamma_{3n+1} | |L| |L^T| | |x| in 2-norms, and the factor's norm is at most the sum of the
-/// squares of L, the trace of K (Higham, Accuracy and Stability of Numerical Algorithms, theorem 10.4).
+/// Bounds |K x - e| for x by Cholesky: gamma_{3n+1} | |L| |L^T| | |x| in 2-norms, where the factor's norm is at most
+/// the sum of the squares of L, the trace of K (Higham, Accuracy and Stability of Numerical Algorithms, theorem 10.4).
 fn residual_bound(stiffness: &Stiffness, column: &[f64]) -> f64 {
     let size = column.len();
     let lower = stiffness.lower();
@@ -39,7 +39,7 @@ fn it_is_the_inverse_of_an_independent_dense_one() {
         assert!(size > PANEL_ROWS, "{size} rows are one panel");
         let expected = stiffness.clone().try_inverse().expect("an inverse");
         let condition = stiffness.norm() * expected.norm();
-        // Both carry errors of a few n eps times the condition (Higham, section 14.3).
+        // Both have errors of a few n eps times the condition (Higham, section 14.3).
         let bound = 10.0 * size as f64 * f64::EPSILON * condition * expected.norm();
         let found = DMatrix::from_fn(size, size, |i, j| inverse.get(i, j));
         assert!((&found - &expected).norm() <= bound, "nu {poisson}");

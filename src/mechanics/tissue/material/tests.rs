@@ -2,7 +2,7 @@ use super::*;
 
 #[test]
 fn lame_parameters_follow_the_text_books() {
-    // Young's modulus and the ratio back from lambda and mu.
+    // Young's modulus and Poisson's ratio recovered from lambda and mu.
     for (young, nu) in [(1.0, 0.0), (3.5, 0.3), (10.0, 0.49), (2.0, -0.5)] {
         let [lambda, mu] = Material::new(young, nu).unwrap().lame_kpa();
         assert!((mu * (3.0 * lambda + 2.0 * mu) / (lambda + mu) / young - 1.0).abs() < 1e-14);

@@ -1,14 +1,15 @@
-//! Acceleration of iterations whose factor is kept (D. G. Anderson, Journal of the ACM 12, 1965): the changes that the last
-//! iterations proposed, and what came of them, tell how the next should differ from what it proposes.
+//! Anderson acceleration of iterations with a kept factor (D. G. Anderson, Journal of the ACM 12, 1965): the changes
+//! proposed in the last iterations, and their effects, correct the next proposal.
 
-/// Steps taken and how much the proposals changed along them, newest last.
+/// Steps taken, and the changes of the proposal along them ("turns"), newest last.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Anderson {
     steps: Vec<Vec<f64>>,
     turns: Vec<Vec<f64>>,
     used: usize,
     last: Option<Last>,
-    /// Orthonormal directions that span the turns, the steps that go with them, and what of the change they do not explain.
+    /// Orthonormal directions that span the turns; `moves` are the corresponding steps, `rest` the unexplained part of
+    /// the change.
     directions: Vec<Vec<f64>>,
     moves: Vec<Vec<f64>>,
     rest: Vec<f64>,
@@ -20,17 +21,17 @@ struct Last {
     step: Vec<f64>,
 }
 
-/// Part of a turn that the others do not explain, relative to it, below which it tells nothing new.
+/// Smallest part of a turn, relative to its length, that counts as independent of the others.
 const NEW: f64 = 1e-8;
 
 impl Anderson {
-    /// Forgets what was: another problem or another factor.
+    /// Clears the history, for another problem or factor.
     pub fn clear(&mut self) {
         self.used = 0;
         self.last = None;
     }
 
-    /// Turns a proposed change into the one to make, from `memory` steps before at most.
+    /// Replaces a proposed change by the accelerated one, from at most `memory` earlier steps.
     pub fn improve(&mut self, memory: usize, change: &mut [f64]) {
         if memory == 0 {
             return;
@@ -67,9 +68,9 @@ impl Anderson {
         }
     }
 
-    /// Takes from the change the combination of turns nearest to it, and of the steps that go with them.
+    /// Subtracts from the change the combination of turns nearest to it, and the corresponding steps.
     fn combine(&mut self, change: &mut [f64]) {
-        // Newest first: where turns depend on each other the newest count. What is done to a turn is done to its step.
+        // Newest first: of dependent turns the newest are used. Each operation on a turn is also applied to its step.
         self.rest.clear();
         self.rest.extend_from_slice(change);
         let mut spanned = 0;

@@ -1,4 +1,4 @@
-//! A body of triangles or tetrahedra that stiffens with strain: its forces, and their derivatives.
+//! Body of strain-stiffening triangles or tetrahedra: its forces and their derivatives.
 
 use super::law::{Stiffening, relative_strain};
 use super::simplex::{Simplex, dot};
@@ -6,10 +6,10 @@ use super::tangent::Kind;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::element::DegenerateElement;
 
-/// Newtons per square millimetre in a kilopascal.
+/// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
 
-/// A mesh of simplices in its reference state, one material an element. Vectors over it have `D` entries a node.
+/// Mesh of simplices in its reference state, with one material per element. Vectors over it have `D` entries per node.
 #[derive(Clone, Debug)]
 pub struct Body<const D: usize, const N: usize> {
     nodes: Vec<[f64; D]>,
@@ -17,10 +17,10 @@ pub struct Body<const D: usize, const N: usize> {
     cells: Vec<Cell<D, N>>,
 }
 
-/// A body of triangles in plane strain.
+/// Body of triangles in plane strain.
 pub type Sheet = Body<2, 3>;
 
-/// A body of tetrahedra.
+/// Body of tetrahedra.
 pub type Solid = Body<3, 4>;
 
 #[derive(Clone, Copy, Debug)]
@@ -32,39 +32,39 @@ pub(super) struct Cell<const D: usize, const N: usize> {
     law: Stiffening,
 }
 
-/// How an element answers at a state: what its tangent is made of.
+/// Response of an element at a state, from which its tangent is formed.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Response<const D: usize> {
-    /// E over E0.
+    /// Secant modulus over E0.
     pub secant: f64,
-    /// Kobayashi et al.'s tangent over E0.
+    /// Tangent modulus of Kobayashi et al. over E0.
     pub scalar: f64,
     /// Stress of the unstiffened element times volume times the slope of the secant, N mm.
     pub rise: [[f64; D]; D],
-    /// Derivative of the relative strain by the strain.
+    /// Derivative of the relative strain with respect to the strain.
     pub normal: [[f64; D]; D],
 }
 
-/// Why a body cannot be made.
+/// Error in constructing a body.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidBody {
-    /// There is no element.
+    /// The body has no element.
     #[error("the body has no elements")]
     Empty,
-    /// Not one material an element.
+    /// The number of materials differs from that of elements.
     #[error("{found} materials for {expected} elements")]
     Materials {
-        /// Materials given.
+        /// Number of materials given.
         found: usize,
-        /// Elements.
+        /// Number of elements.
         expected: usize,
     },
-    /// An element names a node that is not there.
+    /// An element refers to a node that does not exist.
     #[error("element {element} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
     Node {
         /// Index of the element, from 0.
         element: usize,
-        /// The node it names.
+        /// Node index in the element.
         node: u32,
         /// Number of nodes.
         nodes: usize,
@@ -74,23 +74,23 @@ pub enum InvalidBody {
     Element {
         /// Index of the element, from 0.
         element: usize,
-        /// What is wrong with it.
+        /// Defect of the element.
         cause: DegenerateElement,
     },
-    /// The thickness of a sheet is none.
+    /// The thickness of a sheet is not a finite number above 0.
     #[error("the thickness is {found} mm; expected a finite number above 0")]
     Thickness {
-        /// As given, mm.
+        /// Thickness given, mm.
         found: f64,
     },
 }
 
 impl Sheet {
-    /// A sheet of `thickness_mm` whose strain across it is none: `triangles` with their corners anticlockwise, one of `laws`
-    /// each. Forces on its nodes are those on the whole thickness.
+    /// Creates a sheet of `thickness_mm` without strain across it, from `triangles` with their corners anticlockwise
+    /// and one of `laws` each. Forces on its nodes are those on the full thickness.
     ///
     /// # Errors
-    /// [`InvalidBody`].
+    /// [`InvalidBody`] for unusable elements or thickness, or a wrong number of `laws`.
     pub fn plane_strain(
         nodes: Vec<[f64; 2]>,
         triangles: Vec<[u32; 3]>,
@@ -105,10 +105,10 @@ impl Sheet {
 }
 
 impl Solid {
-    /// The body of a mesh, one of `laws` an element.
+    /// Creates the body of a mesh, with one of `laws` per element.
     ///
     /// # Errors
-    /// [`InvalidBody`].
+    /// [`InvalidBody`] for unusable elements, or a wrong number of `laws`.
     pub fn tetrahedra(mesh: &TetMesh, laws: &[Stiffening]) -> Result<Solid, InvalidBody> {
         Body::of(mesh.nodes().to_vec(), mesh.elements().to_vec(), laws, 1.0)
     }
@@ -159,7 +159,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
         Ok(Body { nodes, elements, cells })
     }
 
-    /// Nodes in the reference state, mm.
+    /// Node positions in the reference state, mm.
     pub fn nodes(&self) -> &[[f64; D]] {
         &self.nodes
     }
@@ -173,10 +173,10 @@ impl<const D: usize, const N: usize> Body<D, N> {
         &self.cells
     }
 
-    /// Barycentric coordinates of a point (mm) in an element of the reference state.
+    /// Returns the barycentric coordinates of a point (mm) in an element of the reference state.
     ///
     /// # Panics
-    /// If there is no such element.
+    /// If the element does not exist.
     pub fn barycentric(&self, element: usize, point: &[f64; D]) -> [f64; N] {
         let corner = self.nodes[self.elements[element][0] as usize];
         let from: [f64; D] = std::array::from_fn(|axis| point[axis] - corner[axis]);
@@ -185,10 +185,10 @@ impl<const D: usize, const N: usize> Body<D, N> {
         weights
     }
 
-    /// The relative strain of each element under displacements (mm).
+    /// Returns the relative strain of each element under displacements (mm).
     ///
     /// # Panics
-    /// If there is not one entry a degree of freedom.
+    /// If there is not one entry per degree of freedom.
     pub fn relative_strains(&self, displacement: &[f64]) -> Vec<f64> {
         let strain = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
             let own = corners.map(|node| vector(displacement, node));
@@ -197,10 +197,10 @@ impl<const D: usize, const N: usize> Body<D, N> {
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
 
-    /// The strain of each element under displacements (mm).
+    /// Returns the strain of each element under displacements (mm).
     ///
     /// # Panics
-    /// If there is not one entry a degree of freedom.
+    /// If there is not one entry per degree of freedom.
     pub fn strains(&self, displacement: &[f64]) -> Vec<[[f64; D]; D]> {
         let strain = |(corners, cell): (&[u32; N], &Cell<D, N>)| {
             let own = corners.map(|node| vector(displacement, node));
@@ -209,11 +209,12 @@ impl<const D: usize, const N: usize> Body<D, N> {
         self.elements.iter().zip(&self.cells).map(strain).collect()
     }
 
-    /// The stress of each element, kPa: E(e_r) of the strain under `displacement` times D epsilon(`strained`). They are the same of an
-    /// elastic body, and displacements and their rates of one with viscosity (see [`super::creep`]).
+    /// Returns the stress of each element, kPa: E(e_r) of the strain under `displacement` times D epsilon(`strained`).
+    /// For an elastic body `strained` equals `displacement`; for a viscous one it holds the rates (see
+    /// [`super::creep`]).
     ///
     /// # Panics
-    /// If there is not one entry a degree of freedom.
+    /// If there is not one entry per degree of freedom.
     pub fn stresses_kpa(&self, displacement: &[f64], strained: &[f64]) -> Vec<[[f64; D]; D]> {
         let relative = self.relative_strains(displacement).into_iter();
         let elements = self.strains(strained).into_iter().zip(&self.cells).zip(relative);
@@ -225,8 +226,9 @@ impl<const D: usize, const N: usize> Body<D, N> {
         elements.map(stress).collect()
     }
 
-    /// Forces that hold displacements `u`, and the response of each element: stress is E(e_r(u)) D epsilon(u - `offset`). Without
-    /// an offset this is the elastic body; with one, a body whose stress is that of a rate (see [`super::creep`]).
+    /// Computes the forces that balance displacements `u`, and the response of each element: stress is E(e_r(u)) D
+    /// epsilon(u - `offset`). Without an offset the body is elastic; with one, its stress is that of a rate (see
+    /// [`super::creep`]).
     pub(super) fn respond(&self, u: &[f64], offset: Option<&[f64]>, forces: &mut [f64], responses: &mut [Response<D>]) {
         forces.fill(0.0);
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
@@ -243,7 +245,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
             };
             let stress = cell.stress(&strained);
             let (secant, slope) = (cell.law.secant(relative), cell.law.slope(relative));
-            // Where nothing is strained nothing stiffens: the direction in which it would does not matter.
+            // Without strain nothing stiffens, and the direction is arbitrary.
             let direction = if relative > 0.0 { 1.5 / relative } else { 0.0 };
             *response = Response {
                 secant,
@@ -259,7 +261,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
         }
     }
 
-    /// Product of a tangent with a change of displacement.
+    /// Multiplies a tangent by a change of displacement.
     pub(super) fn product(&self, kind: Kind, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
         match kind {
             Kind::Scalar => self.scalar(responses, change, product),
@@ -267,8 +269,8 @@ impl<const D: usize, const N: usize> Body<D, N> {
         }
     }
 
-    /// Product of the consistent tangent with a change of displacement: stress changes by E(e_r) D d epsilon, and by the change
-    /// of E along D epsilon.
+    /// Multiplies the consistent tangent by a change of displacement: stress changes by E(e_r) D d epsilon, and by the
+    /// change of E along D epsilon.
     pub(super) fn consistent(&self, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
         product.fill(0.0);
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
@@ -282,7 +284,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
         }
     }
 
-    /// Product of Kobayashi et al.'s tangent with a change of displacement.
+    /// Multiplies Kobayashi et al.'s tangent by a change of displacement.
     pub(super) fn scalar(&self, responses: &[Response<D>], change: &[f64], product: &mut [f64]) {
         product.fill(0.0);
         for ((corners, cell), response) in self.elements.iter().zip(&self.cells).zip(responses) {
@@ -294,7 +296,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
 }
 
 impl<const D: usize> Response<D> {
-    /// Of an element that is not strained.
+    /// Response of an unstrained element.
     pub const REST: Self = Response {
         secant: 1.0,
         scalar: 1.0,
@@ -311,7 +313,7 @@ impl<const D: usize, const N: usize> Cell<D, N> {
     }
 }
 
-/// lambda tr(strain) I + 2 mu strain.
+/// Computes lambda tr(strain) I + 2 mu strain.
 #[inline]
 fn stress<const D: usize>(lambda: f64, mu: f64, strain: &[[f64; D]; D]) -> [[f64; D]; D] {
     let pressure = lambda * (0..D).map(|i| strain[i][i]).sum::<f64>();

@@ -1,48 +1,50 @@
-//! Fractional viscosity in a body that stiffens: two laws over one history.
+//! Fractional viscosity of a stiffening body, with two memory laws.
 //!
-//! A material point holds E(e_r) d^k epsilon / dt^k = sigma (Kobayashi et al. 2010, equation 7), a structure K(U) D^k U = F
-//! (their equation 9). Moduli are then in kPa s^k. There are two ways to go on:
+//! A material point obeys E(e_r) d^k epsilon / dt^k = sigma (Kobayashi et al. 2010, equation 7), a structure K(U) D^k U
+//! = F (their equation 9). Moduli are then in kPa s^k. There are two methods:
 //!
-//! - [`Memory::Rate`] takes it as it stands: stress is E(e_r(U)) times the elasticity of the strain's rate of order k. With the rates
-//!   V = D^k U and their history, U_n = w_0 V_n + H_n, so that K(U_n) (U_n - H_n) = w_0 F_n.
-//! - [`Memory::LoadIntegral`] is Kobayashi et al.'s (equation 12): K(U) U = F' with F' = I^k F, the loads integrated one by one. Where
-//!   displacements are driven the reaction is unknown and part of F: K(U_n) U_n = w_0 F_n + H_n.
+//! - [`Memory::Rate`] solves it as stated: stress is E(e_r(U)) times the elasticity of the strain's rate of order k.
+//!   With the rates V = D^k U and their history, U_n = w_0 V_n + H_n, so that K(U_n) (U_n - H_n) = w_0 F_n.
+//! - [`Memory::LoadIntegral`] is that of Kobayashi et al. (equation 12): K(U) U = F' with F' = I^k F, the loads
+//!   integrated one by one. Where displacements are prescribed the reaction is unknown and part of F: K(U_n) U_n = w_0
+//!   F_n + H_n.
 //!
-//! They are the same while K is constant. Above the knee they part, for the second lets the stiffness of now divide all loads
-//! there ever were, as if tissue had been as stiff all the time: under a constant load it creeps as t^k over the stiffness of
-//! now, while the first gives way by the stiffness of each moment.
+//! They agree while K is constant. Above the knee they differ, as the second divides all past loads by the current
+//! stiffness, as if tissue had always been as stiff: under a constant load it creeps as t^k over the current stiffness,
+//! while the first yields according to the stiffness of each moment.
 
 use super::error::NonlinearError;
 use super::solver::{Contact, Progress, Solver, Target};
 use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
 
-/// What remembers.
+/// Quantity whose history is kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Memory {
-    /// The loads: K(U) U = I^k F, as Kobayashi et al. 2010 solve it.
+    /// History of the loads: K(U) U = I^k F, as Kobayashi et al. 2010 solve it.
     #[default]
     LoadIntegral,
-    /// The rates: K(U) D^k U = F, as the material is written.
+    /// History of the rates: K(U) D^k U = F, as the material law is stated.
     Rate,
 }
 
-/// A body with memory, and where it is in time. Before the start it is at rest and unloaded.
+/// Body with memory, and its current state. Before the start it is at rest and unloaded.
 #[derive(Clone, Debug)]
 pub struct Creep<const D: usize, const N: usize> {
     solver: Solver<D, N>,
     memory: Memory,
-    /// Integral of order k of what is remembered.
+    /// Integral of order k of the remembered quantity.
     history: Box<dyn History>,
     past: Vec<f64>,
     loads: Vec<f64>,
-    /// What is remembered of now: forces or rates.
+    /// Current value of the remembered quantity: forces or rates.
     value: Vec<f64>,
     forces: Vec<f64>,
     contact: f64,
     stress: Option<Stresses<D>>,
 }
 
-/// The stress of each element, kPa. Where loads are remembered so is stress: E(e_r) D epsilon is its integral, element by element.
+/// Stress of each element, kPa. Where loads are remembered, so is stress: E(e_r) D epsilon is its integral, element by
+/// element.
 #[derive(Clone, Debug)]
 struct Stresses<const D: usize> {
     now: Vec<[[f64; D]; D]>,
@@ -50,26 +52,26 @@ struct Stresses<const D: usize> {
     past: Vec<f64>,
 }
 
-/// Why a body with memory cannot go on.
+/// Why a body with memory cannot be advanced.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CreepError {
     /// The increment cannot be solved.
     #[error(transparent)]
     Nonlinear(#[from] NonlinearError),
-    /// The history does not take the step.
+    /// The history rejects the step.
     #[error(transparent)]
     History(#[from] HistoryError),
-    /// A body that is strained already.
+    /// The body is already strained.
     #[error("the body is displaced; a history starts at rest")]
     Displaced,
 }
 
 impl<const D: usize, const N: usize> Creep<D, N> {
-    /// A history of order `order` (0, elastic, to 1, viscous) that starts with `loads` (N on each degree of freedom), which may jump
-    /// there. Prescribed displacements cannot jump: the force would have no bound.
+    /// Starts a history of order `order` (0, elastic, to 1, viscous) with `loads` (N on each degree of freedom), which
+    /// may jump there. Prescribed displacements cannot jump: the force would be unbounded.
     ///
     /// # Errors
-    /// [`CreepError`] for a body that is displaced, an order or a rule that is none, or another number of loads.
+    /// [`CreepError`] for a displaced body, an invalid order or rule, or a wrong number of loads.
     pub fn new(
         mut solver: Solver<D, N>,
         memory: Memory,
@@ -80,7 +82,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         if solver.displacement().iter().any(|u| *u != 0.0) {
             return Err(CreepError::Displaced);
         }
-        // At the start nothing is strained, and the body answers as below the knee.
+        // At the start nothing is strained, and the body responds as below the knee.
         let (rate, forces) = solver.at_rest(loads)?;
         let value = match memory {
             Memory::LoadIntegral => forces.clone(),
@@ -100,11 +102,11 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         })
     }
 
-    /// Follows the stress in elements too, from the start on: with the rule and the order of the history, of which it takes D^2
-    /// numbers an element where loads are remembered.
+    /// Tracks the stress in elements as well, from the start, with the rule and the order of the history; where loads
+    /// are remembered, its history takes D^2 numbers per element.
     ///
     /// # Errors
-    /// [`CreepError`] after the start, or for an order or a rule that is none.
+    /// [`CreepError`] after the start, or for an invalid order or rule.
     pub fn follow_stress(&mut self, order: f64, rule: Rule) -> Result<(), CreepError> {
         if self.time_s() > 0.0 {
             return Err(CreepError::Displaced);
@@ -122,38 +124,39 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         Ok(())
     }
 
-    /// Stress of each element, kPa, where it is [followed](Self::follow_stress).
+    /// Stress of each element, kPa, where it is [tracked](Self::follow_stress).
     pub fn stress_kpa(&self) -> Option<&[[[f64; D]; D]]> {
         self.stress.as_ref().map(|stress| &stress.now[..])
     }
 
     /// Displacements, mm.
+    #[cfg(feature = "internals")]
     pub fn displacement(&self) -> &[f64] {
         self.solver.displacement()
     }
 
-    /// Forces on all degrees of freedom, N: the loads, and at prescribed ones what holds them.
+    /// Forces on all degrees of freedom, N: loads at free ones, loads plus reactions at prescribed ones.
     pub fn forces(&self) -> &[f64] {
         &self.forces
     }
 
-    /// Force of the contact along its direction, N.
+    /// Contact force along its direction, N.
     pub fn contact_force(&self) -> f64 {
         self.contact
     }
 
-    /// Seconds since the start.
+    /// Time since the start, s.
     pub fn time_s(&self) -> f64 {
         self.history.time_s()
     }
 
-    /// The solver, with the state of the last step; its forces are those of its virtual loads.
+    /// Solver with the state of the last step; its forces are those of its virtual loads.
     pub fn solver(&self) -> &Solver<D, N> {
         &self.solver
     }
 
-    /// The state as numbers, and what the past left: for a body of the same kind to [take](Self::take_state). What is kept for speed
-    /// is made anew, so that this one goes on as that one will.
+    /// Exports the state as numbers, with the history, for a body of the same kind to [import](Self::take_state).
+    /// Cached data are recomputed, so that both bodies continue identically.
     ///
     /// # Errors
     /// [`CreepError`] where the stiffness cannot be factored.
@@ -162,11 +165,11 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         Ok([state, self.history.remembered()])
     }
 
-    /// Takes over a state: the same steps then have the same bits. What [`forces`](Self::forces) and
-    /// [`contact_force`](Self::contact_force) tell is that of the next step.
+    /// Imports a state: the same steps then give the same bits. [`forces`](Self::forces) and
+    /// [`contact_force`](Self::contact_force) are valid only after the next step.
     ///
     /// # Errors
-    /// [`CreepError`] for numbers that are not of such a body.
+    /// [`CreepError`] for numbers that do not fit such a body.
     pub fn take_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), CreepError> {
         let before = self.history.clone();
         self.history.recall(past)?;
@@ -177,15 +180,17 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         Ok(())
     }
 
-    /// Bytes that the past takes.
+    /// Size of the history, bytes.
+    #[cfg(test)]
     pub fn bytes(&self) -> usize {
         self.history.bytes()
     }
 
-    /// Goes on by `step_s` seconds to loads, prescribed displacements (as in [`Target`]) and a contact as they are then.
+    /// Advances by `step_s` seconds to the loads, prescribed displacements (as in [`Target`]) and contact at the end of
+    /// the step.
     ///
     /// # Errors
-    /// [`CreepError`]; the body is then as before.
+    /// [`CreepError`]; the body is then unchanged.
     pub fn step(
         &mut self,
         step_s: f64,
@@ -215,7 +220,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         if let Some(contact) = contact {
             contact.add(self.contact, &mut self.forces);
         }
-        // Loads are known on free degrees of freedom; what holds the others comes from the balance.
+        // Loads are known at free degrees of freedom; the forces at others follow from the balance.
         for &dof in self.solver.supports().prescribed() {
             let dof = dof as usize;
             let past = if remembers_loads { self.past[dof] } else { 0.0 };

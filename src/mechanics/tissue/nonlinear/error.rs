@@ -1,8 +1,8 @@
-//! Why an increment cannot be solved.
+//! Errors of a nonlinear increment.
 
 use crate::mechanics::tissue::factor::FactorError;
 
-/// Why an increment of a nonlinear problem cannot be solved. The solver is then as before it.
+/// Why an increment of a nonlinear problem cannot be solved. The solver is then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NonlinearError {
     /// The iterations ended before the forces balanced.
@@ -11,43 +11,43 @@ pub enum NonlinearError {
          most {tolerance:.0e}; take smaller increments, or more iterations"
     )]
     NotConverged {
-        /// Iterations made.
+        /// Number of iterations.
         iterations: usize,
-        /// The largest force out of balance over the largest force.
+        /// Largest unbalanced force relative to the largest force.
         residual: f64,
-        /// What was asked for.
+        /// Tolerance required.
         tolerance: f64,
     },
-    /// Displacements or forces beyond the range of numbers.
+    /// Displacements or forces overflow.
     #[error("displacements or forces are no finite numbers after {iterations} iterations; take smaller increments")]
     Overflow {
-        /// Iterations made.
+        /// Number of iterations.
         iterations: usize,
     },
-    /// A list of another length than the body asks for.
+    /// A list has the wrong length.
     #[error("{found} {what}; expected {expected}")]
     Length {
-        /// What there are too many or too few of.
+        /// Items of the list.
         what: &'static str,
-        /// How many were given.
+        /// Number of items given.
         found: usize,
-        /// How many there should be.
+        /// Number of items expected.
         expected: usize,
     },
-    /// A value that is NaN or infinite.
+    /// A value is NaN or infinite.
     #[error("{what} {at} is {found}; expected a finite number")]
     NotFinite {
-        /// Which list.
+        /// Name of the list.
         what: &'static str,
-        /// The place in it.
+        /// Index in the list.
         at: usize,
-        /// The value.
+        /// Value found.
         found: f64,
     },
-    /// A contact that no free displacement answers.
+    /// The contact does not act on any free displacement.
     #[error("the contact touches nothing that can move")]
     DeadContact,
-    /// More entries than 32-bit indices can name.
+    /// The tangent has more entries than 32-bit indices can address.
     #[error("the tangent has too many entries for 32-bit indices")]
     TooLarge,
     /// The tangent cannot be factored.
@@ -56,7 +56,7 @@ pub enum NonlinearError {
 }
 
 impl NonlinearError {
-    /// Whether memory ran out, rather than the problem being wrong.
+    /// Whether memory ran out, as opposed to an error in the problem.
     pub fn is_machine(&self) -> bool {
         matches!(self, NonlinearError::Factor(FactorError::Memory { .. }))
     }

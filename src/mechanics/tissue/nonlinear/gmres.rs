@@ -1,24 +1,26 @@
-//! The flexible generalised minimal residual method, preconditioned from the right (Y. Saad, SIAM Journal on Scientific Computing
-//! 14, 1993). The consistent tangent is not symmetric where tissue is both compressed and stiffening; the Cholesky factor of its
-//! symmetric part leaves little for this to do. It keeps what the preconditioner made of each direction, so that a factor in
-//! single precision, which is not quite linear, comes as close as one in double.
+//! Flexible generalised minimal residual method with right preconditioning (Y. Saad, SIAM Journal on Scientific
+//! Computing 14, 1993).
+//!
+//! The consistent tangent is not symmetric where tissue is both compressed and stiffening; preconditioned by the
+//! Cholesky factor of its symmetric part, it needs few iterations. The preconditioned directions are kept, so that a
+//! factor in single precision, which is not exactly linear, converges as far as one in double.
 
-/// The most directions; what is not solved by then is left to the next iteration around.
+/// Largest number of directions; any remaining error is left to the next outer iteration.
 const MOST: usize = 40;
 
-/// Vectors kept between solves.
+/// Work vectors, reused between solves.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Gmres {
     basis: Vec<Vec<f64>>,
     /// Columns of the triangular factor.
     columns: Vec<Vec<f64>>,
-    /// What the preconditioner made of each direction of the basis.
+    /// Preconditioned directions of the basis.
     preconditioned: Vec<Vec<f64>>,
 }
 
 impl Gmres {
-    /// Solves A x = b to a residual of `tolerance` relative to b, which becomes x. `apply(x, y)` writes A x into y, `precondition`
-    /// turns a vector into about A^-1 times it. Returns how often A was applied.
+    /// Solves A x = b to a residual of `tolerance` relative to b; `rhs` becomes x. `apply(x, y)` writes A x to y,
+    /// `precondition` multiplies a vector by about A^-1. Returns the number of applications of A.
     pub fn solve(
         &mut self,
         rhs: &mut [f64],
@@ -27,7 +29,7 @@ impl Gmres {
         mut precondition: impl FnMut(&mut [f64]),
     ) -> usize {
         let norm = dot(rhs, rhs).sqrt();
-        // Nothing to solve, or nothing that can be.
+        // The right-hand side is zero or not finite.
         if norm == 0.0 || !norm.is_finite() {
             return 0;
         }

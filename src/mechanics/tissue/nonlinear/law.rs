@@ -1,27 +1,24 @@
-//! Isotropic tissue that stiffens above a knee of strain.
+//! Isotropic material that stiffens above a knee strain.
 
 use crate::mechanics::tissue::knee::{InvalidStiffening, Knee};
 use crate::mechanics::tissue::material::Material;
 
-/// Stress is the secant modulus times strain: sigma = E(e_r) D epsilon, with D the elasticity of a unit modulus at the
-/// material's Poisson's ratio, and E(e_r) = E0 up to the knee e0, E0 (1 + a (e_r - e0)^2) above (Y. Kobayashi et al.,
-/// "Development of an integrated needle insertion system with image guidance and deformation simulation", Computerized Medical
-/// Imaging and Graphics 34, 2010, equations 7, 8 and 11). Small strains.
+/// Secant law sigma = E(e_r) D epsilon, with D the elasticity of a unit modulus at the material's Poisson's ratio, and
+/// E(e_r) = E0 up to the knee e0, E0 (1 + a (e_r - e0)^2) above (Y. Kobayashi et al., "Development of an integrated
+/// needle insertion system with image guidance and deformation simulation", Computerized Medical Imaging and Graphics
+/// 34, 2010, equations 7, 8 and 11). Small strains.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stiffening {
     material: Material,
     knee: Knee,
 }
 
-/// Relative strain over the shear of simple shear: e_r = sqrt(3)/2 gamma.
-pub const RELATIVE_IN_SHEAR: f64 = 0.866_025_403_784_438_6;
-
 impl Stiffening {
-    /// `material` below the relative strain `knee` (0 or more); above it stiffer by `rate` (0 or more) times the square of what
-    /// is above.
+    /// Creates a law with `material` below the relative strain `knee` (0 or more), stiffening above by `rate` (0 or
+    /// more) times the square of the excess strain.
     ///
     /// # Errors
-    /// [`InvalidStiffening`], with the number.
+    /// [`InvalidStiffening`] for a parameter that is out of range.
     pub fn new(material: Material, knee: f64, rate: f64) -> Result<Stiffening, InvalidStiffening> {
         let knee = Knee {
             strain: knee,
@@ -31,7 +28,7 @@ impl Stiffening {
         Ok(Stiffening { material, knee })
     }
 
-    /// A material that never stiffens.
+    /// Creates a law without stiffening.
     pub const fn linear(material: Material) -> Stiffening {
         Stiffening {
             material,
@@ -39,38 +36,39 @@ impl Stiffening {
         }
     }
 
-    /// The material below the knee.
+    /// Material below the knee.
     pub const fn material(&self) -> &Material {
         &self.material
     }
 
-    /// Where it begins to stiffen, by relative strain, and how fast.
+    /// Knee strain and stiffening coefficient.
     pub const fn knee(&self) -> &Knee {
         &self.knee
     }
 
-    /// E over E0 at a relative strain.
+    /// Returns E over E0 at a relative strain.
     #[inline]
     pub fn secant(&self, relative: f64) -> f64 {
         self.knee.factor(relative)
     }
 
-    /// Derivative of [`Self::secant`] by the relative strain.
+    /// Returns the derivative of [`Self::secant`] with respect to the relative strain.
     #[inline]
     pub fn slope(&self, relative: f64) -> f64 {
         self.knee.slope(relative)
     }
 
-    /// Kobayashi et al.'s tangent over E0, 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r (its equation 15): the derivative of the stress
-    /// where strain grows in proportion, and an upper bound of it in other directions of pure shear.
+    /// Returns Kobayashi et al.'s tangent over E0, 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r (their equation 15): the
+    /// derivative of the stress where strain grows in proportion, and an upper bound of it in other directions of pure
+    /// shear.
     #[inline]
     pub fn tangent(&self, relative: f64) -> f64 {
         self.secant(relative) + self.slope(relative) * relative
     }
 }
 
-/// The relative strain e_r = sqrt(((e1 - e2)^2 + (e2 - e3)^2 + (e3 - e1)^2) / 2) of a strain (`D` = 2: plane strain, whose third
-/// principal strain is 0), and what of the strain is deviatoric, within its `D` axes. As a formula in invariants it needs no
+/// Returns the relative strain e_r = sqrt(((e1 - e2)^2 + (e2 - e3)^2 + (e3 - e1)^2) / 2) of a strain (`D` = 2: plane
+/// strain, with third principal strain 0), and its deviator within the `D` axes. Computed from invariants, without
 /// principal strains: e_r^2 = 3/2 e : e with e the deviator.
 #[inline]
 pub fn relative_strain<const D: usize>(strain: &[[f64; D]; D]) -> (f64, [[f64; D]; D]) {

@@ -1,4 +1,4 @@
-//! Simplices of constant strain in any dimension: the triangle in plane strain and the tetrahedron.
+//! Constant-strain simplices: the triangle in plane strain and the tetrahedron.
 
 use crate::mechanics::tissue::element::{DegenerateElement, FLATTEST};
 
@@ -12,17 +12,17 @@ pub struct Simplex<const D: usize, const N: usize> {
 }
 
 impl<const D: usize, const N: usize> Simplex<D, N> {
-    /// The simplex of these corners (mm), whose measure is positive in their order.
+    /// Creates the simplex of these corners (mm), whose measure must be positive in their order.
     ///
     /// # Errors
-    /// [`DegenerateElement`] where it is flat or inverted, or a corner is not finite.
+    /// [`DegenerateElement`] where the simplex is flat or inverted, or a corner is not finite.
     pub fn of(corners: &[[f64; D]; N]) -> Result<Self, DegenerateElement> {
         const { assert!(N == D + 1 && D >= 2 && D <= 3, "triangles and tetrahedra") }
         let edges: [[f64; D]; D] = std::array::from_fn(|i| minus(corners[i + 1], corners[0]));
         let (columns, determinant) = inverse(edges);
         let factorial = if D == 2 { 2.0 } else { 6.0 };
         let measure = determinant / factorial;
-        // Columns of the inverse are the gradients of corners 1 to D; those of all corners add up to none.
+        // Columns of the inverse are the gradients of corners 1 to D; all gradients sum to zero.
         let gradients: [[f64; D]; N] = std::array::from_fn(|corner| {
             std::array::from_fn(|axis| match corner {
                 0 => -columns[axis].iter().sum::<f64>(),
@@ -44,7 +44,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
             corner[..D].copy_from_slice(farthest.unwrap_or(&corners[0]));
             return Err(DegenerateElement::NotFinite { corner });
         }
-        // A corner's height is one over the length of its gradient.
+        // A corner's height is the reciprocal length of its gradient.
         let steepest = gradients.iter().map(|gradient| length(*gradient)).fold(0.0, f64::max);
         let height = if determinant == 0.0 {
             0.0
@@ -62,7 +62,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
         Ok(Simplex { gradients, measure })
     }
 
-    /// The strain of displacements of the corners (mm): exactly none for a translation.
+    /// Returns the strain for displacements of the corners (mm); exactly zero for a translation.
     #[inline]
     pub fn strain(&self, displacements: &[[f64; D]; N]) -> [[f64; D]; D] {
         let mut slope = [[0.0; D]; D];
@@ -77,7 +77,7 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
         std::array::from_fn(|i| std::array::from_fn(|j| 0.5 * (slope[i][j] + slope[j][i])))
     }
 
-    /// What a stress does to the corners: its product with each gradient. The sum over the corners is none.
+    /// Returns the product of a stress with each corner's gradient. These sum to zero.
     #[inline]
     pub fn divergence(&self, stress: &[[f64; D]; D]) -> [[f64; D]; N] {
         let mut forces = [[0.0; D]; N];
@@ -103,7 +103,8 @@ fn length<const D: usize>(a: [f64; D]) -> f64 {
     dot(a, a).sqrt()
 }
 
-/// Inverse and determinant by Gauss-Jordan elimination with row pivots; of a singular matrix the determinant is 0.
+/// Returns inverse and determinant by Gauss-Jordan elimination with row pivoting; the determinant of a singular matrix
+/// is 0.
 fn inverse<const D: usize>(mut a: [[f64; D]; D]) -> ([[f64; D]; D], f64) {
     let mut b: [[f64; D]; D] = std::array::from_fn(|i| std::array::from_fn(|j| if i == j { 1.0 } else { 0.0 }));
     let mut determinant = 1.0;

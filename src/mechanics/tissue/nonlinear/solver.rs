@@ -1,4 +1,4 @@
-//! One increment after the other: loads, prescribed displacements and a contact in, balanced displacements out.
+//! Incremental solver: balanced displacements for given loads, prescribed displacements and contact.
 
 mod approximate;
 mod iteration;
@@ -12,15 +12,15 @@ use std::sync::Arc;
 use super::anderson::Anderson;
 use super::body::{Body, Response};
 use super::error::NonlinearError;
-use super::foresight::Foresight;
+use super::predictor::Predictor;
+use super::refactorisation::RefactorisationPolicy;
 use super::supports::Supports;
 use super::tangent::Kind;
-use super::upkeep::Upkeep;
 use linear::{Equations, Linear};
 pub use options::{Options, Progress, Scheme, Slope};
 pub use target::{Contact, Target};
 
-/// A body, where it is held, and its state.
+/// Body with its supports and state.
 #[derive(Clone, Debug)]
 pub struct Solver<const D: usize, const N: usize> {
     body: Arc<Body<D, N>>,
@@ -28,31 +28,31 @@ pub struct Solver<const D: usize, const N: usize> {
     options: Options,
     linear: Linear<D>,
     state: State<D>,
-    /// The state before the iteration, or the increment.
+    /// State before the iteration; `start` is that before the increment.
     before: State<D>,
     start: State<D>,
-    /// Loads and contact force that the last increment ended with.
+    /// Loads and contact force at the end of the last increment.
     applied: Vec<f64>,
     offset: Vec<f64>,
-    /// What an iteration changes: displacements, and the contact force.
+    /// Change in an iteration: displacements, then the contact force.
     change: Vec<f64>,
     anderson: Anderson,
-    foresight: Foresight,
-    upkeep: Upkeep,
+    foresight: Predictor,
+    upkeep: RefactorisationPolicy,
     rest: Vec<f64>,
     progress: Progress,
-    /// The largest force at a node so far, N.
+    /// Largest nodal force so far, N.
     peak: f64,
 }
 
-/// Displacements and what follows from them.
+/// Displacements and derived quantities.
 #[derive(Clone, Debug)]
 struct State<const D: usize> {
     displacement: Vec<f64>,
-    /// Forces that hold them.
+    /// Forces that balance the displacements.
     forces: Vec<f64>,
     responses: Vec<Response<D>>,
-    /// Force of the contact, N.
+    /// Contact force, N.
     contact: f64,
 }
 
@@ -66,14 +66,14 @@ impl<const D: usize> State<D> {
 }
 
 impl<const D: usize, const N: usize> Solver<D, N> {
-    /// A body at rest.
+    /// Creates a solver for a body at rest.
     ///
     /// # Errors
-    /// [`NonlinearError::TooLarge`], or a factor that memory does not hold or that is not positive definite: rigid motions are
-    /// free.
+    /// [`NonlinearError::TooLarge`]; [`NonlinearError::Factor`] where memory does not suffice, or the tangent is not
+    /// positive definite because rigid motions are free.
     ///
     /// # Panics
-    /// If the supports are those of another number of nodes.
+    /// If the supports have another number of nodes.
     pub fn new(body: Arc<Body<D, N>>, supports: Supports<D>, options: Options) -> Result<Self, NonlinearError> {
         assert_eq!(body.nodes().len(), supports.nodes(), "supports of another body");
         let all = supports.all();
@@ -94,8 +94,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             offset: vec![0.0; all],
             change: vec![0.0; all + 1],
             anderson: Anderson::default(),
-            foresight: Foresight::default(),
-            upkeep: Upkeep::default(),
+            foresight: Predictor::default(),
+            upkeep: RefactorisationPolicy::default(),
             rest: vec![0.0; supports.free().len()],
             progress: Progress::default(),
             peak: 0.0,
@@ -104,12 +104,12 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         })
     }
 
-    /// The body.
+    /// Body to be solved.
     pub fn body(&self) -> &Arc<Body<D, N>> {
         &self.body
     }
 
-    /// Which degrees of freedom are free.
+    /// Free and prescribed degrees of freedom.
     pub fn supports(&self) -> &Supports<D> {
         &self.supports
     }
@@ -119,26 +119,28 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         &self.state.displacement
     }
 
-    /// Forces that hold the displacements, N: at free degrees of freedom the loads, at prescribed ones loads and reactions.
+    /// Forces that balance the displacements, N: loads at free degrees of freedom, loads plus reactions at prescribed
+    /// ones.
     pub fn forces(&self) -> &[f64] {
         &self.state.forces
     }
 
-    /// Force of the contact along its direction, N; 0 without one.
+    /// Contact force along its direction, N; 0 without a contact.
     pub fn contact_force(&self) -> f64 {
         self.state.contact
     }
 
-    /// What the last increment took.
+    /// Convergence record of the last increment.
     pub fn progress(&self) -> &Progress {
         &self.progress
     }
 
-    /// How the body answers loads (N) while nothing is strained: displacements (mm) with every prescribed one 0, and the forces that
-    /// hold them. The state stays as it is.
+    /// Returns the response of the unstrained body to loads (N): displacements (mm) with all prescribed ones 0, and the
+    /// forces that balance them. The state is unchanged.
     ///
     /// # Errors
-    /// [`NonlinearError`] for another number of loads or one that is not finite, or where the stiffness cannot be factored.
+    /// [`NonlinearError`] for a wrong number of loads or one that is not finite, or where the stiffness cannot be
+    /// factored.
     pub(super) fn at_rest(&mut self, loads: &[f64]) -> Result<(Vec<f64>, Vec<f64>), NonlinearError> {
         target::list("loads", loads, self.supports.all())?;
         let rest = vec![Response::REST; self.body.elements().len()];
@@ -157,17 +159,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         }
         let mut forces = vec![0.0; loads.len()];
         self.body.scalar(&rest, &displacement, &mut forces);
-        // On prescribed degrees of freedom loads add to what holds them; on free ones the loads are exact.
+        // At prescribed degrees of freedom, forces are loads plus reactions; at free ones the loads are exact.
         for &dof in self.supports.free() {
             forces[dof as usize] = loads[dof as usize];
         }
         Ok((displacement, forces))
     }
 
-    /// Goes to the next loads, prescribed displacements and contact, from where the body is.
+    /// Solves for the next loads, prescribed displacements and contact from the current state.
     ///
     /// # Errors
-    /// [`NonlinearError`]; the state is then as before.
+    /// [`NonlinearError`]; the state is then unchanged.
     pub fn step(&mut self, target: &Target<'_>) -> Result<&Progress, NonlinearError> {
         target.check(&self.supports)?;
         self.start.take(&self.state);
@@ -187,21 +189,21 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         Ok(&self.progress)
     }
 
-    /// The state, as numbers, for a solver of the same body to [take](Self::take_state). The factor is made anew, so that this one
-    /// goes on as that one will; `offset`: whether increments have offsets.
+    /// Exports the state as numbers for a solver of the same body to [import](Self::take_state). The factor is
+    /// recomputed, so that both continue identically; `offset` is whether increments have offsets.
     ///
     /// # Errors
-    /// [`NonlinearError::Factor`].
+    /// [`NonlinearError::Factor`] where the tangent cannot be factored.
     pub(super) fn put_state(&mut self, offset: bool) -> Result<Vec<f64>, NonlinearError> {
         self.renew(offset)?;
         let parts = [&self.state.displacement, &self.offset, &self.applied].map(|part| &part[..]);
         Ok([&parts.concat()[..], &[self.state.contact, self.peak]].concat())
     }
 
-    /// Takes over a state.
+    /// Imports a state.
     ///
     /// # Errors
-    /// [`NonlinearError`] for numbers that are not of such a body.
+    /// [`NonlinearError`] for numbers that do not fit such a body.
     pub(super) fn take_state(&mut self, state: &[f64], offset: bool) -> Result<(), NonlinearError> {
         let all = self.supports.all();
         target::list("numbers of a state", state, 3 * all + 2)?;
@@ -212,7 +214,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.renew(offset)
     }
 
-    /// Computes anew all that follows from the displacements.
+    /// Recomputes everything that follows from the displacements.
     fn renew(&mut self, offset: bool) -> Result<(), NonlinearError> {
         let State {
             displacement,
@@ -227,7 +229,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         Ok(())
     }
 
-    /// What was learnt with another factor, or in another state, holds no longer.
+    /// Discards what was learnt with another factor, or in another state.
     fn forget(&mut self) {
         self.anderson.clear();
         self.foresight.clear();

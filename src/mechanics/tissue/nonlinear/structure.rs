@@ -1,22 +1,23 @@
-//! A body that is elastic or viscous, behind one door.
+//! Common interface of elastic and viscous bodies.
 
 use super::creep::{Creep, CreepError};
 use super::solver::{Contact, Progress, Solver, Target};
 
-/// A body, stepped in time; an elastic one does not heed it.
+/// Body advanced in time; an elastic one ignores the time step.
 #[derive(Clone, Debug)]
 pub enum Structure<const D: usize, const N: usize> {
-    /// Without memory.
+    /// Body without memory.
     Elastic(Box<Solver<D, N>>),
-    /// With fractional viscosity.
+    /// Body with fractional viscosity.
     Viscous(Box<Creep<D, N>>),
 }
 
 impl<const D: usize, const N: usize> Structure<D, N> {
-    /// Goes on by `step_s` seconds to loads, prescribed displacements (as in [`Target`]) and a contact as they are then.
+    /// Advances by `step_s` seconds to the loads, prescribed displacements (as in [`Target`]) and contact at the end of
+    /// the step.
     ///
     /// # Errors
-    /// [`CreepError`]; the body is then as before.
+    /// [`CreepError`]; the body is then unchanged.
     pub fn step(
         &mut self,
         step_s: f64,
@@ -35,8 +36,8 @@ impl<const D: usize, const N: usize> Structure<D, N> {
         }
     }
 
-    /// The state as numbers, and what a viscous body remembers. What is kept for speed is made anew, so that this body goes on as one
-    /// that [takes](Self::take_state) it will.
+    /// Exports the state as numbers, with the history of a viscous body. Cached data are recomputed, so that this body
+    /// continues as one that [imports](Self::take_state) the state.
     ///
     /// # Errors
     /// [`CreepError`] where the stiffness cannot be factored.
@@ -47,10 +48,10 @@ impl<const D: usize, const N: usize> Structure<D, N> {
         }
     }
 
-    /// Takes over the state of another body like this: the same steps then have the same bits.
+    /// Imports the state of another body of this kind: the same steps then give the same bits.
     ///
     /// # Errors
-    /// [`CreepError`] for numbers that are not of such a body.
+    /// [`CreepError`] for numbers that do not fit such a body.
     pub fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), CreepError> {
         match self {
             Structure::Elastic(solver) => Ok(solver.take_state(state[0], false)?),
@@ -58,7 +59,7 @@ impl<const D: usize, const N: usize> Structure<D, N> {
         }
     }
 
-    /// The solver, whose body and supports these are.
+    /// Solver, with the body and its supports.
     pub fn solver(&self) -> &Solver<D, N> {
         match self {
             Structure::Elastic(solver) => solver,
@@ -71,7 +72,7 @@ impl<const D: usize, const N: usize> Structure<D, N> {
         self.solver().displacement()
     }
 
-    /// Forces on all degrees of freedom, N: the loads, and at prescribed ones loads and what holds them.
+    /// Forces on all degrees of freedom, N: loads at free ones, loads plus reactions at prescribed ones.
     pub fn forces(&self) -> &[f64] {
         match self {
             Structure::Elastic(solver) => solver.forces(),
@@ -79,7 +80,7 @@ impl<const D: usize, const N: usize> Structure<D, N> {
         }
     }
 
-    /// Force of the contact along its direction, N.
+    /// Contact force along its direction, N.
     pub fn contact_force(&self) -> f64 {
         match self {
             Structure::Elastic(solver) => solver.contact_force(),

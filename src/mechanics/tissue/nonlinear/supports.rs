@@ -1,21 +1,22 @@
-//! Which displacements of a body are free, and which prescribed.
+//! Free and prescribed displacements of a body.
 
 pub use crate::mechanics::tissue::dofs::NONE;
 
-/// `D` degrees of freedom a node, numbered node by node; the free ones also among themselves.
+/// Numbering of `D` degrees of freedom per node, node by node, and of the free ones among them.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Supports<const D: usize> {
-    /// Number among the free ones, by degree of freedom; [`NONE`] where prescribed.
+    /// Number of each degree of freedom among the free ones; [`NONE`] where prescribed.
     of: Vec<u32>,
     free: Vec<u32>,
     prescribed: Vec<u32>,
 }
 
 impl<const D: usize> Supports<D> {
-    /// Those of `nodes` nodes with the degrees of freedom `prescribed` (node, axis); naming one twice changes nothing.
+    /// Numbers the degrees of freedom of `nodes` nodes, those in `prescribed` (node, axis) prescribed. Duplicates have
+    /// no effect.
     ///
     /// # Panics
-    /// If a node or an axis is out of range, or there are more than 32 bits can number.
+    /// If a node or an axis is out of range, or 32 bits cannot number all degrees of freedom.
     pub fn new(nodes: usize, prescribed: impl IntoIterator<Item = (u32, u8)>) -> Self {
         assert!(
             nodes < (u32::MAX / 4) as usize,
@@ -47,17 +48,17 @@ impl<const D: usize> Supports<D> {
         self.of.len() / D
     }
 
-    /// All degrees of freedom, free or not.
+    /// Number of all degrees of freedom, free or not.
     pub fn all(&self) -> usize {
         self.of.len()
     }
 
-    /// The free degrees of freedom, ascending.
+    /// Free degrees of freedom, ascending.
     pub fn free(&self) -> &[u32] {
         &self.free
     }
 
-    /// The prescribed degrees of freedom, ascending.
+    /// Prescribed degrees of freedom, ascending.
     pub fn prescribed(&self) -> &[u32] {
         &self.prescribed
     }
@@ -65,12 +66,12 @@ impl<const D: usize> Supports<D> {
     /// Number of a degree of freedom among the free ones, [`NONE`] where it is prescribed.
     ///
     /// # Panics
-    /// If it is out of range.
+    /// If `dof` is out of range.
     pub fn number(&self, dof: usize) -> u32 {
         self.of[dof]
     }
 
-    /// Copies the free entries of a vector over all.
+    /// Copies the free entries of a vector over all degrees of freedom.
     pub(super) fn gather(&self, all: &[f64], free: &mut [f64]) {
         for (value, dof) in free.iter_mut().zip(&self.free) {
             *value = all[*dof as usize];

@@ -1,4 +1,4 @@
-//! Sparse symmetric tangents over the free degrees of freedom: the pattern found once, the values summed anew for each.
+//! Sparse symmetric tangents over the free degrees of freedom, with a fixed pattern and replaceable values.
 
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
@@ -7,7 +7,7 @@ use super::simplex::dot;
 use super::supports::{NONE, Supports};
 use crate::mechanics::tissue::factor::Symmetric;
 
-/// Which matrix is meant.
+/// Kind of tangent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     /// Element stiffnesses times Kobayashi et al.'s scalar tangent.
@@ -16,18 +16,18 @@ pub(super) enum Kind {
     Consistent,
 }
 
-/// The lower triangle of a tangent.
+/// Lower triangle of a tangent.
 #[derive(Clone, Debug)]
 pub(super) struct Tangent<const D: usize> {
     pattern: SymbolicSparseColMat<u32>,
     values: Vec<f64>,
-    /// For each element and each pair of its degrees of freedom, column by column of its lower triangle, the entry that it adds
-    /// to; [`NONE`] where one is prescribed.
+    /// Entry that each pair of degrees of freedom of each element adds to, column by column of the element's lower
+    /// triangle; [`NONE`] where one is prescribed.
     places: Vec<u32>,
     free: Vec<u32>,
 }
 
-/// More entries than 32-bit indices can name.
+/// Error for more entries than 32-bit indices can address.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct TooLarge;
 
@@ -73,7 +73,7 @@ impl<const D: usize> Tangent<D> {
         })
     }
 
-    /// Sums the tangent of a body whose elements respond so.
+    /// Assembles the tangent of a body from the responses of its elements.
     pub fn fill<const N: usize>(&mut self, body: &Body<D, N>, responses: &[Response<D>], kind: Kind) {
         self.values.fill(0.0);
         let width = D * N;
@@ -122,8 +122,8 @@ impl<const D: usize> Tangent<D> {
     }
 }
 
-/// Calls `visit` with row and column among the free degrees of freedom, in the order of [`Tangent::fill`]; none where one is
-/// prescribed.
+/// Calls `visit` with row and column among the free degrees of freedom, in the order of [`Tangent::fill`]; with `None`
+/// where one is prescribed.
 fn each_pair<const D: usize, const N: usize>(
     corners: &[u32; N],
     supports: &Supports<D>,

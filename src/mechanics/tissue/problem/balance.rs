@@ -1,11 +1,11 @@
-//! Equilibrium of the whole body.
+//! Refinement of a static solution to equilibrium of the entire body.
 //!
-//! The entries of an assembled stiffness are rounded, so it answers rigid motions with small forces: of the size of the
-//! rounding of its largest entries. A stiff inclusion in something a hundred million times softer moves nearly rigidly, and
-//! these forces, which nothing holds, are then no longer small against the loads: the body is out of balance, and the
-//! inclusion in a slightly wrong place. Forces summed element by element from differences of displacements do not have that
-//! error: what an element does to its corners adds up to nothing whatever the displacements. Iterative refinement with the
-//! defect taken from them (N. J. Higham, "Accuracy and Stability of Numerical Algorithms", chapter 12) puts it right.
+//! The entries of an assembled stiffness are rounded, so rigid motions cause small forces, of the size of the rounding
+//! of its largest entries. A stiff inclusion in something a hundred million times softer moves nearly rigidly, and
+//! these spurious forces are then no longer small against the loads: the body is out of balance, and the inclusion
+//! slightly misplaced. Forces summed element by element from differences of displacements do not have that error: the
+//! forces of an element sum to zero for any displacements. Iterative refinement with the residual from these forces (N.
+//! J. Higham, "Accuracy and Stability of Numerical Algorithms", chapter 12) corrects it.
 
 use super::super::assembly::AssemblyError;
 use super::super::dofs::Dofs;
@@ -14,21 +14,21 @@ use super::super::factor::Factor;
 use super::super::material::Material;
 use crate::mechanics::mesh::TetMesh;
 
-/// What all forces may add up to, relative to the sum of their magnitudes, before it is refined.
+/// Largest sum of all forces, relative to the sum of their magnitudes, that is not refined.
 const BALANCED: f64 = 1e-13;
 
-/// Steps of refinement at most. Each divides what is left by that of rounding times the contrast of stiffness; two bring a
-/// contrast of 1e8 to rounding.
+/// Largest number of refinement steps. Each multiplies the error by about rounding times the contrast of stiffness; two
+/// reduce it to rounding at a contrast of 1e8.
 const STEPS: usize = 2;
 
-/// The elements of a mesh, ready to answer displacements with forces.
+/// Elements of a mesh, prepared to compute forces from displacements.
 pub(super) struct Balance<'a> {
     elements: &'a [[u32; 4]],
     shapes: Vec<(Shape, [f64; 2])>,
 }
 
 impl<'a> Balance<'a> {
-    /// `materials` are one an element.
+    /// Prepares the elements; `materials` has one entry per element.
     pub fn new(mesh: &'a TetMesh, materials: &[Material]) -> Result<Balance<'a>, AssemblyError> {
         let elements = mesh.elements();
         let shape = |(element, (corners, material)): (usize, (&[u32; 4], &Material))| {
@@ -48,7 +48,7 @@ impl<'a> Balance<'a> {
         })
     }
 
-    /// Forces on all nodes (N) that hold the displacements of all nodes (mm).
+    /// Returns the forces on all nodes (N) that balance the displacements of all nodes (mm).
     fn forces(&self, displacement_mm: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let mut forces = vec![[0.0; 3]; displacement_mm.len()];
         for (corners, (shape, weights)) in self.elements.iter().zip(&self.shapes) {
@@ -63,8 +63,8 @@ impl<'a> Balance<'a> {
         forces
     }
 
-    /// Refines displacements (mm) until all forces (N) balance; `loads` are those given on all nodes. Returns the forces on all
-    /// nodes that hold them, loads and reactions together.
+    /// Refines displacements (mm) until all forces (N) balance; `loads` are those given on all nodes. Returns the
+    /// forces on all nodes that balance the displacements, loads plus reactions.
     pub fn settle(
         &self,
         dofs: &Dofs,
@@ -87,7 +87,7 @@ impl<'a> Balance<'a> {
             dofs.scatter(&correction, &mut refined);
             let next = self.forces(&refined);
             let left = imbalance(dofs, loads, &next);
-            // Not where it makes things worse, or no number.
+            // Stops where the imbalance grows or is NaN.
             if left.is_nan() || left >= off {
                 break;
             }
@@ -97,12 +97,12 @@ impl<'a> Balance<'a> {
     }
 }
 
-/// The sum of given forces and reactions along the worst axis over the sum of their magnitudes.
+/// Returns the sum of given forces and reactions along the worst axis, relative to the sum of their magnitudes.
 fn imbalance(dofs: &Dofs, loads: &[[f64; 3]], holding: &[[f64; 3]]) -> f64 {
     let (mut sums, mut size) = ([0.0f64; 3], 0.0);
     for (node, (load, holding)) in (0..).zip(loads.iter().zip(holding)) {
         for (axis, dof) in dofs.of(node).into_iter().enumerate() {
-            // On a prescribed displacement load and reaction together are what holds it.
+            // At a prescribed displacement, the balancing force is load plus reaction.
             let force = if dof == super::super::dofs::NONE {
                 holding[axis]
             } else {

@@ -29,7 +29,7 @@ fn problem(mesh: &TetMesh) -> StaticProblem<'_> {
 fn reactions_balance_loads() {
     let mesh = mesh();
     let mut problem = problem(&mesh);
-    // A load on a fixed node goes straight into its reaction; two on one node add up.
+    // A load on a fixed node goes directly into its reaction; two on one node add up.
     problem.loads.extend([
         Load {
             node: 0,

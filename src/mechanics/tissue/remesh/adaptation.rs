@@ -1,40 +1,39 @@
-//! A mesh and the remesher that follows it, kept together: a move happens to both or to neither.
+//! Mesh and remesher combined: a move is applied to both or to neither.
 
 use super::adapted::{AdaptedMesh, Change, Record, RefusedMove};
 use super::make::{Maker, Source, make};
-use super::rebase::{Rebase, RebaseError, adopt};
 use super::{Level, Options, Precision, RemeshError, RemeshReport, Remesher};
 
-/// A mesh with its remesher, and the base that another remesher can be made from.
+/// Mesh with its remesher, and the base compliance that another remesher can be made from.
 pub struct Adaptation {
     mesh: AdaptedMesh,
     remesher: Box<dyn Remesher>,
     source: Source,
     options: Options,
-    /// What makes remeshers, where that is not [`make`].
+    /// Constructor of remeshers, if other than [`make`].
     maker: Option<Maker>,
-    /// Why a device was given up, until that is told.
+    /// Why a device was given up, until reported.
     failure: Option<String>,
-    /// Memory for the degrees of freedom of an expected change.
+    /// Buffer for the degrees of freedom of an expected change.
     expected: Vec<u32>,
 }
 
-/// Why a move is refused. Mesh and remesher are then as they were.
+/// Why a move was refused. Mesh and remesher are then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AdaptError {
-    /// By the mesh.
+    /// The mesh refused the move.
     #[error(transparent)]
     Move(#[from] RefusedMove),
-    /// By the remesher.
+    /// The remesher refused the move.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
 }
 
 impl Adaptation {
-    /// Follows `mesh`; the other arguments as for [`make`].
+    /// Combines `mesh` with a remesher; the other arguments are those of [`make`].
     ///
     /// # Errors
-    /// As [`make`].
+    /// Those of [`make`].
     pub fn new(
         mesh: AdaptedMesh,
         source: Source,
@@ -45,10 +44,11 @@ impl Adaptation {
         Adaptation::with_maker(mesh, source, level, precision, options, None)
     }
 
-    /// As [`Adaptation::new`], with remeshers from `maker`, if there is one. Where a device of theirs fails, those of [`make`] go on.
+    /// Combines `mesh` with a remesher from `maker`, if given, else from [`make`]. If a device of the former fails,
+    /// remeshers of [`make`] take over.
     ///
     /// # Errors
-    /// As `maker` or [`make`].
+    /// Those of `maker` or [`make`].
     pub fn with_maker(
         mesh: AdaptedMesh,
         source: Source,
@@ -69,22 +69,23 @@ impl Adaptation {
         })
     }
 
-    /// The mesh.
+    /// Mesh in its current state.
     pub fn mesh(&self) -> &AdaptedMesh {
         &self.mesh
     }
 
-    /// The remesher.
+    /// Remesher that follows the mesh.
     pub fn remesher(&self) -> &dyn Remesher {
         &*self.remesher
     }
 
-    /// The remesher, to name contacts and to read compliances and displacements, with the mesh that it follows.
+    /// Mesh and remesher, to set contacts and to read compliances and displacements.
     pub fn parts(&mut self) -> (&AdaptedMesh, &mut dyn Remesher) {
         (&self.mesh, &mut *self.remesher)
     }
 
-    /// Asks something of the remesher. Where its device fails, one of [`make`] takes its place first, if this has a [`Maker`].
+    /// Applies a request to the remesher. If its device fails and there is a [`Maker`], the request is repeated with a
+    /// remesher of [`make`].
     ///
     /// # Errors
     /// Those of the request.
@@ -101,7 +102,7 @@ impl Adaptation {
         }
     }
 
-    /// Why a device was given up since this was last asked, if one was.
+    /// Takes the reason why a device was given up since the last call, if one was.
     pub fn take_failure(&mut self) -> Option<String> {
         self.failure.take()
     }
@@ -109,7 +110,7 @@ impl Adaptation {
     /// Moves a node to `to` (mm, reference state).
     ///
     /// # Errors
-    /// [`AdaptError`].
+    /// [`AdaptError`] where the mesh or the remesher refuses.
     pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<RemeshReport, AdaptError> {
         let change = self.mesh.begin_move(node, to)?;
         self.hand_over(change, Record::Moved)
@@ -118,40 +119,40 @@ impl Adaptation {
     /// Moves a node back to its original position.
     ///
     /// # Errors
-    /// [`AdaptError`].
+    /// [`AdaptError`] where the mesh or the remesher refuses.
     pub fn restore(&mut self, node: u32) -> Result<RemeshReport, AdaptError> {
         let change = self.mesh.begin_restore(node)?;
         self.hand_over(change, Record::Restored)
     }
 
-    /// Takes back the last move; `None` when there is none.
+    /// Undoes the last move; `None` if there is none.
     ///
     /// # Errors
-    /// [`AdaptError`].
+    /// [`AdaptError`] where the mesh or the remesher refuses.
     pub fn undo(&mut self) -> Result<Option<RemeshReport>, AdaptError> {
         let change = self.mesh.begin_undo()?;
         change.map(|change| self.hand_over(change, Record::Undone)).transpose()
     }
 
-    /// Expects that `node` is what moves next: see [`Remesher::expect`].
+    /// Announces `node` as the next to move: see [`Remesher::expect`].
     ///
     /// # Panics
-    /// If there is no such node.
+    /// If the node does not exist.
     pub fn expect(&mut self, node: u32) {
         self.expected.clear();
         self.expected.extend(self.mesh.support_of(node));
         self.remesher.expect(&self.expected);
     }
 
-    /// Does what changes have left to do: see [`Remesher::tend`].
+    /// Performs deferred work: see [`Remesher::tend`].
     pub fn tend(&mut self) -> Option<RemeshReport> {
         self.remesher.tend(&self.mesh)
     }
 
-    /// Changes level and precision while running. Contacts and moves stay.
+    /// Changes level and precision at run time. Contacts and moves are kept.
     ///
     /// # Errors
-    /// [`RemeshError`]; the remesher is then what it was.
+    /// [`RemeshError`]; the remesher is then unchanged.
     pub fn switch(&mut self, level: Level, precision: Precision) -> Result<Option<RemeshReport>, RemeshError> {
         let same_kind = (level == Level::Exact) == (self.remesher.level() == Level::Exact);
         if same_kind && precision == self.remesher.precision() {
@@ -161,10 +162,10 @@ impl Adaptation {
         Ok(None)
     }
 
-    /// Makes the remesher anew, from another compliance of the same base. Contacts and moves stay.
+    /// Replaces the remesher by one from another compliance of the same base. Contacts and moves are kept.
     ///
     /// # Errors
-    /// [`RemeshError`]; remesher and compliance of the base are then what they were.
+    /// [`RemeshError`]; the remesher and the base compliance are then unchanged.
     pub fn switch_source(&mut self, level: Level, precision: Precision, source: Source) -> Result<(), RemeshError> {
         let maker = self.maker.as_deref().unwrap_or(&make);
         let next = maker(level, precision, &source, &self.mesh, self.options)?;
@@ -173,26 +174,17 @@ impl Adaptation {
         Ok(())
     }
 
-    /// Puts another remesher, which follows the mesh as it is now, in place of the one at hand. Contacts and moves stay.
+    /// Replaces the remesher by `next`, which must follow the current mesh. Contacts and moves are kept.
     ///
     /// # Errors
-    /// [`RemeshError`]; the remesher is then what it was.
+    /// [`RemeshError`]; the remesher is then unchanged.
     pub fn replace(&mut self, mut next: Box<dyn Remesher>) -> Result<(), RemeshError> {
         next.set_contacts(self.remesher.contacts())?;
         self.remesher = next;
         Ok(())
     }
 
-    /// Makes a prepared base that of the mesh: see [`rebase`](super::rebase).
-    ///
-    /// # Errors
-    /// [`RebaseError`]; everything then stays as it is.
-    pub fn adopt(&mut self, rebase: Rebase) -> Result<(), RebaseError> {
-        self.source = adopt(rebase, &mut self.mesh, &mut *self.remesher)?;
-        Ok(())
-    }
-
-    /// Gives a change to the remesher, or takes it back.
+    /// Passes a change to the remesher, and records or reverts it in the mesh.
     fn hand_over(&mut self, change: Change, record: Record) -> Result<RemeshReport, AdaptError> {
         let mut result = self.remesher.remesh(&self.mesh, &change);
         if let Err(failed @ RemeshError::Device(_)) = result {
@@ -207,7 +199,7 @@ impl Adaptation {
         result.map_err(AdaptError::from)
     }
 
-    /// Puts a remesher of [`make`] in place of one whose device has failed. It follows the mesh as it is now.
+    /// Replaces a remesher whose device has failed by one of [`make`] in the current state of the mesh.
     fn give_up_device(&mut self, failed: RemeshError) -> Result<(), RemeshError> {
         if self.maker.is_none() {
             return Err(failed);

@@ -1,8 +1,8 @@
-//! A mesh whose reference nodes move one at a time to where the needle's tip is.
+//! Mesh whose reference nodes are moved one at a time to the needle tip.
 //!
-//! Three positions of a node matter. The *original* one is that of the mesh as loaded: a restored node returns there. The
-//! *base* is the mesh of which an inverse or a factor is at hand. The *current* one is where the node has been moved to. The
-//! base is the original mesh until it is replaced (see [`rebase`](super::rebase)).
+//! A node has three positions. The *original* one is that of the mesh as loaded, to which a restored node returns. The
+//! *base* is that of the mesh whose inverse or factor is available. The *current* one is where the node has been moved
+//! to. The base is the original mesh.
 
 mod around;
 mod change;
@@ -21,36 +21,37 @@ pub use change::Change;
 pub(super) use moves::Record;
 pub use refused::RefusedMove;
 
-/// The largest Jacobian condition that a move may bring about.
+/// Largest Jacobian condition that a move may cause.
 ///
-/// At 1,000 a tetrahedron is about a thousand times longer than high: a few micrometres in a tissue mesh, far below what
-/// positions in tissue mean. The condition of its stiffness grows with the square, to 1e6, which with the 1e4 or so of the
-/// mesh itself leaves about six of sixteen digits: what passes here is still solved well.
+/// At 1,000 a tetrahedron is about a thousand times longer than high: a few micrometres in a tissue mesh, far below
+/// meaningful positions in tissue. The condition of its stiffness grows with the square, to 1e6, which with the 1e4 or
+/// so of the mesh itself leaves about six of sixteen digits: accepted meshes are still solved well.
 pub const CONDITION_LIMIT: f64 = 1e3;
 
-/// A mesh in its original, base and current reference states, and what is needed to find quickly what a move changes.
+/// Mesh in its original, base and current reference states, with the adjacency needed to find quickly what a move
+/// changes.
 #[derive(Clone, Debug)]
 pub struct AdaptedMesh {
     original: Vec<[f64; 3]>,
     base: Vec<[f64; 3]>,
     nodes: Vec<[f64; 3]>,
-    /// Of the base.
+    /// Stiffness of the base.
     stiffness: Arc<Stiffness>,
     around: Arc<Around>,
-    /// How many nodes away from their base have each node among their neighbours.
+    /// Number of nodes away from their base among the neighbours of each node.
     touched: Vec<u32>,
     /// Nodes away from their base, ascending.
     away: Vec<u32>,
-    /// Moves not undone, each with the position before it.
+    /// Moves not undone, each with the node's previous position.
     moves: Vec<(u32, [f64; 3])>,
     condition_limit: f64,
     step: u64,
-    /// Memory for the next change.
+    /// Buffer for the next change.
     spare: Option<Change>,
 }
 
 impl AdaptedMesh {
-    /// The mesh with every node at its base; `materials` one an element.
+    /// Creates the mesh with every node at its base, given one material per element.
     ///
     /// # Errors
     /// [`AssemblyError`] where a list does not match the mesh or an element is flat or inverted.
@@ -72,7 +73,7 @@ impl AdaptedMesh {
         })
     }
 
-    /// The same with another limit of the Jacobian condition than [`CONDITION_LIMIT`] (1 or more).
+    /// Replaces the limit of the Jacobian condition, [`CONDITION_LIMIT`] by default (1 or more).
     #[must_use]
     pub fn with_condition_limit(self, condition_limit: f64) -> AdaptedMesh {
         AdaptedMesh {
@@ -96,35 +97,35 @@ impl AdaptedMesh {
         self.stiffness.elements()
     }
 
-    /// The stiffness of the base.
+    /// Stiffness of the base.
     pub fn stiffness(&self) -> &Arc<Stiffness> {
         &self.stiffness
     }
 
-    /// The degrees of freedom.
+    /// Degrees of freedom of the mesh.
     pub fn dofs(&self) -> &Dofs {
         self.stiffness.dofs()
     }
 
-    /// Changes made so far, undone moves counted as changes.
+    /// Number of changes so far; undoing a move is a change.
     pub fn step(&self) -> u64 {
         self.step
     }
 
-    /// Nodes that are not where the base has them, ascending.
+    /// Nodes away from their base, ascending.
     pub fn away(&self) -> &[u32] {
         &self.away
     }
 
-    /// Moves that are not undone, oldest first: the node, and its position before the move (mm).
+    /// Moves not undone, oldest first: the node, and its position before the move (mm).
     pub fn moves(&self) -> &[(u32, [f64; 3])] {
         &self.moves
     }
 
-    /// All nodes that share an element with `node`, itself among them, ascending.
+    /// Nodes that share an element with `node`, including itself, ascending.
     ///
     /// # Panics
-    /// If there is no such node.
+    /// If the node does not exist.
     pub fn neighbours(&self, node: u32) -> &[u32] {
         self.around.neighbours(node)
     }
@@ -132,7 +133,7 @@ impl AdaptedMesh {
     /// Whether the current stiffness may differ from that of the base in the rows of `node`.
     ///
     /// # Panics
-    /// If there is no such node.
+    /// If the node does not exist.
     pub fn is_touched(&self, node: u32) -> bool {
         self.touched[node as usize] > 0
     }
@@ -143,24 +144,24 @@ impl AdaptedMesh {
         touched.flat_map(|node| self.dofs().of(node)).filter(|dof| *dof != NONE)
     }
 
-    /// Free degrees of freedom of `node` and its neighbours, ascending: those that a move of it concerns.
+    /// Free degrees of freedom of `node` and its neighbours, ascending: those affected by a move of it.
     ///
     /// # Panics
-    /// If there is no such node.
+    /// If the node does not exist.
     pub fn support_of(&self, node: u32) -> impl Iterator<Item = u32> + '_ {
         let all = self.neighbours(node).iter().flat_map(|node| self.dofs().of(*node));
         all.filter(|dof| *dof != NONE)
     }
 
-    /// The elements around a node and its place in each.
+    /// Elements around a node, with its place in each.
     pub(super) fn elements_around(&self, node: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
         self.around.elements(node)
     }
 
-    /// Reference position of the point with these barycentric coordinates in an element (mm).
+    /// Reference position of a point with these barycentric coordinates in an element (mm).
     ///
     /// # Panics
-    /// If there is no such element.
+    /// If the element does not exist.
     pub fn point(&self, element: u32, barycentric: [f64; 4]) -> [f64; 3] {
         let corners = self.elements()[element as usize];
         std::array::from_fn(|axis| {
@@ -171,28 +172,21 @@ impl AdaptedMesh {
         })
     }
 
-    /// K(now) - K(base), from scratch.
+    /// Computes K(now) - K(base) from scratch.
     pub fn difference(&self) -> Difference {
         let mut difference = Difference::default();
         self.difference_into(&mut difference);
         difference
     }
 
-    /// As [`difference`](Self::difference), into what was used before.
+    /// Computes [`difference`](Self::difference) in existing memory.
     pub fn difference_into(&self, difference: &mut Difference) {
         difference.assemble(self);
     }
 
-    /// Positions of an element's corners.
+    /// Corner positions of an element.
     pub(super) fn positions(&self, element: u32, nodes: &[[f64; 3]]) -> [[f64; 3]; 4] {
         self.elements()[element as usize].map(|node| nodes[node as usize])
-    }
-
-    /// Replaces the base: its positions and their stiffness.
-    pub(super) fn set_base(&mut self, base: Vec<[f64; 3]>, stiffness: Arc<Stiffness>) {
-        self.base = base;
-        self.stiffness = stiffness;
-        (0..self.nodes.len() as u32).for_each(|node| self.note(node));
     }
 }
 

@@ -1,30 +1,30 @@
-//! Which corner of the element at the needle's tip is moved to the tip.
+//! Choice of the element corner to move to the needle tip.
 
 use super::adapted::{AdaptedMesh, RefusedMove};
 use crate::mechanics::tissue::dofs::NONE;
 
-/// The corner chosen.
+/// Corner chosen to be moved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Corner {
-    /// The node to move.
+    /// Node to move.
     pub node: u32,
-    /// The worst Jacobian condition among the tetrahedra around it after the move.
+    /// Worst Jacobian condition among the tetrahedra around the node after the move.
     pub condition: f64,
 }
 
-/// Why a node cannot be taken.
+/// Why a node cannot be moved to the tip.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Unfit {
-    /// A displacement of it is prescribed.
+    /// A displacement of the node is prescribed.
     #[error("node {node} is fixed")]
     Fixed {
-        /// The node.
+        /// Index of the node.
         node: u32,
     },
-    /// The caller keeps it: already in contact, or a candidate of the probe.
+    /// The caller reserves the node: it is already in contact, or a candidate of the probe.
     #[error("node {node} is taken")]
     Taken {
-        /// The node.
+        /// Index of the node.
         node: u32,
     },
     /// The move would spoil an element.
@@ -32,25 +32,25 @@ pub enum Unfit {
     Refused(RefusedMove),
 }
 
-/// Why no corner is chosen.
+/// Why no corner was chosen.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoCorner {
-    /// There is no such element.
+    /// The element does not exist.
     #[error("element {element}, but there are only {elements} (numbered from 0)")]
     Element {
-        /// The element given.
+        /// Element given.
         element: u32,
-        /// How many there are.
+        /// Number of elements.
         elements: usize,
     },
     /// None of the nodes can be moved to the tip.
     #[error("no node can be moved to the tip at {tip:?} mm (element {element}): {}", list(.unfit))]
     NoneFits {
-        /// The element entered.
+        /// Element that the tip entered.
         element: u32,
         /// Reference position of the tip, mm.
         tip: [f64; 3],
-        /// What is wrong with each, in the order tried.
+        /// Reason for each corner, in the order tried.
         unfit: Vec<Unfit>,
     },
 }
@@ -59,17 +59,17 @@ fn list(unfit: &[Unfit]) -> String {
     unfit.iter().map(Unfit::to_string).collect::<Vec<_>>().join("; ")
 }
 
-/// The corner of `element` to move to `tip` (mm, reference state: see [`AdaptedMesh::point`]): each is tried, and the one whose
-/// tetrahedra come out best, by the Jacobian condition of the worst of them, is taken; of equals, the lowest node (Goksel et
-/// al. 2011, section VII). Fixed nodes and those that are `taken` (already in contact, candidates of the probe) are not
-/// tried, and moves that the mesh would refuse do not count.
+/// Chooses the corner of `element` to move to `tip` (mm, reference state: see [`AdaptedMesh::point`]). The choice is
+/// the corner after whose move the worst tetrahedron around it has the best Jacobian condition; of equals, the lowest
+/// node (Goksel et al. 2011, section VII). Fixed nodes and those that are `taken` (already in contact, candidates of
+/// the probe) are excluded, as are moves that the mesh would refuse.
 ///
-/// With the tip exactly on a vertex only that vertex can be moved, as every other corner would flatten an element; on an edge
-/// or a face, its corners. The answer is the same every time, though it may differ between the elements that share the
-/// vertex, edge or face: a locator that names the element decides.
+/// With the tip exactly on a vertex only that vertex can be moved, as every other corner would flatten an element; on
+/// an edge or a face, only its corners. The result is deterministic, but may differ between the elements that share the
+/// vertex, edge or face; it then depends on which of them the point location returns.
 ///
 /// # Errors
-/// [`NoCorner`], with what is wrong with each corner.
+/// [`NoCorner`], with the reason for each corner.
 pub fn best_corner(
     mesh: &AdaptedMesh,
     element: u32,

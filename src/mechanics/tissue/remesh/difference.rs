@@ -1,31 +1,31 @@
-//! How the stiffness of the current mesh differs from that of the base.
+//! Stiffness of the current mesh minus that of the base.
 
 use super::adapted::AdaptedMesh;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
 use crate::mechanics::tissue::element::{NodeBlock, Shape};
 
-/// K(now) - K(base) over the nodes that moves have touched, N/mm: one 3 x 3 block for each pair of them that shares an
-/// element. Everywhere else it is exactly zero. Always computed anew from the two positions of the nodes, so nothing adds up
-/// in it and a mesh back at its base has none.
+/// K(now) - K(base) over the nodes touched by moves, N/mm: one 3 x 3 block per pair of them that shares an element, and
+/// exactly zero elsewhere. Always recomputed from both positions of the nodes, so no errors accumulate and a mesh back
+/// at its base has an empty difference.
 #[derive(Clone, Debug, Default)]
 pub struct Difference {
     /// Touched nodes, ascending.
     nodes: Vec<u32>,
     /// Degrees of freedom of the touched nodes.
     dofs: Vec<[u32; 3]>,
-    /// Where each touched node's row of blocks begins; one more at the end.
+    /// Start of each touched node's row of blocks, with a final end.
     starts: Vec<u32>,
-    /// Place in `nodes` of the blocks' columns, ascending in each row.
+    /// Index in `nodes` of the blocks' columns, ascending in each row.
     columns: Vec<u32>,
     blocks: Vec<NodeBlock>,
     /// Elements with a moved corner.
     elements: Vec<u32>,
-    /// Place of each node in `nodes`.
+    /// Index of each node in `nodes`.
     places: Vec<u32>,
 }
 
 impl Difference {
-    /// Whether there is none.
+    /// Whether no node is touched.
     pub fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
@@ -35,7 +35,7 @@ impl Difference {
         &self.nodes
     }
 
-    /// All blocks as (row node, column node, block), by row, then column.
+    /// Blocks as (row node, column node, block), by row, then column.
     pub fn blocks(&self) -> impl Iterator<Item = (u32, u32, &NodeBlock)> + '_ {
         let rows = self.nodes.iter().zip(self.starts.windows(2));
         rows.flat_map(move |(&row, span)| {
@@ -45,7 +45,7 @@ impl Difference {
         })
     }
 
-    /// Entries over the free degrees of freedom, (row, column, N/mm): those of one row after another.
+    /// Entries over the free degrees of freedom as (row, column, N/mm), row by row.
     pub fn entries(&self) -> impl Iterator<Item = (u32, u32, f64)> + '_ {
         let rows = self.dofs.iter().zip(self.starts.windows(2));
         rows.flat_map(move |(rows, span)| {
@@ -61,17 +61,17 @@ impl Difference {
         })
     }
 
-    /// `y += dK x` over the free degrees of freedom (x in mm, y in N).
+    /// Computes `y += dK x` over the free degrees of freedom (x in mm, y in N).
     ///
     /// # Panics
-    /// If a slice ends before the last of the touched degrees of freedom.
+    /// If a slice ends before the last touched degree of freedom.
     pub fn add_product(&self, x: &[f64], y: &mut [f64]) {
         for (row, column, value) in self.entries() {
             y[row as usize] += value * x[column as usize];
         }
     }
 
-    /// The largest sum of magnitudes in a row, N/mm.
+    /// Infinity norm (largest absolute row sum), N/mm.
     pub fn norm_inf(&self) -> f64 {
         let mut largest = 0.0f64;
         let (mut sum, mut last) = (0.0, NONE);
@@ -91,7 +91,7 @@ impl Difference {
             let element = self.elements[at];
             let shapes = [mesh.base(), mesh.nodes()].map(|nodes| Shape::of(&mesh.positions(element, nodes)));
             let [Ok(base), Ok(now)] = shapes else {
-                // Neither the base nor an accepted move has such an element.
+                // Neither the base nor an accepted move has unusable elements.
                 continue;
             };
             let material = &mesh.stiffness().materials()[element as usize];
@@ -108,7 +108,7 @@ impl Difference {
         }
     }
 
-    /// Finds the touched nodes, the elements between them and the pairs that those join.
+    /// Finds the touched nodes, the elements between them and the node pairs that share an element.
     fn lay_out(&mut self, mesh: &AdaptedMesh) {
         self.elements.clear();
         for &node in mesh.away() {
@@ -143,7 +143,7 @@ impl Difference {
         self.blocks.resize(self.columns.len(), [[0.0; 3]; 3]);
     }
 
-    /// The block of two touched nodes of one element.
+    /// Returns the block of two touched nodes of one element.
     fn block_at(&mut self, row: u32, column: u32) -> &mut NodeBlock {
         let span = self.starts[row as usize] as usize..self.starts[row as usize + 1] as usize;
         let at = self.columns[span.clone()].partition_point(|other| *other < column);

@@ -1,69 +1,69 @@
-//! Why a remesher refuses.
+//! Errors of remeshers.
 
 use super::{Level, Precision};
 use crate::mechanics::tissue::compliance::ComplianceError;
 
-/// Why a remesh, or another request to a remesher, is refused. The remesher is then as it was.
+/// Why a remesher refuses a change or another request. The remesher is then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RemeshError {
-    /// A change was left out, or given twice, or the mesh has gone on.
+    /// A change was skipped or repeated, or the mesh has changed again since.
     #[error(
         "change {found} of a mesh at change {mesh}, but change {expected} is due; hand over every change once, or refresh"
     )]
     OutOfStep {
-        /// The change that comes next.
+        /// Number of the change expected next.
         expected: u64,
-        /// The change given.
+        /// Number of the change given.
         found: u64,
-        /// Changes of the mesh.
+        /// Number of changes of the mesh.
         mesh: u64,
     },
-    /// The change makes the stiffness nearly singular relative to what it was.
+    /// The change makes the stiffness nearly singular relative to its previous value.
     #[error(
         "moving node {node} makes the capacitance matrix I + dK G singular to working precision: reciprocal condition \
          {reciprocal_condition:.1e}, at least {limit:.1e} expected; move it less close to a face, or another node"
     )]
     Singular {
-        /// The node moved.
+        /// Moved node.
         node: u32,
-        /// Reciprocal condition, estimated.
+        /// Estimated reciprocal condition.
         reciprocal_condition: f64,
-        /// The limit.
+        /// Smallest reciprocal condition allowed.
         limit: f64,
     },
-    /// The whole of the moves since the base makes it so.
+    /// All moves since the base together make the stiffness nearly singular relative to that of the base.
     #[error(
         "the mesh has moved so far from its base that I + dK G is singular to working precision: reciprocal condition \
          {reciprocal_condition:.1e}, at least {limit:.1e} expected; prepare a new base"
     )]
     FarFromBase {
-        /// Reciprocal condition, estimated.
+        /// Estimated reciprocal condition.
         reciprocal_condition: f64,
-        /// The limit.
+        /// Smallest reciprocal condition allowed.
         limit: f64,
     },
-    /// Entries of the compliance cannot be had.
+    /// Entries of the compliance cannot be read.
     #[error(transparent)]
     Compliance(#[from] ComplianceError),
-    /// The device that holds the inverse has failed. Make another remesher.
+    /// The device that stores the inverse has failed; another remesher must be made.
     #[error("the device that holds the inverse has failed: {0}")]
     Device(String),
-    /// The remesher does not work at this level.
+    /// The remesher does not support this level.
     #[error("this remesher works at level {offered} and the like, not at {asked}; make another")]
     Level {
-        /// Asked for.
+        /// Level requested.
         asked: Level,
-        /// Its own.
+        /// Level of the remesher.
         offered: Level,
     },
-    /// The compliance at hand does not suit the level.
+    /// The available compliance does not suit the level.
     #[error("level {level} in {precision}: {reason}")]
     Unsuited {
-        /// Asked for.
+        /// Level requested.
         level: Level,
-        /// Asked for.
+        /// Precision requested.
         precision: Precision,
-        /// What is missing, and what to do.
+        /// Reason and remedy.
         reason: String,
     },
 }

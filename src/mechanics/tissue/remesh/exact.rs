@@ -1,4 +1,4 @@
-//! Exact condensed remeshing: the base inverse is never touched, and the compliance at the contacts is exact.
+//! Exact condensed remeshing: exact compliance at the contacts from an unmodified base inverse.
 //!
 //! Let S be the degrees of freedom around all nodes away from their base, dK the change of the stiffness on S since the base,
 //! computed from scratch, and G = K0^-1[S, S]. The matrix inversion lemma gives
@@ -7,24 +7,25 @@
 //! K^-1[a, b] = K0^-1[a, b] - K0^-1[a, S] C K0^-1[S, b],    C = (I + dK G)^-1 dK     (symmetric)
 //! ```
 //!
-//! for any rows a and columns b. Only C has to follow a move, and it can be updated: a change d on the degrees of freedom P gives
+//! for any rows a and columns b. A move changes only C, which can be updated: a change d on the degrees of freedom P
+//! gives
 //!
 //! ```text
 //! C' = C + V D V^T,    V = E_P - C G[S, P],    D = (I + d H)^-1 d,    H = K^-1[P, P] = G[P, P] - G[P, S] C G[S, P]
 //! ```
 //!
-//! at a cost of O(|S|^2 |P|) in products of matrices, and the compliance at the contacts c follows with
-//! `K^c' = K^c - W D W^T`, W = K^-1[c, P]. Where dK returns to zero the rows leave S; with none left, C is empty and K^c is
-//! read from the base: bit for bit what it was. `docs/remeshing.md` has the proof, what rounding does, and the ancestors: the
-//! capacitance matrices of James and Pai, and the augmented systems of Yeung, Crouch and Pothen.
+//! at a cost of O(|S|^2 |P|) in matrix products, and the compliance at the contacts c follows from `K^c' = K^c - W D
+//! W^T`, W = K^-1[c, P]. Rows where dK returns to zero leave S; when none is left, C is empty and K^c is read from the
+//! base, bit for bit. `docs/remeshing.md` has the proof, the effects of rounding, and the predecessors: the capacitance
+//! matrices of James and Pai, and the augmented systems of Yeung, Crouch and Pothen.
 
-mod ahead;
-mod anew;
+mod application;
 mod contacts;
-mod held;
+mod error_monitor;
+mod recompute;
+mod speculation;
+mod support;
 mod update;
-mod watch;
-mod whole;
 
 use std::fmt;
 
@@ -32,28 +33,29 @@ use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
-use super::watch::Watch;
-use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
+use super::sampling::SampleSchedule;
+use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, State, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_dofs};
-use ahead::Ahead;
 use contacts::Contacts;
-use held::Held;
+use speculation::Speculation;
+use support::Support;
 use update::Work;
 
-/// The exact condensed level. One thread; nothing is allocated while S does not outgrow what it was before.
+/// Remesher of the exact condensed level. It runs on one thread, and allocates nothing while S does not outgrow its
+/// largest size so far.
 pub struct Exact {
     source: Box<dyn Compliance + Send>,
     precision: Precision,
     options: Options,
-    held: Held,
+    held: Support,
     contacts: Contacts,
     difference: Difference,
     work: Work,
     step: u64,
-    watch: Watch,
-    /// A sample is due, and left to do.
+    watch: SampleSchedule,
+    /// Whether a due sample of the errors was deferred.
     is_due: bool,
-    ahead: Ahead,
+    ahead: Speculation,
     rebuilds: u64,
 }
 
@@ -70,10 +72,11 @@ impl fmt::Debug for Exact {
 }
 
 impl Exact {
-    /// Follows `mesh` from its current state. `source` is the compliance of its base, with entries of that precision.
+    /// Creates a remesher from the current state of `mesh`. `source` is the compliance of its base, with entries of
+    /// `precision`.
     ///
     /// # Errors
-    /// [`RemeshError`] where the source does not fit the mesh or fails, or the mesh is too far from its base.
+    /// [`RemeshError`] where the source does not match the mesh or fails, or the mesh is too far from its base.
     pub fn new(
         mesh: &AdaptedMesh,
         source: Box<dyn Compliance + Send>,
@@ -86,14 +89,14 @@ impl Exact {
             source,
             precision,
             options,
-            held: Held::new(size),
+            held: Support::new(size),
             contacts: Contacts::none(),
             difference: Difference::default(),
             work: Work::new(size),
             step: mesh.step(),
-            watch: Watch::new(),
+            watch: SampleSchedule::new(),
             is_due: false,
-            ahead: Ahead::new(),
+            ahead: Speculation::new(),
             rebuilds: 0,
         };
         exact.refresh(mesh)?;
@@ -101,18 +104,21 @@ impl Exact {
         Ok(exact)
     }
 
-    /// The degrees of freedom S, in the order of [`correction`](Self::correction).
+    /// Degrees of freedom S, in the order of [`correction`](Self::correction).
+    #[cfg(test)]
     pub fn held(&self) -> &[usize] {
         self.held.dofs()
     }
 
-    /// C: what the compliance of the base is corrected by, N/mm.
+    /// Correction C of the base compliance, N/mm.
+    #[cfg(test)]
     pub fn correction(&mut self) -> MatRef<'_, f64> {
         self.complete();
         self.held.c.get()
     }
 
-    /// How often C was computed anew instead of updated.
+    /// Number of times C was recomputed instead of updated.
+    #[cfg(test)]
     pub fn rebuilds(&self) -> u64 {
         self.rebuilds
     }
@@ -120,7 +126,7 @@ impl Exact {
     fn report(&self, rank: usize, reciprocal_condition: f64, rebuilt: Option<Rebuilt>) -> RemeshReport {
         let held = self.held.len();
         let contacts = self.contacts.dofs().len();
-        // An update reads G[S, P] and reads and writes C; computing anew reads G and dK, writes the factors and C.
+        // An update reads G[S, P] and reads and writes C; a recomputation reads G and dK, writes the factors and C.
         let entries = match rebuilt {
             None => rank * held + 3 * held * held + 2 * contacts * held,
             Some(_) => 5 * held * held + contacts * held,
@@ -138,7 +144,7 @@ impl Exact {
     }
 }
 
-/// Checks that a source has one row a free degree of freedom.
+/// Checks that a source has one row per free degree of freedom.
 fn fits(source: &dyn Compliance, size: usize) -> Result<(), ComplianceError> {
     let found = source.size();
     if found == size {
@@ -182,7 +188,7 @@ impl Remesher for Exact {
             .extend(&mut *self.source, &change.support, self.contacts.dofs())?;
         let computed = if self.options.rebuild_always {
             mesh.difference_into(&mut self.difference);
-            self.compute_anew()
+            self.recompute()
         } else {
             self.update(change, done)
         };
@@ -206,7 +212,7 @@ impl Remesher for Exact {
         let mut report = self.report(change.support.len(), condition, always);
         if self.held.is_empty() {
             self.contacts.forget_correction();
-            (self.watch, self.is_due, self.work.left) = (Watch::new(), false, false);
+            (self.watch, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
         } else if always.is_some() {
             self.rebuilds += 1;
         } else {
@@ -224,7 +230,7 @@ impl Remesher for Exact {
         if self.is_due {
             self.sample(mesh, &mut report);
         } else {
-            self.work_ahead();
+            self.speculate();
         }
         Some(report).filter(|report| report.rebuilt.is_some())
     }
@@ -236,12 +242,12 @@ impl Remesher for Exact {
     fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
         self.complete();
         let support: Vec<u32> = mesh.support().collect();
-        let mut held = Held::new(mesh.dofs().free());
+        let mut held = Support::new(mesh.dofs().free());
         held.extend(&mut *self.source, &support, self.contacts.dofs())?;
         let before = std::mem::replace(&mut self.held, held);
         self.ahead.forget();
         mesh.difference_into(&mut self.difference);
-        match self.compute_anew() {
+        match self.recompute() {
             Ok(condition) => {
                 self.rebuilds += 1;
                 self.step = mesh.step();
@@ -255,15 +261,6 @@ impl Remesher for Exact {
                 })
             }
         }
-    }
-
-    fn rebase(&mut self, mesh: &AdaptedMesh, source: &Source) -> Result<RemeshReport, RemeshError> {
-        let compliance = source.clone().into_compliance();
-        let mut next = Exact::new(mesh, compliance, source.precision(), self.options)?;
-        next.set_contacts(self.contacts.dofs())?;
-        next.rebuilds = self.rebuilds + 1;
-        *self = next;
-        Ok(self.report(self.held.len(), 1.0, Some(Rebuilt::Requested)))
     }
 
     fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {

@@ -1,29 +1,29 @@
-//! Levels I to IV: the dense inverse follows the moves, all of it or in part (Goksel et al. 2011, section V-B).
+//! Levels I to IV: full or partial updates of the dense inverse (Goksel et al. 2011, section V-B).
 //!
-//! With P the degrees of freedom around the moved node, dK the change of the stiffness there, Y = K^-1[:, P] and G = Y[P, :], the
-//! matrix inversion lemma gives `K'^-1 = K^-1 - Y C Y^T` with `C = (I + dK G)^-1 dK`. dK comes from the true geometry, G and Y
-//! from the inverse at hand. C is computed in f64 whatever the inverse is kept in.
+//! With P the degrees of freedom around the moved node, dK the change of the stiffness there, Y = K^-1[:, P] and G =
+//! Y[P, :], the matrix inversion lemma gives `K'^-1 = K^-1 - Y C Y^T` with `C = (I + dK G)^-1 dK`. dK comes from the
+//! true geometry, G and Y from the current inverse. C is computed in f64 regardless of the precision of the inverse.
 //!
-//! | level | entries updated | what K^c is |
+//! | level | entries updated | resulting K^c |
 //! |---|---|---|
-//! | I | all | that of the current mesh, up to rounding that adds up |
-//! | II | rows and columns in P | right where a contact was moved or is a neighbour, as far as Y was right; old elsewhere |
-//! | III | rows and columns of the node | right where the node itself is a contact, as far as Y was right; old elsewhere |
-//! | IV | none | that of the last state that was current: forces and displacements at the node's new place are taken for those at its old one |
+//! | I | all | that of the current mesh, up to accumulated rounding |
+//! | II | rows and columns in P | correct where a contact was moved or is a neighbour, as far as Y was correct; old elsewhere |
+//! | III | rows and columns of the node | correct where the node itself is a contact, as far as Y was correct; old elsewhere |
+//! | IV | none | that of the last current state: forces and displacements at the node's new place are taken for those at its old one |
 //!
-//! After level I, an inverse updated at level II or III is right in the updated rows: exactly so for one change, and after more
-//! of them as far as the entries that were left alone matter. Nothing guards it from losing definiteness, so K^c is checked by
-//! a Cholesky factorisation after each such change and the inverse is rebuilt where that fails. A rebuild takes the base and all
-//! moves since as one change, at level I.
+//! After level I, an inverse updated at level II or III is correct in the updated rows: exactly after one change, and
+//! up to the influence of the entries not updated after more. It may lose definiteness, so K^c is checked by a Cholesky
+//! factorisation after each such change, and the inverse is rebuilt where that fails. A rebuild applies all moves since
+//! the base as one change, at level I.
 //!
-//! Rounding adds up at level I, slowly in f64 and fast in f32, faster yet near incompressibility. The residual of sampled
-//! columns against the true stiffness is watched, and the inverse rebuilt before it passes a limit: the nearer it comes, and
-//! the worse the condition of a change, the closer it is watched.
+//! Rounding accumulates at level I, slowly in f64 and fast in f32, and faster near incompressibility. The residual of
+//! sampled columns against the true stiffness is monitored, and the inverse rebuilt before it exceeds a limit. Samples
+//! become more frequent near the limit and for ill-conditioned changes.
 
+mod error_monitor;
 mod inverse;
 mod rebuild;
 mod store;
-mod watch;
 
 use std::sync::Arc;
 
@@ -31,20 +31,20 @@ use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
-use super::watch::Watch;
-use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, Source, State, check_step};
+use super::sampling::SampleSchedule;
+use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, State, check_step};
 use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use inverse::Inverse;
+use error_monitor::suits;
 pub use store::{Host, Store, Which};
-use watch::suits;
 
-/// A dense inverse in the memory of this processor that follows at one of the levels I to IV. Works on the threads of the
-/// current rayon pool; the result does not depend on how many there are.
+/// Remesher of the levels I to IV with a dense inverse in CPU memory. It runs on the current rayon pool; the result
+/// does not depend on the number of threads.
 pub type Levels<T> = Following<Host<T>>;
 
-/// A dense inverse, kept in a [`Store`], that follows at one of the levels I to IV.
+/// Remesher of the levels I to IV with a dense inverse in a [`Store`].
 #[derive(Debug)]
 pub struct Following<S> {
     inverse: Inverse<S>,
@@ -53,18 +53,19 @@ pub struct Following<S> {
     contacts: Vec<usize>,
     condensed: Mat<f64>,
     step: u64,
-    /// Changes since the inverse was current.
+    /// Changes since the inverse was last current.
     stale: u64,
     rebuilds: u64,
-    watch: Watch,
+    watch: SampleSchedule,
 }
 
 impl<T: Entry> Levels<T> {
-    /// Follows `mesh` from its current state at `level`, I to IV. `base` is the inverse of its base, and stays as it is.
+    /// Creates a remesher at `level`, I to IV, from the current state of `mesh`. `base` is the inverse of its base,
+    /// which is not modified.
     ///
     /// # Errors
-    /// [`RemeshError`] where the inverse does not fit the mesh, the level is another, the precision does not suffice for the
-    /// materials, or the mesh is too far from its base.
+    /// [`RemeshError`] where the inverse does not match the mesh, the level is none of these, the precision does not suffice
+    /// for the materials, or the mesh is too far from its base.
     pub fn new(
         mesh: &AdaptedMesh,
         base: Arc<Symmetric<T>>,
@@ -74,17 +75,19 @@ impl<T: Entry> Levels<T> {
         Following::start(mesh, Host::new(base), level, options)
     }
 
-    /// The inverse at hand.
+    /// Current inverse.
+    #[cfg(test)]
     pub fn inverse(&self) -> &Symmetric<T> {
         &self.inverse.store.current
     }
 }
 
 impl<S: Store> Following<S> {
-    /// Follows `mesh` from its current state at `level`, I to IV. `store` holds the inverse of its base, unchanged.
+    /// Creates a remesher at `level`, I to IV, from the current state of `mesh`. `store` must contain the unmodified
+    /// inverse of its base.
     ///
     /// # Errors
-    /// As [`Levels::new`].
+    /// Those of [`Levels::new`].
     pub fn start(mesh: &AdaptedMesh, store: S, level: Level, options: Options) -> Result<Self, RemeshError> {
         if level == Level::Exact {
             return Err(RemeshError::Level {
@@ -103,7 +106,7 @@ impl<S: Store> Following<S> {
             step: mesh.step(),
             stale: 0,
             rebuilds: 0,
-            watch: Watch::new(),
+            watch: SampleSchedule::new(),
         };
         if !mesh.away().is_empty() {
             levels.refresh(mesh)?;
@@ -112,12 +115,13 @@ impl<S: Store> Following<S> {
         Ok(levels)
     }
 
-    /// Where the inverse is kept.
+    /// Store of the inverse.
     pub fn store(&mut self) -> &mut S {
         &mut self.inverse.store
     }
 
-    /// How often the inverse was rebuilt from the base.
+    /// Number of rebuilds of the inverse from the base.
+    #[cfg(test)]
     pub fn rebuilds(&self) -> u64 {
         self.rebuilds
     }
@@ -128,7 +132,7 @@ impl<S: Store> Following<S> {
     }
 }
 
-/// The rows and columns that a level updates, if not all.
+/// Rows and columns that a level updates; `None` for all.
 fn rows_of(level: Level, mesh: &AdaptedMesh, change: &Change) -> Option<Vec<usize>> {
     match level {
         Level::II => Some(change.support.iter().map(|dof| *dof as usize).collect()),
@@ -240,15 +244,6 @@ impl<S: Store> Remesher for Following<S> {
         self.rebuilds += 1;
         self.read_condensed()?;
         Ok(self.rebuilt(mesh, condition, Rebuilt::Requested))
-    }
-
-    fn rebase(&mut self, mesh: &AdaptedMesh, source: &Source) -> Result<RemeshReport, RemeshError> {
-        let store = self.inverse.store.restarted(source)?;
-        let mut next = Following::start(mesh, store, self.level, self.options)?;
-        next.set_contacts(&self.contacts)?;
-        next.rebuilds = self.rebuilds + 1;
-        *self = next;
-        Ok(self.rebuilt(mesh, 1.0, Rebuilt::Requested))
     }
 
     fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {

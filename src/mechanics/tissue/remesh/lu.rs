@@ -1,4 +1,4 @@
-//! LU factors with partial pivoting of the small matrices of the update, with an estimate of their condition.
+//! LU factorisation with partial pivoting of the small update matrices, with a condition estimate.
 
 use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::lu::partial_pivoting::{factor, solve};
@@ -7,28 +7,28 @@ use faer::perm::PermRef;
 use faer::prelude::ReborrowMut;
 use faer::{Accum, MatMut, MatRef, Par};
 
-use super::grown::{Grown, symmetrise};
+use super::growable::{Growable, symmetrise};
 
-/// The most steps of the condition estimate; it seldom takes more than two.
+/// Most steps of the condition estimate; it seldom takes more than two.
 const ESTIMATE_STEPS: usize = 5;
 
-/// A matrix and, once factored, its LU factors; the memory is kept for the next.
+/// Matrix and, once factored, its LU factors; the memory is reused.
 #[derive(Default)]
 pub(super) struct Lu {
-    matrix: Grown,
+    matrix: Growable,
     forward: Vec<u32>,
     inverse: Vec<u32>,
     memory: Option<MemBuffer>,
-    probe: Grown,
+    probe: Growable,
 }
 
 impl Lu {
-    /// A matrix of `size` rows to be filled before [`factor`](Self::factor); its values are whatever was there.
+    /// Returns a matrix of `size` rows with arbitrary values, to be filled before [`factor`](Self::factor).
     pub fn space(&mut self, size: usize) -> MatMut<'_, f64> {
         self.matrix.shape(size, size)
     }
 
-    /// Factors the matrix and estimates the reciprocal of its condition number in the 1-norm: 1 at best, 0 for a singular
+    /// Factors the matrix and estimates its reciprocal condition number in the 1-norm: 1 at best, 0 for a singular
     /// matrix or one that is not finite.
     pub fn factor(&mut self) -> f64 {
         let size = self.matrix.rows();
@@ -85,9 +85,9 @@ impl Lu {
         }
     }
 
-    /// A lower bound, seldom off by more than a factor of three, of the 1-norm of the inverse (W. W. Hager, "Condition
-    /// estimates", SIAM J. Sci. Stat. Comput. 5, 1984; N. J. Higham, "FORTRAN codes for estimating the one-norm of a real or
-    /// complex matrix", ACM TOMS 14, 1988).
+    /// Returns a lower bound, seldom off by more than a factor of three, of the 1-norm of the inverse (W. W. Hager,
+    /// "Condition estimates", SIAM J. Sci. Stat. Comput. 5, 1984; N. J. Higham, "FORTRAN codes for estimating the
+    /// one-norm of a real or complex matrix", ACM TOMS 14, 1988).
     fn inverse_norm(&mut self) -> f64 {
         let size = self.matrix.rows();
         let mut probe = std::mem::take(&mut self.probe);
@@ -114,7 +114,7 @@ impl Lu {
             unit.fill(0.0);
             unit[(steepest, 0)] = 1.0;
         }
-        // A vector of alternating signs that grows catches the matrices on which the ascent stalls.
+        // A growing vector of alternating signs catches matrices on which the ascent stalls.
         let steps = (size.max(2) - 1) as f64;
         for (i, x) in probe.get_mut().col_mut(0).iter_mut().enumerate() {
             *x = (1.0 + i as f64 / steps) * if i % 2 == 0 { 1.0 } else { -1.0 };
@@ -134,8 +134,8 @@ impl Lu {
     }
 }
 
-/// D = (I + d H)^-1 d for symmetric d and H of the same size, exactly symmetric; and the reciprocal condition of I + d H.
-/// `out` means nothing where that is 0.
+/// Computes D = (I + d H)^-1 d, exactly symmetric, for symmetric d and H of the same size, and returns the reciprocal
+/// condition of I + d H. Where that is 0, `out` is undefined.
 pub(super) fn capacitance(lu: &mut Lu, d: MatRef<'_, f64>, h: MatRef<'_, f64>, out: MatMut<'_, f64>) -> f64 {
     let mut out = out;
     let size = d.nrows();
@@ -154,7 +154,7 @@ pub(super) fn capacitance(lu: &mut Lu, d: MatRef<'_, f64>, h: MatRef<'_, f64>, o
     condition
 }
 
-/// Memory for `need` at any alignment, kept for the next time.
+/// Returns memory for `need` at any alignment, reused between calls.
 fn stack(memory: &mut Option<MemBuffer>, need: StackReq) -> &mut MemStack {
     let bytes = need.unaligned_bytes_required();
     if memory.as_ref().is_none_or(|memory| memory.len() < bytes) {
@@ -163,7 +163,7 @@ fn stack(memory: &mut Option<MemBuffer>, need: StackReq) -> &mut MemStack {
     MemStack::new(memory.get_or_insert_with(|| MemBuffer::new(StackReq::new::<u8>(bytes))))
 }
 
-/// The largest sum of magnitudes in a column; NaN where an entry is.
+/// Returns the largest absolute column sum; NaN if an entry is NaN.
 fn norm_one(matrix: MatRef<'_, f64>) -> f64 {
     let sums = matrix
         .col_iter()
@@ -171,7 +171,7 @@ fn norm_one(matrix: MatRef<'_, f64>) -> f64 {
     sums.fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })
 }
 
-/// The row of the largest magnitude, the first of equals.
+/// Returns the row of the largest magnitude, the first of equals.
 fn largest(column: MatRef<'_, f64>) -> usize {
     let values = column.col(0);
     (1..values.nrows()).fold(0, |best, i| if values[i].abs() > values[best].abs() { i } else { best })

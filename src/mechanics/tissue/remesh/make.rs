@@ -1,4 +1,4 @@
-//! Making remeshers.
+//! Construction of remeshers.
 
 use std::sync::Arc;
 
@@ -10,19 +10,19 @@ use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::compliance::Compliance;
 use crate::mechanics::tissue::symmetric::{Scalar, Symmetric};
 
-/// Where the compliance of the base comes from. A copy shares what is large.
+/// Source of the base compliance. A clone shares large data.
 #[derive(Clone, Debug)]
 pub enum Source {
-    /// A dense inverse in `f32`.
+    /// Dense inverse in `f32`.
     Single(Arc<Symmetric<f32>>),
-    /// A dense inverse in `f64`.
+    /// Dense inverse in `f64`.
     Double(Arc<Symmetric<f64>>),
-    /// Columns solved from the factor when they are needed. Keep room for those of S and of the contacts.
+    /// Columns solved from the factor on demand. The capacity should cover those of S and of the contacts.
     Columns(Columns),
 }
 
 impl Source {
-    /// Of its entries.
+    /// Precision of the entries.
     pub fn precision(&self) -> Precision {
         match self {
             Source::Single(_) => Precision::Single,
@@ -30,7 +30,7 @@ impl Source {
         }
     }
 
-    /// As a compliance.
+    /// Converts the source to a compliance.
     pub fn into_compliance(self) -> Box<dyn Compliance + Send> {
         match self {
             Source::Single(inverse) => Box::new(inverse),
@@ -40,49 +40,32 @@ impl Source {
     }
 }
 
-/// The entries of a dense inverse.
+/// Entry type of a dense inverse.
 pub trait Entry: Scalar {
-    /// As a choice.
+    /// Precision of the type.
     const PRECISION: Precision;
-
-    /// The dense inverse of a source, if it has one in this precision.
-    fn dense(source: &Source) -> Option<Arc<Symmetric<Self>>>;
 }
 
 impl Entry for f32 {
     const PRECISION: Precision = Precision::Single;
-
-    fn dense(source: &Source) -> Option<Arc<Symmetric<f32>>> {
-        match source {
-            Source::Single(inverse) => Some(Arc::clone(inverse)),
-            Source::Double(_) | Source::Columns(_) => None,
-        }
-    }
 }
 
 impl Entry for f64 {
     const PRECISION: Precision = Precision::Double;
-
-    fn dense(source: &Source) -> Option<Arc<Symmetric<f64>>> {
-        match source {
-            Source::Double(inverse) => Some(Arc::clone(inverse)),
-            Source::Single(_) | Source::Columns(_) => None,
-        }
-    }
 }
 
-/// Something that makes remeshers as [`make`] does, perhaps elsewhere than in the memory of this processor.
+/// Constructor of remeshers with the interface of [`make`], possibly on a device.
 pub type Maker =
     Box<dyn Fn(Level, Precision, &Source, &AdaptedMesh, Options) -> Result<Box<dyn Remesher>, RemeshError> + Send>;
 
-/// A remesher at `level` that follows `mesh` from its current state, from the compliance of its base. Levels I to IV need a
-/// dense inverse, and work in the precision asked for if the source has it, or has more; the exact level takes any source
-/// and reads it as it is.
+/// Creates a remesher at `level` from the current state of `mesh` and the compliance of its base. Levels I to IV need a
+/// dense inverse, and use the requested precision if the source has it or a higher one; the exact level accepts any
+/// source and reads it unchanged.
 ///
 /// # Errors
-/// [`RemeshError::Unsuited`] where the source cannot give what is asked, or f32 does not suffice for the materials, or, at the
-/// exact level, the source leaves a residual above a tenth of `residual_single` of `options` (its mesh is barely held, for instance); or as
-/// [`Levels::new`] and [`Exact::new`].
+/// [`RemeshError::Unsuited`] where the source lacks what is needed, f32 does not suffice for the materials, or, at the
+/// exact level, the source leaves a residual above a tenth of `residual_single` of `options` (as when its mesh is
+/// barely supported); otherwise those of [`Levels::new`] and [`Exact::new`].
 pub fn make(
     level: Level,
     precision: Precision,
@@ -105,8 +88,8 @@ pub fn make(
             let size = mesh.dofs().free();
             let sampled: Vec<usize> = [size / 3, 2 * size / 3].into_iter().filter(|dof| *dof < size).collect();
             let (residual, limit) = (exact.residual(mesh, &sampled)?, 0.1 * options.residual_single);
-            // It corrects the moves of nodes alone, and multiplies what the base lacks. In f64 rounding beside stiff inclusions may
-            // leave more than level I keeps to, and does no harm.
+            // The exact level corrects only moves of nodes, and amplifies errors of the base. In f64, rounding beside
+            // stiff inclusions may leave more than the limit of level I, without harm.
             if residual > limit {
                 return Err(unsuited(&format!(
                     "the inverse of the base leaves a residual |K X e - e| of {residual:.0e}, at most {limit:.0e} is expected; \

@@ -1,29 +1,28 @@
-//! What a remesher tolerates, and when it computes anew.
+//! Tolerances and rebuild policy of a remesher.
 
-/// Limits and habits of a [`Remesher`](super::Remesher). The defaults suit tissue meshes of some thousand nodes.
+/// Tolerances and policies of a [`Remesher`](super::Remesher). The defaults suit tissue meshes of some thousand nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// A change is refused where the reciprocal condition of its capacitance matrix I + dK G is below this. An update then
+    /// Smallest reciprocal condition of the capacitance matrix I + dK G; changes below it are refused. There an update
     /// loses more than ten of sixteen digits; moves within the mesh's own limit stay far above.
     pub reciprocal_limit: f64,
-    /// Errors are sampled at least every so many changes (0: never): at every change at first and after a sample that was off,
-    /// and then ever less often up to this.
+    /// Largest number of changes between samples of the errors (0: no samples). Every change is sampled at first and
+    /// after a bad sample, then ever fewer.
     pub check_every: u64,
-    /// Exact level: it is computed anew where the sampled backward error of C, or the relative error of K^c against C, is
-    /// larger.
+    /// Exact level: sampled backward error of C, or relative error of K^c against C, above which both are recomputed.
     pub exact_tolerance: f64,
-    /// Level I in f64: the residual that is kept to. The inverse is rebuilt where a sample passes a tenth of it. See
+    /// Level I in f64: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it. See
     /// [`Remesher::residual`](super::Remesher::residual).
     pub residual_double: f64,
-    /// The same in f32.
+    /// Level I in f32: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it.
     pub residual_single: f64,
-    /// Exact level: always compute anew, never update. For comparison: it costs O(|S|^3).
+    /// Exact level: whether to recompute at every change instead of updating. For comparison: it costs O(|S|^3).
     pub rebuild_always: bool,
-    /// Exact level: what a change does not need at once, the last product that completes C and samples of errors that fall due, is
-    /// left to [`Remesher::tend`](super::Remesher::tend), so that no step has to do it all. Whatever is still left when the next
-    /// change comes is done then.
+    /// Exact level: whether to defer work not needed at once, the last product that completes C and due samples of
+    /// errors, to [`Remesher::tend`](super::Remesher::tend), so that no step has to do it all. Work still pending at
+    /// the next change is done then.
     pub tended: bool,
-    /// The largest Poisson's ratio at which levels I to III may work in f32.
+    /// Largest Poisson's ratio at which levels I to III may use f32.
     pub single_poisson_limit: f64,
 }
 

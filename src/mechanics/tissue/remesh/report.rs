@@ -1,40 +1,40 @@
-//! What a remesh did.
+//! Report of a remesh.
 
 use super::Level;
 
-/// Why a compliance was computed anew rather than updated.
+/// Why a compliance was recomputed instead of updated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rebuilt {
-    /// It always is.
+    /// The options require it for every change.
     Always,
-    /// A sample was off by more than tolerated; its residual.
+    /// The residual of a sample, given here, exceeded the tolerance.
     Residual(f64),
     /// The compliance at the contacts was no longer positive definite.
     Indefinite,
-    /// The level before left entries as they were.
+    /// The previous level had not updated all entries.
     Switched,
-    /// It was asked for.
+    /// The caller requested it.
     Requested,
 }
 
-/// What a remesh did.
+/// Outcome of a remesh.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RemeshReport {
-    /// At which level.
+    /// Level of the remesh.
     pub level: Level,
-    /// Rows of the change (s).
+    /// Number of rows of the change (s).
     pub rank: usize,
-    /// Rows in which the stiffness differs from that of the base (|S|), where the level keeps account of them; else 0.
+    /// Number of rows in which the stiffness differs from that of the base (|S|), where the level tracks them; else 0.
     pub held: usize,
-    /// Reciprocal condition of I + dK G, estimated; 1 where nothing was solved.
+    /// Estimated reciprocal condition of I + dK G; 1 where nothing was solved.
     pub reciprocal_condition: f64,
-    /// The sampled residual, where one was taken (see [`Remesher::residual`](super::Remesher::residual)): levels I to III for
-    /// unit forces on single degrees of freedom, the exact level for forces of 1 or -1 N on all of S at once.
+    /// Sampled residual, where taken (see [`Remesher::residual`](super::Remesher::residual)): at levels I to III for
+    /// unit forces on single degrees of freedom, at the exact level for forces of 1 or -1 N on all of S at once.
     pub residual: Option<f64>,
-    /// Why the compliance was computed anew, if it was.
+    /// Why the compliance was recomputed, if it was.
     pub rebuilt: Option<Rebuilt>,
-    /// A rebuild was due and failed, and the updated compliance is kept; or it leaves a residual beyond the limit, as near
-    /// incompressibility, where one update loses more digits than the limit allows. Prepare a new base.
+    /// Whether a due rebuild failed, so that the updated compliance was kept, or left a residual beyond the limit, as
+    /// near incompressibility, where one update loses more digits than the limit allows. A new base is then needed.
     pub rebuild_failed: bool,
     /// Bytes of the large matrices read and written.
     pub bytes_moved: usize,

@@ -1,4 +1,4 @@
-//! What the tests of remeshing start from.
+//! Fixtures of the remeshing tests.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::mechanics::tissue::testing::{Block, value};
 
-/// A block of about 130 nodes with every node at its base.
+/// Block of about 130 nodes, all at their base.
 pub fn adapted(poisson: f64) -> AdaptedMesh {
     let block = Block::new(130, poisson);
     AdaptedMesh::new(&block.mesh, &block.materials, &block.dofs).expect("a usable mesh")
@@ -23,20 +23,20 @@ pub fn free_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     nodes.filter(|node| !mesh.dofs().of(*node).contains(&NONE)).collect()
 }
 
-/// Free nodes with all their neighbours free: near the middle.
+/// Free nodes whose neighbours are all free, near the middle.
 pub fn inner_nodes(mesh: &AdaptedMesh) -> Vec<u32> {
     let free = free_nodes(mesh);
     let is_inner = |node: &u32| mesh.neighbours(*node).iter().all(|other| free.contains(other));
     free.iter().copied().filter(is_inner).collect()
 }
 
-/// Up to 1.5 mm along each axis from where the base has a node.
+/// Returns a position up to 1.5 mm along each axis from the node's base.
 pub fn nearby(mesh: &AdaptedMesh, node: u32, salt: u32) -> [f64; 3] {
     let base = mesh.base()[node as usize];
     std::array::from_fn(|axis| base[axis] + 1.5 * value(node as usize, axis, salt))
 }
 
-/// All entries.
+/// Returns a stiffness as a dense matrix.
 pub fn dense(stiffness: &Stiffness) -> Mat<f64> {
     let size = stiffness.dofs().free();
     let mut matrix = Mat::zeros(size, size);
@@ -50,19 +50,19 @@ pub fn dense(stiffness: &Stiffness) -> Mat<f64> {
     matrix
 }
 
-/// The stiffness of the current mesh, assembled anew.
+/// Assembles the stiffness of the current mesh.
 pub fn current(mesh: &AdaptedMesh) -> Mat<f64> {
     dense(&mesh.stiffness().at_nodes(mesh.nodes()).expect("a usable mesh"))
 }
 
-/// The inverse of the stiffness of the current mesh, by a dense Cholesky factorisation.
+/// Computes the inverse of the stiffness of the current mesh by a dense Cholesky factorisation.
 pub fn gold(mesh: &AdaptedMesh) -> Mat<f64> {
     Llt::new(current(mesh).as_ref(), Side::Lower)
         .expect("positive definite")
         .inverse()
 }
 
-/// The inverse of the base, as it is stored.
+/// Computes the inverse of the base in its stored form.
 pub fn inverse(mesh: &AdaptedMesh) -> Arc<Symmetric<f64>> {
     let base = Llt::new(dense(mesh.stiffness()).as_ref(), Side::Lower)
         .expect("positive definite")
@@ -70,14 +70,14 @@ pub fn inverse(mesh: &AdaptedMesh) -> Arc<Symmetric<f64>> {
     Arc::new(Symmetric::from_fn(base.nrows(), |i, j| base[(i, j)]))
 }
 
-/// The largest difference over the largest entry of the second.
+/// Returns the largest difference relative to the largest entry of `expected`.
 pub fn error(found: &Mat<f64>, expected: &Mat<f64>) -> f64 {
     (found - expected).norm_max() / expected.norm_max()
 }
 
-/// What two inverses that are each backward stable may differ, relative to the largest entry: twice the rounding unit times
-/// |K|_inf |K^-1|_inf, an upper bound of the condition (N. J. Higham, "Accuracy and Stability of Numerical Algorithms",
-/// section 14).
+/// Returns the largest difference of two inverses that are each backward stable, relative to the largest entry: twice
+/// the rounding unit times |K|_inf |K^-1|_inf, an upper bound of the condition (N. J. Higham, "Accuracy and Stability
+/// of Numerical Algorithms", section 14).
 pub fn rounding(mesh: &AdaptedMesh, gold: &Mat<f64>) -> f64 {
     let rows = |matrix: &Mat<f64>| -> f64 {
         let sums = matrix.row_iter().map(|row| row.iter().map(|x| x.abs()).sum());
@@ -86,13 +86,13 @@ pub fn rounding(mesh: &AdaptedMesh, gold: &Mat<f64>) -> f64 {
     2.0 * f64::EPSILON * rows(&current(mesh)) * rows(gold)
 }
 
-/// Degrees of freedom of nodes.
+/// Free degrees of freedom of nodes.
 pub fn dofs_of(mesh: &AdaptedMesh, nodes: &[u32]) -> Vec<usize> {
     let dofs = nodes.iter().flat_map(|node| mesh.dofs().of(*node));
     dofs.filter(|dof| *dof != NONE).map(|dof| dof as usize).collect()
 }
 
-/// Entries at rows and columns.
+/// Extracts the entries at rows and columns.
 pub fn part(matrix: &Mat<f64>, rows: &[usize], columns: &[usize]) -> Mat<f64> {
     Mat::from_fn(rows.len(), columns.len(), |i, j| matrix[(rows[i], columns[j])])
 }

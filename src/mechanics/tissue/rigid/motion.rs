@@ -1,36 +1,36 @@
-//! A rigid motion in words.
+//! Rigid motions and their description in words.
 
 use std::fmt;
 
 use nalgebra::{DMatrix, Vector3};
 
-/// An infinitesimal rigid motion.
+/// Infinitesimal rigid motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Motion {
     /// The same displacement everywhere.
     Translation {
-        /// Its direction, of unit length.
+        /// Unit direction of the displacement.
         direction: [f64; 3],
     },
-    /// A rotation about a line, with or without an advance along it.
+    /// Rotation about a line, with or without an advance along it.
     Rotation {
-        /// The point of the line nearest to the middle of what moves, mm.
+        /// Point of the line nearest to the centre of the moving part, mm.
         point_mm: [f64; 3],
-        /// The direction of the line, of unit length.
+        /// Unit direction of the line.
         direction: [f64; 3],
-        /// Advance along the line, mm a radian.
+        /// Advance along the line, mm per radian.
         advance_mm: f64,
     },
 }
 
-/// What is left of a coefficient that should be zero, for those of an orthonormal basis: the square root of the tolerance
-/// that told free motions from held ones.
+/// Largest coefficient of an orthonormal basis that counts as zero: the square root of the tolerance that separates
+/// free motions from restrained ones.
 const NOTHING: f64 = 1e-4;
 
-/// The simplest motions that span the columns of a matrix of six rows (translation, then rotation about `centre` times
-/// `size`): along and about the axes where they can be, and as many as are independent.
+/// Returns the simplest motions that span the columns of a matrix of six rows (translation, then rotation about
+/// `centre` times `size`): along and about the axes where possible, and linearly independent.
 ///
-/// Elimination with the rotations first leaves pure translations below and takes their directions out of the rotations.
+/// Elimination with the rotations first leaves pure translations below and removes their directions from the rotations.
 pub fn simplest(columns: DMatrix<f64>, centre: Vector3<f64>, size: f64) -> Vec<Motion> {
     const ORDER: [usize; 6] = [3, 4, 5, 0, 1, 2];
     let mut rows = columns.transpose();
@@ -90,7 +90,7 @@ impl fmt::Display for Motion {
                 advance_mm,
             } => {
                 let largest = [x, y, z].into_iter().fold(0.0, |a: f64, b| a.max(b.abs()));
-                // Four digits of the largest coordinate.
+                // Decimals for four digits of the largest coordinate.
                 let decimals = (3.0 - largest.log10().floor()).clamp(0.0, 12.0) as usize;
                 let number = |x: f64| {
                     let text = format!("{x:.decimals$}");
@@ -115,7 +115,7 @@ impl fmt::Display for Motion {
     }
 }
 
-/// An axis by its name where it is one.
+/// Direction, written as an axis name where possible.
 struct Direction([f64; 3]);
 
 impl fmt::Display for Direction {

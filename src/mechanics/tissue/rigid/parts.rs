@@ -1,8 +1,8 @@
-//! Parts of a mesh: tetrahedra that are joined across faces.
+//! Parts of a mesh: tetrahedra connected across faces.
 
 use crate::mechanics::mesh::{NONE, TetMesh};
 
-/// The parts, and the nodes where some of them meet.
+/// Parts of a mesh, and the nodes that they share.
 pub struct Parts {
     /// Part of each element.
     of_element: Vec<usize>,
@@ -52,7 +52,7 @@ impl Parts {
         }
     }
 
-    /// How many.
+    /// Number of parts.
     pub fn len(&self) -> usize {
         self.nodes.len()
     }
@@ -91,7 +91,7 @@ impl Parts {
         volumes.filter(|(of, _)| **of == part).map(|(_, volume)| volume).sum()
     }
 
-    /// The parts that `wanted` picks, grouped with those that they share nodes with, directly or through others.
+    /// Groups the parts selected by `wanted` with those that they share nodes with, directly or through others.
     pub fn groups(&self, wanted: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
         let mut seen: Vec<bool> = (0..self.len()).map(|part| !wanted(part)).collect();
         let mut groups = Vec::new();

@@ -16,7 +16,7 @@ fn motions(mesh: &TetMesh, fixed: &[(u32, u8)]) -> Vec<String> {
         .collect()
 }
 
-/// Every axis of some nodes.
+/// Returns every axis of some nodes.
 fn all(nodes: &[u32]) -> Vec<(u32, u8)> {
     nodes
         .iter()
@@ -24,7 +24,7 @@ fn all(nodes: &[u32]) -> Vec<(u32, u8)> {
         .collect()
 }
 
-/// The unit cube, its corners numbered x first, moved by `shift`.
+/// Returns the unit cube with corners numbered x first, moved by `shift`.
 fn cube(shift: f64) -> TetMesh {
     TetMesh::over_box([shift; 3], [shift + 1.0; 3], 8).unwrap()
 }
@@ -81,7 +81,7 @@ fn fixed_nodes_on_a_line_leave_a_rotation_about_it() {
 #[test]
 fn three_fixed_nodes_or_six_fixed_axes_hold_a_body() {
     assert_eq!(motions(&cube(0.0), &all(&[0, 1, 2])), [""; 0]);
-    // Three of a corner, two of a second, one of a third: the minimal hold.
+    // Three of one corner, two of a second, one of a third: the minimal support.
     let six = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)];
     assert_eq!(motions(&cube(0.0), &six), [""; 0]);
     for left_out in 0..6 {
@@ -102,7 +102,7 @@ fn sliding_bottoms_leave_plane_motion() {
     assert_eq!(motions(&cube(0.0), &bottom), expected);
 }
 
-/// Two cubes of eight nodes, the second moved by `shift`, in regions 1 and 2.
+/// Returns two cubes of eight nodes, the second moved by `shift`, in regions 1 and 2.
 fn pair(shift: [f64; 3]) -> TetMesh {
     let one = cube(0.0);
     let mut nodes = one.nodes().to_vec();
@@ -114,7 +114,7 @@ fn pair(shift: [f64; 3]) -> TetMesh {
     let mut elements = one.elements().to_vec();
     elements.extend(one.elements().iter().map(|corners| corners.map(|node| node + 8)));
     let regions = [vec![1; 6], vec![2; 6]].concat();
-    // Nodes in the same place become one; those left over stay behind without an element.
+    // Coincident nodes are merged; the remaining duplicates belong to no element.
     let first = |node: u32| nodes.iter().position(|other| *other == nodes[node as usize]).unwrap() as u32;
     let elements = elements.iter().map(|corners| corners.map(first)).collect();
     TetMesh::new(nodes, elements, regions).unwrap()
@@ -131,7 +131,7 @@ fn a_part_that_floats_is_named() {
     assert!(free(&mesh, &all(&[0, 1, 2, 8, 9, 10])).is_empty());
 }
 
-/// A pair whose nodes in the same place have become one, with these and the nodes left over fixed.
+/// Returns the motions of a pair with merged coincident nodes, the given nodes and the duplicates fixed.
 fn hinged(shift: [f64; 3], fixed: &[u32]) -> Vec<String> {
     let mesh = pair(shift);
     let used = |node: &u32| mesh.elements().iter().flatten().any(|corner| corner == node);
@@ -141,7 +141,7 @@ fn hinged(shift: [f64; 3], fixed: &[u32]) -> Vec<String> {
 
 #[test]
 fn a_hinge_turns() {
-    // In one edge: node 7 and 5 of the first are 8 and 10 of the second.
+    // Hinged along one edge: nodes 7 and 5 of the first are 8 and 10 of the second.
     let edge = hinged([1.0, 0.0, 1.0], &[0, 1, 2]);
     assert_eq!(edge, ["rotation about the line through (1.000, 0.500, 1.000) along y"]);
     let point = hinged([1.0; 3], &[0, 1, 2]);
@@ -152,13 +152,13 @@ fn a_hinge_turns() {
         [""; 0],
         "a shared face makes one part"
     );
-    // A node beyond the hinge, fixed, closes it.
+    // Fixing a node beyond the hinge closes it.
     assert_eq!(hinged([1.0, 0.0, 1.0], &[0, 1, 2, 15]), [""; 0]);
 }
 
 #[test]
 fn hinged_parts_can_hold_each_other() {
-    // Each part alone turns about its fixed edge; the hinge between them, along another direction, stops both.
+    // Each part alone turns about its fixed edge; the hinge between them, in another direction, stops both.
     let mesh = pair([1.0; 3]);
     let left_over = all(&[8]);
     let one_edge_each: Vec<_> = [all(&[0, 2]), all(&[9, 11]), left_over.clone()].concat();

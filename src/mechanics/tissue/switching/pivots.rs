@@ -1,37 +1,37 @@
-//! Principal pivot exchanges. The tableau is K^c swept at D (J. H. Goodnight, "A tutorial on the SWEEP operator", The
-//! American Statistician 33, 1979), which keeps it symmetric:
+//! Constraint switching by principal pivot exchanges. The tableau is K^c swept at D (J. H. Goodnight, "A tutorial on
+//! the SWEEP operator", The American Statistician 33, 1979), which keeps it symmetric:
 //!
 //! ```text
 //! M = [ -K_DD^-1          K_DD^-1 K_DF               ]      f_D = -(M x)_D,  u_F = (M x)_F
 //!     [  K_FD K_DD^-1     K_FF - K_FD K_DD^-1 K_DF   ]      with x = (u_D, f_F)
 //! ```
 //!
-//! One degree of freedom joins or leaves D in O(delta^2) operations. Rounding errors stay in the tableau, so two monitors
-//! guard it, and where either speaks it is made anew from K^c:
+//! Adding a degree of freedom to D, or removing one, takes O(delta^2) operations. Rounding errors accumulate in the
+//! tableau, so two monitors guard it; where either exceeds its limit, the tableau is recomputed from K^c:
 //!
-//! - every exchange adds eps / (its pivot relative to the diagonal) to a sum, which may reach [`DRIFT_LIMIT`];
-//! - every solution is corrected once with its own residual, and the correction, an estimate of the relative error of the
-//!   forces before it, may reach [`CORRECTION_LIMIT`].
+//! - every exchange adds eps / (its pivot relative to the diagonal) to a sum, limited by [`DRIFT_LIMIT`];
+//! - every solution is corrected once with its own residual, and the correction, an estimate of the relative error of
+//!   the forces before it, is limited by [`CORRECTION_LIMIT`].
 
 use faer::Mat;
 
 use super::{Condensed, ConstraintSolver, ContactState, Prescribed, SwitchError, System, column, multiply};
 
-/// What rounding may add up to, relative to the forces, before the tableau is made anew.
+/// Largest accumulated rounding, relative to the forces, before the tableau is recomputed.
 const DRIFT_LIMIT: f64 = 1e-10;
 
-/// The largest correction of a solution, relative to its largest force, before the tableau is made anew.
+/// Largest correction of a solution, relative to its largest force, before the tableau is recomputed.
 const CORRECTION_LIMIT: f64 = 1e-10;
 
-/// Constraint switching by exchanges in a tableau.
+/// Constraint solver by exchanges in a tableau.
 #[derive(Clone, Debug)]
 pub struct Pivots {
     system: System,
     prescribed: Vec<Prescribed>,
     pub(super) tableau: Mat<f64>,
-    /// Where the last state waits while several exchanges are tried.
+    /// Backup of the tableau while several exchanges are tried.
     spare: Mat<f64>,
-    /// The pivot column.
+    /// Pivot column of the current exchange.
     pivot: Vec<f64>,
     drift: f64,
     refreshes: usize,
@@ -40,7 +40,8 @@ pub struct Pivots {
 }
 
 impl Pivots {
-    /// All forces prescribed. `limit` is the smallest relative pivot, as [`PIVOT_LIMIT`](super::PIVOT_LIMIT).
+    /// Creates a solver with all forces prescribed. `limit` is the smallest relative pivot, as
+    /// [`PIVOT_LIMIT`](super::PIVOT_LIMIT).
     ///
     /// # Errors
     /// [`SwitchError::NotFinite`] when an entry of K^c is not finite.
@@ -63,16 +64,16 @@ impl Pivots {
         }
     }
 
-    /// How often the tableau was made anew because a monitor spoke.
+    /// Number of times that a monitor had the tableau recomputed.
     pub fn refreshes(&self) -> usize {
         self.refreshes
     }
 
-    /// Lets a degree of freedom join or leave D; refused without a trace.
+    /// Adds a degree of freedom to D or removes it; a refusal changes nothing.
     fn exchange(&mut self, dof: usize) -> Result<(), SwitchError> {
         let joins = self.prescribed[dof] == Prescribed::Force;
         let entry = self.tableau[(dof, dof)];
-        // The compliance of the degree of freedom with the rest of D held, in either direction.
+        // Compliance of the degree of freedom with the rest of D fixed, in either direction.
         let pivot = if joins { entry } else { -1.0 / entry };
         if joins {
             self.system.check_pivot(dof, pivot)?;
@@ -86,7 +87,7 @@ impl Pivots {
             let Some(column) = column.as_mut().try_as_col_major_mut() else {
                 continue;
             };
-            // Symmetric to the bit: a product does not depend on the order of its two factors.
+            // Exactly symmetric: a product does not depend on the order of its two factors.
             let entries = column.as_slice_mut().iter_mut().zip(rows);
             entries.for_each(|(value, &row)| *value -= (row * factor) * inverse);
         }
@@ -103,7 +104,7 @@ impl Pivots {
         Ok(())
     }
 
-    /// Exchanges all that are to change.
+    /// Performs all exchanges that are needed.
     fn exchange_all(&mut self, changes: &[(usize, Prescribed)]) -> Result<(), SwitchError> {
         for &(dof, prescribed) in changes {
             if self.prescribed[dof] != prescribed {
@@ -113,8 +114,8 @@ impl Pivots {
         Ok(())
     }
 
-    /// The tableau of what is prescribed, from K^c. Where rounding now refuses a pivot that passed before, the old tableau,
-    /// which the corrections of solutions still watch, stays.
+    /// Recomputes the tableau from K^c. Where rounding now refuses a pivot that passed before, the old tableau is kept;
+    /// corrections of solutions still monitor it.
     fn refresh(&mut self) {
         let mut fresh = Self::over(self.system.clone());
         if fresh.exchange_all(&changes(&self.prescribed)).is_ok() {
@@ -124,7 +125,7 @@ impl Pivots {
         self.refreshes += 1;
     }
 
-    /// Forces and displacements, corrected once; returns the correction relative to the largest force sought.
+    /// Computes forces and displacements, corrected once; returns the correction relative to the largest unknown force.
     fn corrected(&mut self, values: &[f64], state: &mut ContactState) -> f64 {
         let displaced = |dof: &usize| self.prescribed[*dof] == Prescribed::Displacement;
         let ContactState {
@@ -165,12 +166,12 @@ impl Pivots {
     }
 }
 
-/// Unlike `f64::max` it keeps what is undefined.
+/// Unlike `f64::max`, propagates NaN.
 fn larger(a: f64, b: f64) -> f64 {
     if b > a || b.is_nan() { b } else { a }
 }
 
-/// The displacements among what is prescribed, as changes from all forces.
+/// Returns the prescribed displacements, as changes from all forces.
 fn changes(prescribed: &[Prescribed]) -> Vec<(usize, Prescribed)> {
     let all = prescribed.iter().copied().enumerate();
     all.filter(|change| change.1 == Prescribed::Displacement).collect()
@@ -184,7 +185,7 @@ impl ConstraintSolver for Pivots {
     fn switch(&mut self, changes: &[(usize, Prescribed)]) -> Result<(), SwitchError> {
         self.system.check_changes(changes)?;
         let before = (self.prescribed.clone(), self.drift);
-        // A single exchange that is refused changes nothing.
+        // A refused single exchange changes nothing.
         let several = changes.len() > 1;
         if several {
             self.spare.clone_from(&self.tableau);
@@ -199,17 +200,6 @@ impl ConstraintSolver for Pivots {
         if self.drift > DRIFT_LIMIT {
             self.refresh();
         }
-        Ok(())
-    }
-
-    fn replace(&mut self, condensed: &Condensed, prescribed: &[Prescribed]) -> Result<(), SwitchError> {
-        let system = System::new(condensed, self.system.limit)?;
-        system.check_count(prescribed.len())?;
-        let mut fresh = Self::over(system);
-        fresh.exchange_all(&changes(prescribed))?;
-        fresh.refreshes = self.refreshes;
-        fresh.drift = 0.0;
-        *self = fresh;
         Ok(())
     }
 

@@ -1,7 +1,6 @@
-//! A Cholesky factorisation of K_DD at every switch: O(|D|^3), and nothing carried over that rounding could gather in.
+//! Constraint switching by Cholesky factorisation of K_DD at every switch: O(|D|^3), but without accumulated rounding.
 //!
-//! K_DD is scaled to unit diagonal, so its pivots are the relative compliances that are left, and the limit for them is the
-//! same for all.
+//! K_DD is scaled to unit diagonal, so its pivots are the remaining relative compliances, with the same limit for all.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::{factor, solve};
@@ -9,7 +8,7 @@ use faer::{Mat, MatMut, Par};
 
 use super::{Condensed, ConstraintSolver, ContactState, Prescribed, SwitchError, System};
 
-/// Constraint switching by factoring K_DD each time.
+/// Constraint solver that factors K_DD at every switch.
 #[derive(Clone, Debug)]
 pub struct Refactorised {
     system: System,
@@ -17,7 +16,7 @@ pub struct Refactorised {
     factor: Factor,
 }
 
-/// K_DD = S^-1 L L^T S^-1 with D in the order in which its members joined.
+/// K_DD = S^-1 L L^T S^-1 with D in the order in which its members were added.
 #[derive(Clone, Debug)]
 struct Factor {
     members: Vec<usize>,
@@ -26,7 +25,8 @@ struct Factor {
 }
 
 impl Refactorised {
-    /// All forces prescribed. `limit` is the smallest relative pivot, as [`PIVOT_LIMIT`](super::PIVOT_LIMIT).
+    /// Creates a solver with all forces prescribed. `limit` is the smallest relative pivot, as
+    /// [`PIVOT_LIMIT`](super::PIVOT_LIMIT).
     ///
     /// # Errors
     /// [`SwitchError::NotFinite`] when an entry of K^c is not finite.
@@ -44,14 +44,14 @@ impl Factor {
     fn new(system: &System, members: Vec<usize>) -> Result<Self, SwitchError> {
         let mut scales = Vec::with_capacity(members.len());
         for &dof in &members {
-            // What does not yield at all has no scale.
+            // Without compliance there is no scale.
             system.check_pivot(dof, system.diagonal(dof))?;
             scales.push(1.0 / system.diagonal(dof).sqrt());
         }
         let size = members.len();
         let entry = |i: usize, j: usize| system.matrix[(members[i], members[j])] * scales[i] * scales[j];
         let mut lower = Mat::from_fn(size, size, entry);
-        // Pivots up to the limit are set to one, so that the first of them can be named afterwards.
+        // Pivots up to the limit are set to one, so that the first of them can be found afterwards.
         let regularization = factor::LltRegularization {
             dynamic_regularization_delta: 1.0,
             dynamic_regularization_epsilon: system.limit,
@@ -68,17 +68,17 @@ impl Factor {
         let met = |&k: &usize| factor.pivot(k) <= system.limit + rounding;
         let first = (0..size).find(met).unwrap_or(size - 1);
         let dof = factor.members[first];
-        // Computed again it may come out above the limit by a rounding; it was not.
+        // Recomputed, it may exceed the limit by rounding.
         let pivot = factor.pivot(first).min(system.limit) * system.diagonal(dof);
         system.check_pivot(dof, pivot).map(|()| factor)
     }
 
-    /// What of the unit diagonal the members before leave.
+    /// Returns the part of the unit diagonal left by the earlier members.
     fn pivot(&self, k: usize) -> f64 {
         1.0 - (0..k).map(|j| self.lower[(k, j)].powi(2)).sum::<f64>()
     }
 
-    /// K_DD^-1 b in place.
+    /// Computes K_DD^-1 b in place.
     fn solve(&self, rhs: &mut [f64]) {
         let size = rhs.len();
         let scale = |rhs: &mut [f64]| rhs.iter_mut().zip(&self.scales).for_each(|(b, scale)| *b *= scale);
@@ -109,18 +109,6 @@ impl ConstraintSolver for Refactorised {
         }
         self.factor = Factor::new(&self.system, members)?;
         self.prescribed = prescribed;
-        Ok(())
-    }
-
-    fn replace(&mut self, condensed: &Condensed, prescribed: &[Prescribed]) -> Result<(), SwitchError> {
-        let system = System::new(condensed, self.system.limit)?;
-        system.check_count(prescribed.len())?;
-        let members = (0..prescribed.len())
-            .filter(|&dof| prescribed[dof] == Prescribed::Displacement)
-            .collect();
-        self.factor = Factor::new(&system, members)?;
-        self.system = system;
-        self.prescribed = prescribed.to_vec();
         Ok(())
     }
 

@@ -1,4 +1,4 @@
-//! Products with a vector: every entry is read once and counts twice, for its row and for its column.
+//! Products with a vector; every entry is read once, for its row and its column.
 
 use rayon::prelude::*;
 
@@ -6,17 +6,17 @@ use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
 use crate::mechanics::tissue::compliance::{ComplianceError, check_shape};
 use crate::simd::{Simd, WithSimd, dispatch};
 
-/// Parts that a product is cut into, however many threads there are: their sums are added in order, so the result is the
-/// same on any number. At most as many threads have work.
+/// Number of parts of a product, independent of the number of threads: their sums are added in order, so the result is
+/// the same on any number. At most as many threads have work.
 const PARTS: usize = 16;
 /// Columns read together.
 const WIDTH: usize = 4;
 
 impl<T: Scalar> Symmetric<T> {
-    /// y = A x, on the threads of the current rayon pool.
+    /// Computes y = A x on the current rayon pool.
     ///
     /// # Errors
-    /// [`ComplianceError::Shape`] when a length does not fit.
+    /// [`ComplianceError::Shape`] when a length is wrong.
     pub fn multiply(&self, x: &[T], y: &mut [T]) -> Result<(), ComplianceError> {
         check_shape("values of x", x.len(), self.size)?;
         check_shape("values of y", y.len(), self.size)?;
@@ -33,10 +33,10 @@ impl<T: Scalar> Symmetric<T> {
         Ok(())
     }
 
-    /// Runs of panels with about the same number of entries each.
+    /// Splits the panels into runs with about the same number of entries.
     fn parts(&self) -> Vec<std::ops::Range<usize>> {
         let count = self.panels.len();
-        // The entries up to a panel grow with its square.
+        // The number of entries up to a panel grows with its square.
         let bound = |part: usize| (count as f64 * (part as f64 / PARTS as f64).sqrt()).round() as usize;
         (0..PARTS)
             .map(|part| bound(part)..bound(part + 1))
@@ -44,7 +44,7 @@ impl<T: Scalar> Symmetric<T> {
             .collect()
     }
 
-    /// What some panels add to the product, from its first row to their last.
+    /// Computes the contribution of some panels to the product, from its first row to their last.
     fn part(&self, panels: std::ops::Range<usize>, x: &[T]) -> Vec<T> {
         let mut y = vec![T::of(0.0); panel_rows(panels.end - 1, self.size)[1]];
         for panel in panels {
@@ -74,7 +74,7 @@ impl<T: Scalar> Symmetric<T> {
     }
 }
 
-/// The columns of a panel left of its diagonal block: rows += A x and y += A^T own.
+/// Columns of a panel left of its diagonal block: rows += A x and y += A^T own.
 struct Left<'a, T> {
     columns: &'a [Column<T>],
     x: &'a [T],
@@ -88,7 +88,7 @@ impl<T: Scalar> WithSimd for Left<'_, T> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // Left of the diagonal block there are as many columns as the panels before have rows: a multiple of WIDTH.
+        // Left of the diagonal block there are as many columns as rows in the panels before: a multiple of WIDTH.
         let groups = self.columns.as_chunks::<WIDTH>().0.iter();
         let own = T::vectors::<S>(&self.own.0);
         let rows = T::vectors_mut::<S>(&mut self.rows.0);

@@ -16,7 +16,7 @@ fn full<T: Scalar>(matrix: &Symmetric<T>) -> DMatrix<f64> {
     DMatrix::from_fn(matrix.size(), matrix.size(), |i, j| matrix.get(i, j).wide())
 }
 
-/// Y and C of an update.
+/// Returns Y and C of an update.
 fn operands<T: Scalar>(size: usize, rank: usize) -> (Mat<T>, Mat<T>) {
     (
         Mat::from_fn(size, rank, |i, k| T::of(value(i, k, 7))),
@@ -28,8 +28,8 @@ fn dense<T: Scalar>(matrix: &Mat<T>) -> DMatrix<f64> {
     DMatrix::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)].wide())
 }
 
-/// The largest error of a product of `terms` terms whose absolute values sum to `magnitude`: gamma_n of Higham, Accuracy and
-/// Stability of Numerical Algorithms, section 3.1, with room for the second order.
+/// Bounds the error of a product of `terms` terms whose absolute values sum to `magnitude`: gamma_n of Higham, Accuracy
+/// and Stability of Numerical Algorithms, section 3.1, with a margin for the second order.
 fn rounding<T: Scalar>(terms: usize, magnitude: f64) -> f64 {
     let unit = T::epsilon().wide() / 2.0;
     1.01 * terms as f64 * unit * magnitude
@@ -58,7 +58,7 @@ fn half_the_memory_of_a_full_matrix_and_known_beforehand() {
     for size in SIZES {
         assert_eq!(Symmetric::<f32>::zeros(size).bytes(), Symmetric::<f32>::bytes_of(size));
     }
-    // Above the diagonal at most half a panel a row, and the padding of the last panel.
+    // Above the diagonal: at most half a panel per row, and the padding of the last panel.
     let [size, rows] = [9834, PANEL_ROWS];
     let triangle = size * (size + 1) / 2 * 8;
     let bytes = Symmetric::<f64>::bytes_of(size);
@@ -84,7 +84,7 @@ fn check_rank_update<T: Scalar>() {
             for i in 0..size {
                 for j in 0..=i {
                     let error = (found[(i, j)] - expected[(i, j)]).abs();
-                    // The reference rounds as well, in f64.
+                    // The reference also rounds, in f64.
                     let terms = 2 * rank + 1;
                     let bound = rounding::<T>(terms, magnitude[(i, j)]) + rounding::<f64>(terms, magnitude[(i, j)]);
                     assert!(

@@ -1,5 +1,5 @@
-//! Symmetric updates A -= Y C Y^T: the matrix inversion lemma's change of an inverse, whole (level I) or in some rows and
-//! columns (levels II and III).
+//! Symmetric updates A -= Y C Y^T: the change of an inverse by the matrix inversion lemma, in full (level I) or in some
+//! rows and columns (levels II and III).
 
 use std::ops::Range;
 
@@ -14,15 +14,15 @@ use crate::simd::{Simd, WithSimd, dispatch};
 /// Columns of the matrix that a tile covers.
 const WIDTH: usize = 8;
 /// Registers of rows that a tile covers: with eight columns 16 of them accumulate, which hides the latency of two fused
-/// multiply-adds a cycle and leaves registers for the operands.
+/// multiply-adds per cycle and leaves registers for the operands.
 const DEPTH: usize = 2;
 
 impl<T: Scalar> Symmetric<T> {
-    /// A -= Y C Y^T with Y (size by s) and C (s by s, symmetric), computed on the lower triangle only: size^2 s operations.
-    /// Panels go to the threads of the current rayon pool; the result does not depend on how many there are.
+    /// Computes A -= Y C Y^T with Y (size by s) and C (s by s, symmetric), on the lower triangle only: size^2 s
+    /// operations. It runs on the current rayon pool; the result does not depend on the number of threads.
     ///
     /// # Errors
-    /// [`ComplianceError::Shape`] when Y or C does not fit; the matrix is then unchanged.
+    /// [`ComplianceError::Shape`] when Y or C has the wrong shape; the matrix is then unchanged.
     pub fn rank_update(&mut self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), ComplianceError> {
         let rank = self.check_update(y, c)?;
         if rank == 0 {
@@ -42,11 +42,12 @@ impl<T: Scalar> Symmetric<T> {
         Ok(())
     }
 
-    /// A -= Y C Y^T in the named rows and columns only; the other entries stay. Operands as for
-    /// [`rank_update`](Self::rank_update), and size s operations a row.
+    /// Computes A -= Y C Y^T in the given rows and columns only. Operands are those of
+    /// [`rank_update`](Self::rank_update); it takes size s operations per row.
     ///
     /// # Errors
-    /// [`ComplianceError`] when Y, C or a row does not fit or a row is named twice; the matrix is then unchanged.
+    /// [`ComplianceError`] when Y or C has the wrong shape, or a row is out of range or repeated; the matrix is then
+    /// unchanged.
     pub fn update_rows(&mut self, rows: &[usize], y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), ComplianceError> {
         let rank = self.check_update(y, c)?;
         check_dofs(rows, self.size)?;
@@ -60,7 +61,7 @@ impl<T: Scalar> Symmetric<T> {
         self.row_panels_mut().for_each(|panel| {
             let own = panel.first_row..panel.first_row + panel.rows;
             let at = panel.first_row / PANEL_ROWS * sorted.len();
-            // Columns: contiguous. Pairs of named rows are changed here.
+            // Columns: contiguous. Pairs of given rows are changed here.
             for (&column, change) in sorted.iter().zip(&changes[at..]).take_while(|pair| *pair.0 < own.end) {
                 let from = column.saturating_sub(own.start);
                 let values = &mut panel.columns[column].0[from..];
@@ -69,7 +70,7 @@ impl<T: Scalar> Symmetric<T> {
                     .zip(&change.0[from..])
                     .for_each(|(value, &change)| *value -= change);
             }
-            // Rows: one value a column, which the named rows of a panel share a cache line of.
+            // Rows: one value per column; the given rows of a panel share its cache lines.
             let named = sorted.partition_point(|&row| row < own.start)..sorted.partition_point(|&row| row < own.end);
             if named.is_empty() {
                 return;
@@ -88,7 +89,7 @@ impl<T: Scalar> Symmetric<T> {
         Ok(())
     }
 
-    /// The rank of an update whose operands fit.
+    /// Checks the operands of an update and returns its rank.
     fn check_update(&self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<usize, ComplianceError> {
         check_shape("rows of Y", y.nrows(), self.size)?;
         check_shape("rows of C", c.nrows(), y.ncols())?;
@@ -97,7 +98,7 @@ impl<T: Scalar> Symmetric<T> {
     }
 }
 
-/// Rows of column `k` of Y, padded with zeros to a panel.
+/// Returns rows of column `k` of Y, padded with zeros to a panel.
 fn packed_column<T: Scalar>(y: MatRef<'_, T>, rows: Range<usize>, k: usize) -> Column<T> {
     let mut column = Column([T::of(0.0); PANEL_ROWS]);
     let values = y.col(k).subrows(rows.start, rows.len());
@@ -109,7 +110,8 @@ fn packed_column<T: Scalar>(y: MatRef<'_, T>, rows: Range<usize>, k: usize) -> C
     column
 }
 
-/// Z = Y C as the tiles read it: for each group of [`WIDTH`] rows, s times their values, padded with zeros.
+/// Computes Z = Y C in the layout of the tiles: for each group of [`WIDTH`] rows, their values in the s columns, padded
+/// with zeros.
 fn packed_product<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>) -> Vec<[T; WIDTH]> {
     let [size, rank] = [y.nrows(), y.ncols()];
     let mut z = vec![[T::of(0.0); WIDTH]; size.div_ceil(WIDTH) * rank];
@@ -128,7 +130,7 @@ fn packed_product<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>) -> Vec<[T; WIDT
     z
 }
 
-/// W = Y C Y[rows]^T, by panels of rows: one column for each named row.
+/// Computes W = Y C Y[rows]^T by panels of rows: one column for each given row.
 fn changes<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>, rows: &[usize]) -> Vec<Column<T>> {
     let [size, rank] = [y.nrows(), y.ncols()];
     let own = Mat::from_fn(rows.len(), rank, |i, k| y[(rows[i], k)]);
@@ -153,12 +155,12 @@ fn changes<T: Scalar>(y: MatRef<'_, T>, c: MatRef<'_, T>, rows: &[usize]) -> Vec
     changes
 }
 
-/// out = A B on this thread.
+/// Computes out = A B on this thread.
 fn product<T: Scalar>(out: MatMut<'_, T>, a: MatRef<'_, T>, b: MatRef<'_, T>) {
     matmul(out, Accum::Replace, a, b, T::of(1.0), Par::Seq);
 }
 
-/// The update of one panel: its columns less Y_p Z^T.
+/// Update of one panel: its columns minus Y_p Z^T.
 struct Update<'a, T> {
     columns: &'a mut [Column<T>],
     y: &'a [Column<T>],
@@ -190,7 +192,7 @@ impl<T: Scalar> WithSimd for Update<'_, T> {
     }
 }
 
-/// Updates a few columns from the first row of the panel to the last. `from` is the first of them within its group.
+/// Updates a few columns from the first row of the panel to the last. `from` is the place of the first in its group.
 #[inline(always)]
 fn tiles<T: Scalar, S: Simd, const COLUMNS: usize>(
     simd: S,

@@ -1,22 +1,22 @@
-//! Fractional derivatives made of fractional integrals.
+//! Fractional derivatives built on fractional integrals.
 
 use super::history::{History, HistoryError};
 use super::kernel::of_jump;
 
-/// The derivative of order k of a piecewise linear function, exactly: the integral of order 1 - k of its slopes, which are
-/// constant over each step, and the share of the jump at the start (the rule known as L1).
+/// Exact derivative of order k of a piecewise linear function: the integral of order 1 - k of its slopes, constant over
+/// each step, plus the contribution of the initial jump (L1 rule).
 #[derive(Clone, Debug)]
 pub(super) struct Slopes {
     order: f64,
     initial: Vec<f64>,
     last: Vec<f64>,
     slopes: Vec<f64>,
-    /// The integral of order 1 - k of functions that are constant over each step.
+    /// Integral of order 1 - k of piecewise constant functions.
     inner: Box<dyn History>,
 }
 
 impl Slopes {
-    /// `inner` is the integral of order `1 - order`.
+    /// Creates the derivative from `inner`, the integral of order `1 - order`.
     pub(super) fn new(order: f64, initial: &[f64], inner: Box<dyn History>) -> Self {
         Slopes {
             order,
@@ -91,19 +91,19 @@ impl History for Slopes {
     }
 }
 
-/// The derivative as the inverse of an integral: what, integrated, gives what the function is above its initial value; and the
-/// share of the jump at the start, exactly.
+/// Derivative as the inverse of an integral: the integrand that yields the function minus its initial value, plus the
+/// exact contribution of the initial jump.
 #[derive(Clone, Debug)]
 pub(super) struct Inverse {
     order: f64,
     initial: Vec<f64>,
     integrand: Vec<f64>,
-    /// The integral of the same order.
+    /// Integral of the same order.
     inner: Box<dyn History>,
 }
 
 impl Inverse {
-    /// `inner` is the integral of order `order`, started from 0.
+    /// Creates the derivative from `inner`, the integral of order `order`, started from 0.
     pub(super) fn new(order: f64, initial: &[f64], inner: Box<dyn History>) -> Self {
         Inverse {
             order,

@@ -1,5 +1,5 @@
-//! A kernel of decaying exponentials: what each of them remembers is one number a component, so that a step costs the same however
-//! long the history is.
+//! Fractional integral with the kernel as a sum of decaying exponentials. Each stores one number per component, so a
+//! step costs the same for any length of the history.
 
 mod quadrature;
 
@@ -8,7 +8,7 @@ use super::kernel::{Basis, Moments};
 use crate::simd::{Kernel, vectorised};
 use quadrature::Quadrature;
 
-/// The fractional integral, with the newest step exact and the sum of exponentials for all before it.
+/// Fractional integral with the newest step exact and a sum of exponentials for all earlier ones.
 #[derive(Clone, Debug)]
 pub(super) struct Exponentials {
     basis: Basis,
@@ -16,38 +16,38 @@ pub(super) struct Exponentials {
     span: Span,
     /// Rates of the exponentials, 1/s.
     rates: Vec<f64>,
-    /// Their weights in the kernel.
+    /// Weights of the exponentials in the kernel.
     weights: Vec<f64>,
     time_s: f64,
-    /// The newest value.
+    /// Newest value.
     last: Vec<f64>,
-    /// For each exponential and component: integral of exponential times function.
+    /// Integral of exponential times function, for each exponential and component.
     modes: Vec<f64>,
     step: Step,
 }
 
-/// What a step of some length does to each exponential.
+/// Effect of a step of some length on each exponential.
 #[derive(Clone, Debug)]
 struct Step {
     step_s: f64,
-    /// What is left of its mode at the end.
+    /// Decay of each mode over the step.
     decays: Vec<f64>,
-    /// The same, times its weight.
+    /// Decay of each mode times its weight.
     weighted: Vec<f64>,
-    /// What the value at the start of the step adds to its mode.
+    /// Contribution of the value at the start of the step to each mode.
     starts: Vec<f64>,
-    /// What the value at the end adds.
+    /// Contribution of the value at the end of the step to each mode.
     ends: Vec<f64>,
-    /// Weights of the two ends of the step itself.
+    /// Weights of the values at both ends of the step itself.
     own: [f64; 2],
 }
 
-/// A history may go past its span by rounding.
+/// Relative rounding by which a history may exceed its span.
 const SLACK: f64 = 1e-9;
 
 impl Exponentials {
     /// # Errors
-    /// [`HistoryError::Span`].
+    /// [`HistoryError::Span`] for an invalid span.
     pub(super) fn new(basis: Basis, order: f64, span: Span, initial: &[f64]) -> Result<Self, HistoryError> {
         let Quadrature { rates, weights } = Quadrature::new(order, span)?;
         let none = || vec![0.0; rates.len()];
@@ -86,7 +86,7 @@ impl Exponentials {
         Ok(())
     }
 
-    /// Makes `step` that of this length.
+    /// Sets `step` to a step of this length.
     fn prepare(&mut self, step_s: f64) {
         let step = &mut self.step;
         if step.step_s == step_s {
@@ -110,13 +110,13 @@ impl Exponentials {
     }
 }
 
-/// `(1 - e^-z) / z`.
+/// Returns `(1 - e^-z) / z`.
 fn mean(z: f64) -> f64 {
     if z == 0.0 { 1.0 } else { -(-z).exp_m1() / z }
 }
 
-/// The integral over a step, as a share of its length, of the exponential `e^-z(1-q)` times 1 - q and times q, q from 0 to 1; `decay`
-/// is `e^-z`.
+/// Returns the integrals over a step, relative to its length, of the exponential `e^-z(1-q)` times 1 - q and times q, q
+/// from 0 to 1; `decay` is `e^-z`.
 fn ends(z: f64, decay: f64) -> [f64; 2] {
     let mean = mean(z);
     if z > 0.5 {
@@ -131,7 +131,7 @@ fn ends(z: f64, decay: f64) -> [f64; 2] {
     [mean - end, end]
 }
 
-/// What a mode remembers decays, and takes in what happened in a step.
+/// Advances all modes by a step: decay, and contributions of both ends.
 struct Advance<'a> {
     step: &'a Step,
     last: &'a [f64],
@@ -164,7 +164,7 @@ impl Kernel for Advance<'_> {
     }
 }
 
-/// The sum of all modes at the end of a step.
+/// Sums all modes at the end of a step.
 struct Recall<'a> {
     weighted: &'a [f64],
     modes: &'a [f64],
@@ -263,7 +263,7 @@ impl History for Exponentials {
     }
 
     fn bytes(&self) -> usize {
-        // Rates, weights and what a step does: six numbers an exponential.
+        // Rates, weights and step data: six numbers per exponential.
         (6 * self.rates.len() + self.modes.len() + self.last.len()) * size_of::<f64>()
     }
 

@@ -1,4 +1,4 @@
-//! Product rules over the whole history: the function is constant or linear between two times, its integral exact.
+//! Product rules over the full history: piecewise constant or linear functions, integrated exactly.
 
 mod sum;
 
@@ -6,15 +6,15 @@ use super::history::{History, HistoryError};
 use super::kernel::{Basis, Moments};
 pub(super) use sum::add_weighted;
 
-/// The fractional integral by a product rule. Every step sums up all values so far.
+/// Fractional integral by a product rule. Every step sums over all values so far.
 ///
-/// While all steps are equal, weights depend on the lag alone and are kept; what is left of a step is one multiplication and one
-/// addition for each value. Once a step differs, the weights of every lag are computed anew at every step.
+/// While all steps are equal, weights depend only on the lag and are cached; a step then costs one multiplication and
+/// one addition per value. Once a step differs, the weights of all lags are recomputed at every step.
 #[derive(Clone, Debug)]
 pub(super) struct Full {
     components: usize,
     moments: Moments,
-    /// Values at the start and after each step, component by component.
+    /// Values at the start and after each step, the components of one time after those of another.
     values: Vec<f64>,
     /// Lengths of the steps, s.
     steps: Vec<f64>,
@@ -22,27 +22,27 @@ pub(super) struct Full {
     even: bool,
     /// Weights for equal steps.
     lags: Lags,
-    /// Weights of all values in time, for unequal steps.
+    /// Weights of all values in order of time, for unequal steps.
     uneven: Vec<f64>,
 }
 
-/// Steps that differ by less, relatively, are equal: weights then err by no more than this.
+/// Largest relative difference of steps treated as equal: weights then err by no more than this.
 const EQUAL: f64 = 1e-12;
 
-/// Weights by lag in equal steps.
+/// Weights by lag for equal steps.
 #[derive(Clone, Debug, Default)]
 struct Lags {
     step_s: f64,
-    /// Of the start of the interval that started 1, 2, ... steps ago.
+    /// Weight of the start of the interval that began 1, 2, ... steps ago.
     starts: Vec<f64>,
-    /// Of its end.
+    /// Weight of the end of the interval that began 1, 2, ... steps ago.
     ends: Vec<f64>,
-    /// Of the value 1, 2, ... steps ago, in which two intervals meet.
+    /// Weight of the value 1, 2, ... steps ago, where two intervals meet.
     inner: Vec<f64>,
 }
 
 impl Lags {
-    /// Makes weights for lags up to `count` steps of this length.
+    /// Computes weights for lags up to `count` steps of this length.
     fn reach(&mut self, moments: &Moments, step_s: f64, count: usize) {
         if self.step_s != step_s {
             *self = Lags {
@@ -75,14 +75,14 @@ impl Full {
         }
     }
 
-    /// The length that all steps share, if this one shares it too.
+    /// Returns the common length of all steps, if this one has it too.
     fn equal(&self, step_s: f64) -> Option<f64> {
         let first = self.steps.first().copied().unwrap_or(step_s);
         (self.even && (step_s - first).abs() <= EQUAL * first).then_some(first)
     }
 
-    /// Puts the weights of all values so far into `uneven`, and returns that of the new one. Lags are summed backwards from the
-    /// newest step: differences of times would lose short steps late in a long history.
+    /// Writes the weights of all values so far to `uneven`, and returns that of the new one. Lags are summed backwards
+    /// from the newest step: differences of times would lose short steps late in a long history.
     fn weigh(&mut self, step_s: f64) -> f64 {
         self.uneven.clear();
         self.uneven.resize(self.steps.len() + 1, 0.0);
@@ -135,7 +135,7 @@ impl History for Full {
         HistoryError::check_value(value)?;
         self.even = self.equal(step_s).is_some();
         if !self.even {
-            // They serve no more.
+            // No longer valid.
             self.lags = Lags::default();
         }
         self.steps.push(step_s);
@@ -165,7 +165,7 @@ impl History for Full {
     }
 
     fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
-        // A value a component at the start, and with each step one more and its length.
+        // One value per component at the start; with each step, another and its length.
         let (own, found) = (self.components, remembered.len());
         let steps = found.saturating_sub(2 + own) / (own + 1);
         let (first, rest) = HistoryError::split_remembered(remembered, 2, |_| Some(own + steps * (own + 1)))?;

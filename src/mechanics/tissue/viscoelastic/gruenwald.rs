@@ -1,30 +1,30 @@
-//! The rule of Gruenwald and Letnikov, for equal steps: powers of the backward difference quotient.
+//! Gruenwald-Letnikov rule for equal steps: powers of the backward difference quotient.
 
 use super::full::add_weighted;
 use super::history::{History, HistoryError};
 use super::kernel::of_jump;
 
-/// The integral of order nu, or for negative nu the derivative of order -nu, of what the function is above its initial value;
-/// that of the initial value is added exactly. (Without this, a jump at the start would cost accuracy at all times.)
+/// Integral of order nu, or for negative nu derivative of order -nu, of the function minus its initial value, plus that
+/// of the initial value exactly. (Otherwise a jump at the start would cost accuracy at all times.)
 ///
 /// `h^nu * sum over j of (nu)_j / j! * F_(n-j)`, with the rising factorial: I. Podlubny, "Fractional Differential Equations", 1999.
 #[derive(Clone, Debug)]
 pub(super) struct GruenwaldLetnikov {
     components: usize,
-    /// nu.
+    /// Exponent nu.
     exponent: f64,
     initial: Vec<f64>,
-    /// What the values after each step are above the initial one.
+    /// Values after each step minus the initial one.
     rises: Vec<f64>,
-    /// Length of all steps, once there is one, s.
+    /// Common length of all steps, s; `None` before the first.
     step_s: Option<f64>,
     steps: usize,
-    /// `(nu)_j / j!` for j from 1, times `h^nu` of that step.
+    /// `(nu)_j / j!` for j from 1, times `h^nu` for the step `weights_step_s`.
     weights: Vec<f64>,
     weights_step_s: f64,
 }
 
-/// Steps that differ by less, relatively, are equal: times in decimals are.
+/// Largest relative difference of steps treated as equal, as for times in decimals.
 const EQUAL: f64 = 1e-9;
 
 impl GruenwaldLetnikov {
@@ -41,7 +41,7 @@ impl GruenwaldLetnikov {
         }
     }
 
-    /// The length that all steps share.
+    /// Returns the common length of all steps.
     fn equal(&self, step_s: f64) -> Result<f64, HistoryError> {
         HistoryError::check_step(step_s)?;
         let expected = self.step_s.unwrap_or(step_s);
@@ -52,7 +52,7 @@ impl GruenwaldLetnikov {
         Ok(expected)
     }
 
-    /// Makes weights for `count` values before the new one.
+    /// Computes weights for `count` values before the new one.
     fn reach(&mut self, step_s: f64, count: usize) {
         if self.weights_step_s != step_s {
             self.weights.clear();

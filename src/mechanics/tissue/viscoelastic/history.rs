@@ -1,51 +1,52 @@
-//! What a history can be asked, and the rules that answer.
+//! Interface of histories, and their rules.
 
 use std::fmt::Debug;
 
-/// A fractional integral or derivative of a vector-valued function of time, known step by step from a start at time 0.
+/// Fractional integral or derivative of a vector-valued function of time, known step by step from a start at time 0.
 ///
-/// Before the start the function is 0; at the start it may jump to the initial value. Its value at the end of a step enters as
+/// The function is 0 before the start, where it may jump to the initial value. The result at the end of a step is
 /// `weight * value + history`, component by component.
 pub trait History: Debug + Send + Sync {
     /// Number of components.
     fn components(&self) -> usize;
 
-    /// Seconds since the start, of the last value committed.
+    /// Time of the last committed value since the start, s.
     fn time_s(&self) -> f64;
 
-    /// What a step of `step_s` seconds would end with: the weight of the value at its end is returned, what the values so far
-    /// contribute is put into `history` (one number a component). Nothing is committed: another step may be tried next.
+    /// Prepares a step of `step_s` seconds: returns the weight of the value at its end, and writes the contribution of
+    /// earlier values to `history` (one number per component). Nothing is committed: another step may be tried next.
     ///
     /// # Errors
-    /// [`HistoryError`] for a step that is not above 0 or that the rule does not take, and for a slice of another length.
+    /// [`HistoryError`] for a step that is not above 0 or not supported by the rule, and for a slice of the wrong
+    /// length.
     fn predict(&mut self, step_s: f64, history: &mut [f64]) -> Result<f64, HistoryError>;
 
-    /// Goes on by `step_s` seconds, at whose end the function has this value.
+    /// Commits a step of `step_s` seconds, at whose end the function has this value.
     ///
     /// # Errors
-    /// As [`predict`](History::predict), and for a value that is not finite. The history is then as before.
+    /// Those of [`predict`](History::predict), and for a value that is not finite. The history is then unchanged.
     fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError>;
 
-    /// Starts anew, with another initial value.
+    /// Restarts from another initial value.
     ///
     /// # Errors
-    /// [`HistoryError`] for a slice of another length or a value that is not finite. The history is then as before.
+    /// [`HistoryError`] for a slice of the wrong length or a value that is not finite. The history is then unchanged.
     fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError>;
 
-    /// All that is remembered, as numbers: what comes after depends on nothing else.
+    /// Returns the complete state as numbers; later results depend on nothing else.
     fn remembered(&self) -> Vec<f64>;
 
-    /// Goes on from what another history of the same rule, operator and number of components remembered: the same steps then have
-    /// the same bits.
+    /// Restores the state of another history of the same rule, operator and number of components: the same steps then
+    /// give the same bits.
     ///
     /// # Errors
-    /// [`HistoryError::Remembered`] for numbers that are not of such a history. The history is then as before.
+    /// [`HistoryError::Remembered`] for numbers that do not fit such a history. The history is then unchanged.
     fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError>;
 
-    /// Memory that the past takes, bytes.
+    /// Size of the history, bytes.
     fn bytes(&self) -> usize;
 
-    /// A copy.
+    /// Returns a boxed copy.
     fn boxed(&self) -> Box<dyn History>;
 }
 
@@ -55,53 +56,55 @@ impl Clone for Box<dyn History> {
     }
 }
 
-/// What is made of the function. The order k lies in 0 to 1, both included.
+/// Operator applied to the function. The order k lies in 0 to 1, both included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Operator {
-    /// `I^k`: 0 the function itself, 1 the ordinary integral.
+    /// Fractional integral `I^k`: for order 0 the function itself, for 1 the ordinary integral.
     Integral(f64),
-    /// `D^k` of Riemann and Liouville, so that a jump at the start counts: `t^-k / Gamma(1-k)` of it. 0 the function itself, 1 the
-    /// ordinary derivative after the start.
+    /// Riemann-Liouville derivative `D^k`, in which a jump at the start contributes `t^-k / Gamma(1-k)` of itself: for
+    /// order 0 the function itself, for 1 the ordinary derivative after the start.
     Derivative(f64),
 }
 
 impl Operator {
-    /// The order k.
+    /// Order k.
     pub const fn order(self) -> f64 {
         let (Operator::Integral(order) | Operator::Derivative(order)) = self;
         order
     }
 }
 
-/// How a history is summed up. The order of convergence is for smooth functions and the longest step h going to 0.
+/// Summation rule of a history. The order of convergence is for smooth functions as the longest step h goes to 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rule {
-    /// Product rectangle: constant over a step, with the value at its end. Order 1. Costs O(n) a step. The integral is the
-    /// ordinary one over a deformed scale of time, as Kobayashi et al. 2010 (section 3.2.1) have it; the derivative is its inverse.
+    /// Product rectangle: constant over a step, with the value at its end. Order 1. Costs O(n) per step. The integral
+    /// is the ordinary one over a deformed scale of time, as in Kobayashi et al. 2010 (section 3.2.1); the derivative
+    /// is its inverse.
     Rectangle,
-    /// Product trapezoid: linear over a step. Order 2 for the integral, 2 - k for the derivative (known as L1); exact for
-    /// piecewise linear functions. Costs O(n) a step.
+    /// Product trapezoid: linear over a step. Order 2 for the integral, 2 - k for the derivative (L1 rule); exact for
+    /// piecewise linear functions. Costs O(n) per step.
     Trapezoid,
-    /// Gruenwald and Letnikov's difference quotient, for equal steps only. Order 1. Costs O(n) a step.
+    /// Gruenwald-Letnikov difference quotient, for equal steps only. Order 1. Costs O(n) per step.
     GruenwaldLetnikov,
-    /// As the trapezoid, with the kernel as a sum of decaying exponentials within a relative bound: O(1) a step in time and memory.
+    /// Product trapezoid with the kernel as a sum of decaying exponentials within a relative bound: O(1) per step in
+    /// time and memory.
     Exponentials(Span),
 }
 
-/// Where a sum of exponentials stands for the kernel.
+/// Range in which a sum of exponentials approximates the kernel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Span {
-    /// The shortest step that will come, s.
+    /// Shortest step to be taken, s.
     pub shortest_s: f64,
-    /// The longest time that a history will take, s.
+    /// Longest time of a history, s.
     pub longest_s: f64,
-    /// Bound of the kernel's relative error between the two, 1e-13 to 1e-2. The result then errs by less than this times the
-    /// integral of the function's magnitude.
+    /// Bound of the kernel's relative error in this range, 1e-13 to 1e-2. The error of the result is below this times
+    /// the integral of the function's magnitude.
     pub tolerance: f64,
 }
 
 impl Default for Span {
-    /// 1e-6 s to 1e6 s within 1e-9: about a hundred exponentials.
+    /// Returns 1e-6 s to 1e6 s within 1e-9: about a hundred exponentials.
     fn default() -> Self {
         Span {
             shortest_s: 1e-6,
@@ -111,70 +114,70 @@ impl Default for Span {
     }
 }
 
-/// Why a history cannot be kept or go on.
+/// Error in creating or advancing a history.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum HistoryError {
-    /// An order outside 0 to 1.
+    /// The order is outside 0 to 1.
     #[error("the order is {found}; expected a number from 0 (a spring) to 1 (a dashpot)")]
     Order {
-        /// The order.
+        /// Order given.
         found: f64,
     },
-    /// A step that is none.
+    /// The step is not a finite time above 0.
     #[error("a step of {found} s; expected a finite time above 0")]
     Step {
-        /// Its length, s.
+        /// Length of the step, s.
         found: f64,
     },
-    /// A value that is not finite.
+    /// A value is not finite.
     #[error("component {component} is {found}; expected a finite number")]
     Value {
-        /// Which, from 0.
+        /// Index of the component, from 0.
         component: usize,
-        /// As given.
+        /// Value given.
         found: f64,
     },
-    /// Another number of components than at the start.
+    /// The number of components differs from that at the start.
     #[error("{found} components; the history has {expected}")]
     Components {
-        /// How many were given.
+        /// Number of components given.
         found: usize,
-        /// How many there are.
+        /// Number of components of the history.
         expected: usize,
     },
-    /// Numbers that no history of this rule and size remembers.
+    /// The numbers are not the state of a history of this rule and size.
     #[error("{found} numbers, or numbers that are not finite; not what a history of this rule and size remembers")]
     Remembered {
-        /// How many there are.
+        /// Count of the numbers given.
         found: usize,
     },
-    /// A rule for equal steps met another.
+    /// A rule for equal steps received an unequal one.
     #[error(
         "a step of {found} s after steps of {expected} s; the rule of Gruenwald and Letnikov takes equal steps only"
     )]
     Uneven {
-        /// The step, s.
+        /// Step given, s.
         found: f64,
-        /// Those before, s.
+        /// Earlier steps, s.
         expected: f64,
     },
-    /// A step shorter than a sum of exponentials was made for.
+    /// A step is shorter than the sum of exponentials supports.
     #[error("a step of {found} s; this sum of exponentials was made for steps from {shortest} s")]
     Short {
-        /// The step, s.
+        /// Step given, s.
         found: f64,
-        /// The shortest, s.
+        /// Shortest step supported, s.
         shortest: f64,
     },
-    /// A history longer than a sum of exponentials was made for.
+    /// A history is longer than the sum of exponentials supports.
     #[error("a history of {found} s; this sum of exponentials was made for up to {longest} s")]
     Long {
-        /// The time at the end of the step, s.
+        /// Time at the end of the step, s.
         found: f64,
-        /// The longest, s.
+        /// Longest time supported, s.
         longest: f64,
     },
-    /// A span that is none.
+    /// The span is invalid.
     #[error(
         "a span of {} s to {} s within {}; expected times above 0, ascending and less than 1e40 apart, within 1e-13 to 1e-2",
         .0.shortest_s, .0.longest_s, .0.tolerance
@@ -183,13 +186,14 @@ pub enum HistoryError {
 }
 
 impl HistoryError {
-    /// Checks a step.
+    /// Checks that a step is finite and above 0.
     pub(super) fn check_step(step_s: f64) -> Result<(), HistoryError> {
         let right = step_s > 0.0 && step_s.is_finite();
         right.then_some(()).ok_or(HistoryError::Step { found: step_s })
     }
 
-    /// Splits what is remembered into its first `parts` numbers and the rest; all are finite, and the rest has `rest` of them.
+    /// Splits a state into its first `parts` numbers and the rest; all must be finite, and the rest as long as `rest`
+    /// returns.
     pub(super) fn split_remembered(
         remembered: &[f64],
         parts: usize,
@@ -203,7 +207,7 @@ impl HistoryError {
             .ok_or(HistoryError::Remembered { found })
     }
 
-    /// Checks a number of components.
+    /// Checks the number of components.
     pub(super) fn check_components(found: usize, expected: usize) -> Result<(), HistoryError> {
         let right = found == expected;
         right.then_some(()).ok_or(HistoryError::Components { found, expected })

@@ -1,37 +1,37 @@
-//! The kernel t^(k-1) / Gamma(k) and its moments over an interval.
+//! Kernel t^(k-1) / Gamma(k) and its moments over an interval.
 
 use libm::tgamma;
 
-/// `1 / Gamma(x)` for `x` from 0 on, where it is 0.
+/// Returns `1 / Gamma(x)` for `x` of 0 or more; 0 at 0.
 pub(super) fn inverse_gamma(x: f64) -> f64 {
     if x == 0.0 { 0.0 } else { 1.0 / tgamma(x) }
 }
 
-/// `t^nu / Gamma(1 + nu)` for `nu` from -1 on and `t` above 0: the integral of order nu (or the derivative of order -nu) of a
-/// jump to 1 at the start.
+/// Returns `t^nu / Gamma(1 + nu)` for `nu` of -1 or more and `t` above 0: the integral of order nu (or the derivative
+/// of order -nu) of a unit jump at the start.
 pub(super) fn of_jump(nu: f64, t: f64) -> f64 {
     inverse_gamma(1.0 + nu) * t.powf(nu)
 }
 
-/// What a function is taken for between two times.
+/// Approximation of a function between two times.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Basis {
     /// Constant, with the value at the end.
     Constant,
-    /// Linear.
+    /// Linear between both values.
     Linear,
 }
 
-/// Weights of the values at the two ends of an interval in the integral of order k, `k` above 0.
+/// Weights of the values at both ends of an interval in the integral of order k, `k` above 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Ends {
-    /// Of the value at its start.
+    /// Weight of the value at the start of the interval.
     pub start: f64,
-    /// Of the value at its end.
+    /// Weight of the value at the end of the interval.
     pub end: f64,
 }
 
-/// The moments of the kernel of one order.
+/// Moments of the kernel of one order.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Moments {
     basis: Basis,
@@ -40,7 +40,7 @@ pub(super) struct Moments {
     scale: f64,
 }
 
-/// Below this share of an interval in its lag, series are used, for differences of powers cancel.
+/// Ratio of interval to lag below which series are used, as differences of powers cancel.
 const SERIES: f64 = 0.25;
 
 impl Moments {
@@ -49,8 +49,8 @@ impl Moments {
         Moments { basis, order, scale }
     }
 
-    /// Weights of an interval of length `step` that ended `near` ago (0: the newest one). Not given by when it started: that
-    /// less the length would lose a short `near` before a long step.
+    /// Returns the weights of an interval of length `step` that ended `near` ago (0: the newest one). Its start is not
+    /// a parameter, as subtracting the length from it would lose a short `near` before a long step.
     pub(super) fn of(&self, near: f64, step: f64) -> Ends {
         let k = self.order;
         if k == 0.0 {
@@ -83,8 +83,8 @@ impl Moments {
     }
 }
 
-/// Weights of both ends by Taylor's series in `x`, all of whose terms are positive, for a lag of 1 and without the scale:
-/// `k x (1-k)_m x^m / m!` times 1 / ((m+1)(m+2)) and 1 / (m+2).
+/// Computes the weights of both ends by a Taylor series in `x` with positive terms, for a lag of 1 and without the
+/// scale: `k x (1-k)_m x^m / m!` times 1 / ((m+1)(m+2)) and 1 / (m+2).
 fn series(k: f64, x: f64) -> [f64; 2] {
     let (mut start, mut end) = (0.0, 0.0);
     let mut term = k * x;
@@ -101,7 +101,8 @@ fn series(k: f64, x: f64) -> [f64; 2] {
     }
 }
 
-/// The same from powers; `rest` is 1 - x and `log` its logarithm.
+/// Computes the weights of both ends from powers, for a lag of 1 and without the scale; `rest` is 1 - x and `log` its
+/// logarithm.
 fn closed(k: f64, x: f64, rest: f64, log: f64) -> [f64; 2] {
     let zeroth = -(k * log).exp_m1();
     let first = k / (k + 1.0) * -((k + 1.0) * log).exp_m1();

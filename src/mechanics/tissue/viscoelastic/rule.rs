@@ -1,4 +1,4 @@
-//! From a rule and an operator to a history.
+//! Construction of a history from a rule and an operator.
 
 use super::derivative::{Inverse, Slopes};
 use super::exponentials::Exponentials;
@@ -8,10 +8,10 @@ use super::history::{History, HistoryError, Operator, Rule};
 use super::kernel::Basis;
 
 impl Rule {
-    /// A history that starts with this value at time 0, one number a component.
+    /// Creates a history that starts with this value at time 0, one number per component.
     ///
     /// # Errors
-    /// [`HistoryError`] for an order outside 0 to 1, an initial value that is not finite, and a span that is none.
+    /// [`HistoryError`] for an order outside 0 to 1, an initial value that is not finite, or an invalid span.
     pub fn start(&self, operator: Operator, initial: &[f64]) -> Result<Box<dyn History>, HistoryError> {
         let order = operator.order();
         if !(0.0..=1.0).contains(&order) {

@@ -1,10 +1,10 @@
-//! The size from which a GPU wins.
+//! Break-even sizes, from which a GPU is faster than the CPU.
 
 use super::factor;
 use crate::study::tradeoff::{Axis, Row, Table};
 
-/// For each GPU and each thing in some tables (GPU, what, size; and a ratio as the last value): from which size on the ratio stays above
-/// 1, or up to which it never does.
+/// Finds, for each GPU and item in the tables (GPU, item, size; with a ratio as the last value), the size from which the ratio stays above
+/// 1, or the largest size at which it does not.
 pub fn crossing(tables: &[&Table]) -> Table {
     let factors = [
         factor("gpu", "GPU"),

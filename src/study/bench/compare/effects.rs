@@ -1,4 +1,4 @@
-//! What each effect costs alone and in company, and what it leaves where a scene does without.
+//! Cost of each effect alone and combined with the others, and resources that remain after its removal.
 
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
@@ -12,11 +12,11 @@ use crate::study::tradeoff::{Axis, Table};
 use crate::synth::tables::{Anatomy, Settings, Tables};
 use crate::synth::{Backend, FrameState, Synthesizer};
 
-/// Pairs of frames at least, and at most.
+/// Minimum and maximum number of frame pairs.
 const LEAST: usize = 3;
 const MOST: usize = 60;
 
-/// The scene with some effects taken away.
+/// Returns the scene with only the effects to keep.
 fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> bool) -> (Anatomy, Settings) {
     let (mut anatomy, mut settings) = (subject.anatomy.clone(), settings.clone());
     for removal in REMOVALS.iter().filter(|removal| !keep(removal)) {
@@ -28,7 +28,7 @@ fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> b
     (anatomy, settings)
 }
 
-/// Effects that the scene has and that can be taken away.
+/// Returns the effects that the scene has and that can be removed.
 fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<&'static Removal>, CompareError> {
     let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
     let changes = |removal: &&Removal| {
@@ -47,14 +47,14 @@ fn backends(options: &CompareOptions) -> Vec<(String, Box<dyn Fn() -> Backend + 
     all
 }
 
-/// What renders a frame, after one that is not timed.
+/// Synthesizer and frame state, warmed up by one untimed frame.
 struct Ready {
     synth: Synthesizer,
     state: FrameState,
 }
 
 impl Ready {
-    /// With what is kept.
+    /// Creates a synthesizer of the given scene and renders a first frame.
     fn new(
         subject: &Subject<'_>,
         (anatomy, settings): (Anatomy, Settings),
@@ -69,20 +69,20 @@ impl Ready {
         Ok(Self { synth, state })
     }
 
-    /// Time of a frame, ms.
+    /// Renders a frame and returns its time, ms.
     fn frame(&mut self) -> Result<f64, CompareError> {
         let start = Instant::now();
         self.synth.render(&self.state)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
-    /// Bytes that it works on, MB.
+    /// Returns the working memory, MB.
     fn megabytes(&self) -> f64 {
         self.synth.memory_bytes() as f64 * 1e-6
     }
 }
 
-/// Frames of two in turn, so that other work on the machine meets both alike, until each has had its patience.
+/// Renders frames of two scenes alternately, so that other load on the machine affects both equally, for twice `patience` in total.
 fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], CompareError> {
     let (start, mut times) = (Instant::now(), [Vec::new(), Vec::new()]);
     while times[0].len() < LEAST || (times[0].len() < MOST && start.elapsed() < 2 * patience) {
@@ -92,13 +92,13 @@ fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Op
     Ok(times.map(Spread::of))
 }
 
-/// By how much the first of two takes longer, ms.
+/// Returns the difference of the median times, first less second, ms.
 fn longer(pair: [Option<Spread>; 2]) -> Option<f64> {
     let [one, other] = pair.map(|time| time.map(|time| time.median_ms));
     Some(one? - other?)
 }
 
-/// Everything, everything but one, one alone, nothing.
+/// Measures frames with all effects, all but one, only one, and none.
 pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, CompareError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [factor("backend", "backend"), factor("effect", "effect")];
@@ -190,7 +190,7 @@ pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table,
     Ok(table)
 }
 
-/// Resources that passes of one effect bind and no other's do.
+/// Returns the resources that only the passes of one effect bind.
 fn own(plan: &Plan, effect: &str) -> BTreeSet<Resource> {
     let bound = |of: bool| -> BTreeSet<Resource> {
         let passes = plan.passes.iter().filter(|planned| (planned.effect == effect) == of);
@@ -202,8 +202,8 @@ fn own(plan: &Plan, effect: &str) -> BTreeSet<Resource> {
     bound(true).difference(&bound(false)).copied().collect()
 }
 
-/// Bytes, passes and, on a GPU, pipelines that effects call for, and what is left of them in a scene that did with them and now does
-/// without: nothing.
+/// Counts the bytes, passes and, on a GPU, pipelines that each effect needs, and what remains of them after its removal from a scene, which
+/// must be nothing.
 pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, CompareError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [factor("backend", "backend"), factor("effect", "effect")];
@@ -220,7 +220,7 @@ pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, 
     let title = "What each effect holds, and what is left of that once it is taken away";
     let mut table = Table::new("compare_memory", title, &factors, &axes);
     for (name, backend) in backends(options) {
-        // Without a curve the pass of tone shows amplitudes linearly: it is there always, and no effect's to leave.
+        // Without a curve the tone pass displays amplitudes linearly: it is always present and cannot be removed.
         let present = present(subject, &settings)?
             .into_iter()
             .filter(|removal| removal.effect != "tone");
@@ -237,7 +237,7 @@ pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, 
             let (anatomy, without) = with(subject, &settings, |other| other.effect != removal.effect);
             let fresh = Synthesizer::new(anatomy.clone(), without.clone(), backend())?;
             let idle = match anatomy.mesh.is_none() != subject.anatomy.mesh.is_none() {
-                // A mesh is given once: what does without it is made anew.
+                // The mesh is fixed on creation: a scene without it needs a new synthesizer.
                 true => Synthesizer::new(anatomy, without, backend())?,
                 false => {
                     let mut synth = Synthesizer::new(anatomy, settings.clone(), backend())?;

@@ -1,13 +1,13 @@
-//! Frames and passes, by size.
+//! Times of frames and passes, by image size.
 
 use super::{CPU_MS, Clock, CompareError, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
 use crate::study::tradeoff::{Axis, Table};
 use crate::synth::{Backend, Synthesizer};
 
-/// The stages of a frame, for plots of a few passes each.
+/// Stages of a frame, each plotted with a few passes.
 pub const STAGES: [&str; 5] = ["frame", "tissue", "speckle", "echoes", "display"];
 
-/// The stage that a pass belongs to.
+/// Returns the stage that a pass belongs to.
 fn stage(what: &str) -> &'static str {
     match what {
         WHOLE | LEFT => STAGES[0],
@@ -19,13 +19,13 @@ fn stage(what: &str) -> &'static str {
     }
 }
 
-/// What one backend took at one size: names and median times, ms.
+/// Names and median times (ms) of one backend at one size.
 type Times = Vec<(String, f64)>;
 
 pub const WHOLE: &str = "frame, pixels on the CPU";
 pub const LEFT: &str = "frame, pixels left on the GPU";
 
-/// Whole frames and every pass; none where a backend was too slow at a smaller size or the device cannot hold it.
+/// Times frames and every pass of a backend at one size.
 fn at_size(
     subject: &Subject<'_>,
     options: &CompareOptions,
@@ -59,7 +59,7 @@ fn at_size(
     Ok(times)
 }
 
-/// Each size in turn, until a frame takes too long.
+/// Measures the sizes in ascending order; `None` for those after a frame that took too long or did not fit on the device.
 fn all_sizes(
     subject: &Subject<'_>,
     options: &CompareOptions,
@@ -95,7 +95,7 @@ fn all_sizes(
     Ok(sizes)
 }
 
-/// Rows of all sizes: each GPU beside the CPU; the CPU alone where there is none.
+/// Tabulates all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
 pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, CompareError> {
     let factors = [
         factor("gpu", "GPU"),
@@ -132,7 +132,7 @@ pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<S
             longest.map_or(Vec::new(), |times| times.iter().map(|(what, _)| what.clone()).collect());
         for what in whats {
             for ((grid, on_cpu), on_gpu) in options.grids.iter().zip(&cpu).zip(sizes) {
-                // A frame left on the GPU competes with one that the CPU has ready.
+                // A frame that stays on the GPU is compared with a finished frame on the CPU.
                 let (cpu_ms, gpu_ms) = (
                     find(on_cpu, if what == LEFT { WHOLE } else { &what }),
                     find(on_gpu, &what),

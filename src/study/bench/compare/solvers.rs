@@ -1,4 +1,4 @@
-//! Remeshing levels on both, by size of the mesh.
+//! Remeshing levels on CPU and GPU, by mesh size.
 
 use std::time::Duration;
 
@@ -7,10 +7,10 @@ use crate::study::tradeoff::remesh::subject::generated;
 use crate::study::tradeoff::remesh::{RemeshOptions, study};
 use crate::study::tradeoff::{Axis, Row, Table};
 
-/// Moves of one insertion.
+/// Number of moves per insertion.
 const MOVES: usize = 6;
 
-/// Levels that both have, in single precision; the study of remeshing has errors and the others.
+/// Measures the levels available on both, in single precision; the remeshing study covers errors and the other levels.
 pub fn solvers(options: &CompareOptions) -> Result<Table, CompareError> {
     let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("nodes", "nodes")];
     let axes = [

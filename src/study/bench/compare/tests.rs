@@ -72,7 +72,7 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
         [true, true, false, false, false, false, false, true, false],
         "everything has nothing to be compared with"
     );
-    // What is said to be saved and added is the difference of two columns beside it.
+    // Saved and added times are differences of two neighbouring columns.
     for row in &rows[1..rows.len() - 1] {
         let [without, whole, saved, alone, bare, adds] = [0, 2, 3, 4, 5, 6].map(|at| row.values[at].unwrap());
         assert_eq!([whole - without, alone - bare], [saved, adds], "{row:?}");

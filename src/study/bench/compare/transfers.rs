@@ -1,4 +1,4 @@
-//! What goes to a device and comes back, by itself.
+//! Times of transfers to and from a device.
 
 use std::time::Instant;
 
@@ -10,10 +10,10 @@ use crate::study::spread::Spread;
 use crate::study::tradeoff::{Axis, Table};
 use crate::synth::tables::Tables;
 
-/// Times that each transfer is repeated.
+/// Number of repetitions of each transfer.
 const TIMES: usize = 7;
 
-/// What a frame sends if its mesh moves: the maps of the elements and the search grid.
+/// Data sent for a frame with a moving mesh: the element maps and the search grid.
 const MOVED: [Resource; 3] = [Resource::ElementMaps, Resource::CellStarts, Resource::CellElements];
 
 pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, CompareError> {
@@ -34,7 +34,7 @@ pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Opti
             let plan = Plan::new(&tables);
             let limit = gpu.limits().max_storage_buffer_binding_size;
             let mut moves: Vec<(&str, u64, Transfer)> = Vec::new();
-            // The mesh is the same under every grid.
+            // The mesh is independent of the image grid.
             if at == 0 && plan.has("warp") {
                 let bytes = MOVED.iter().map(|&resource| tables.bytes(resource)).sum();
                 moves.push(("up: the moved mesh", bytes, upload));
@@ -64,7 +64,7 @@ pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Opti
     Ok(Some(table))
 }
 
-/// Median time of moving so many bytes, ms.
+/// Returns the median time to transfer a number of bytes, ms.
 type Transfer = fn(&Gpu, u64) -> Result<Option<f64>, GpuError>;
 
 fn upload(gpu: &Gpu, bytes: u64) -> Result<Option<f64>, GpuError> {

@@ -1,4 +1,4 @@
-//! A curve with known numbers is fitted, and files with none are refused.
+//! Tests that known parameters are recovered and malformed files are refused.
 
 use super::*;
 use crate::study::puncture::puncture;
@@ -21,7 +21,7 @@ fn made() -> (PunctureOptions, Vec<Sample>) {
     (options, rows.iter().map(sample).collect())
 }
 
-/// The slice's own curve is met with the numbers it was made with, its drops left out.
+/// A curve of the slice itself yields the parameters that it was made with, force drops excluded.
 #[test]
 fn numbers_that_made_a_curve_are_found_again() {
     let (options, samples) = made();

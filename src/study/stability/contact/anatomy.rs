@@ -1,4 +1,4 @@
-//! Regions that elements do not follow: thin ones, and borders that a needle runs along.
+//! Cases of regions not resolved by elements: thin layers, and borders along the needle.
 
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ const SOFT: Interaction = Interaction {
     puncture_n: 0.0,
     ..block::USUAL
 };
-/// A surface that breaks at 1.5 N.
+/// Interaction with a surface that punctures at 1.5 N.
 const TOUGH: Interaction = Interaction {
     puncture_n: 1.5,
     ..SOFT
@@ -27,10 +27,10 @@ const BONE: Bone = Bone {
     stiffness_n_per_mm: 20.0,
     penetration_mm: 0.5,
 };
-/// No border counts within this of the last one, mm (`insertion::finite`).
+/// Distance from the last border within which no border is counted, mm (`insertion::finite`).
 const BORDER_MM: f64 = 0.5;
 
-/// Region 0 below a skin through a point of the axis at z = 0, region 1 from one plane to another.
+/// Region 0 below a skin through a point of the axis at z = 0, and region 1 between two planes.
 #[derive(Clone, Copy, Debug)]
 struct Slab {
     skin: Vector3<f64>,
@@ -40,7 +40,7 @@ struct Slab {
 }
 
 impl Slab {
-    /// Region 1 where z is from `from_mm` on.
+    /// Creates a slab whose region 1 starts at z = `from_mm`.
     fn level(from_mm: f64, thick_mm: f64, of: [Interaction; 2]) -> Slab {
         Slab {
             skin: Vector3::z(),
@@ -66,7 +66,7 @@ impl Anatomy for Slab {
 fn finite(slab: Slab, cell_mm: f64) -> Result<Box<dyn Model>, Unexpected> {
     let mesh = block::plain(EXTENT, cell_mm)?;
     let mut setup = block::on_table(mesh, Material::new(20.0, 0.45)?, SOFT, block::rigid()?);
-    // Bone is held.
+    // Bone is fixed.
     let is_bone = |p: &[f64; 3]| {
         slab.region(&Point3::from(*p))
             .is_some_and(|region| slab.interaction(region).bone.is_some())
@@ -83,7 +83,7 @@ fn springs(slab: Slab) -> Result<Box<dyn Model>, Unexpected> {
     Ok(Box::new(MassSpring::new(coarse(), Box::new(slab), block::rigid()?)?))
 }
 
-/// A needle in a direction, its tip so far beyond the point of the axis at z = 0, mm.
+/// Places a needle along a direction with its tip `depth_mm` beyond the axis point at z = 0.
 fn along(direction: &Vector3<f64>, depth_mm: f64) -> Instruments {
     let turn = UnitQuaternion::rotation_between(&Vector3::z(), direction).unwrap_or_default();
     let tip = Vector3::new(ASIDE[0], ASIDE[1], 0.0) + direction * depth_mm;
@@ -94,7 +94,7 @@ fn along(direction: &Vector3<f64>, depth_mm: f64) -> Instruments {
     }
 }
 
-/// Steps of 0.1 mm in a direction, from 1 mm before the point on the axis on.
+/// Advances the needle in steps of 0.1 mm along a direction, starting 1 mm before the axis point.
 fn push(
     model: &mut dyn Model,
     direction: &Vector3<f64>,
@@ -115,14 +115,14 @@ fn count(outcome: &Outcome, kind: EventKind) -> usize {
     outcome.events.iter().filter(|event| event.kind == kind).count()
 }
 
-/// A layer of a tenth of an element at any place in it breaks where it lies, with its force.
+/// Tests that a layer of a tenth of an element punctures at its own position and force, wherever it lies in the element.
 pub fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let places = [11.0, 13.3, 15.7, 18.1, 19.6];
     let (mut place_off, mut force_off, mut missed) = (0.0, 0.0, 0);
     let mut watch = Watch::default();
     for (at, from) in places.into_iter().enumerate() {
         record.done(at as f64 / places.len() as f64);
-        // Without friction the hand feels the tip alone.
+        // Without friction the hand feels only the tip.
         let smooth = |of: Interaction| Interaction {
             friction_n_per_mm: 0.0,
             ..of
@@ -152,7 +152,7 @@ pub fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Along a border that a needle crosses at half a degree, and comes back across.
+/// Moves along a border, in it or crossing it at half a degree and back.
 pub fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for (tilt, name) in [(0.0, "in the border"), (0.5f64, "at 0.5 degrees")] {
         let normal = Vector3::new(tilt.to_radians().cos(), 0.0, tilt.to_radians().sin());
@@ -178,7 +178,7 @@ pub fn interface(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Through a skin at 30 degrees to it.
+/// Punctures a skin at 30 degrees to it.
 pub fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let direction = Vector3::new(3f64.sqrt(), 0.0, 1.0).normalize();
     let kinds = [
@@ -207,7 +207,7 @@ pub fn oblique(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Bone whose surface lies at 5 degrees to the needle.
+/// Meets bone whose surface lies at 5 degrees to the needle.
 pub fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let tilt = 5f64.to_radians();
     let normal = Vector3::new(tilt.cos(), 0.0, tilt.sin());
@@ -245,11 +245,11 @@ pub fn grazed_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// A tip that trembles by 0.05 mm at the border of a surface that it has broken.
+/// Oscillates the tip by 0.05 mm at the border of a surface already punctured.
 pub fn wandering(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut model = finite(Slab::level(20.0, f64::INFINITY, [SOFT, TOUGH]), 10.0)?;
     let mut depth = 0.0;
-    // Until the surface breaks: the tip is then at the border at rest.
+    // Until the surface is punctured: the tip is then at the undeformed border.
     model.start(&along(&Vector3::z(), -1.0));
     let mut broken = false;
     while !broken && depth < 60.0 {

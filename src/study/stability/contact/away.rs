@@ -1,4 +1,4 @@
-//! The same insertion near the origin of the world and far from it.
+//! Case of the same insertion near the world origin and far from it.
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
@@ -11,30 +11,30 @@ use crate::mechanics::needle::{Shaft, Stiffness};
 use crate::study::block::{self, USUAL};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// How far, mm.
+/// Offset, mm.
 const AWAY_MM: [f64; 3] = [1e5, -1e5, 1e5];
-/// What is given lies on multiples of this, mm: what is given far away is then the same numbers, moved, without rounding.
+/// Grid of the input coordinates, mm, on which the offset causes no rounding.
 const GRID_MM: f64 = 1.0 / (1 << 20) as f64;
-/// Half the distance of doubles between 2^16 and 2^17 mm: what a place is off for having been rounded once.
+/// Half the spacing of doubles between 2^16 and 2^17 mm: the rounding error of one position.
 const ROUNDING_MM: f64 = 1.0 / (1u64 << 37) as f64;
-/// How often a place is rounded, at most, in one iteration of a step or one part of it: where the base is, along the twenty links of a
-/// needle, at the nearest point of a line, with the displacement added.
+/// Maximum number of roundings of a position in one iteration or substep: the base, the twenty links of a needle, the nearest point of a
+/// line, the addition of the displacement.
 const ROUNDINGS: f64 = 32.0;
-/// No stiffness of tissue or needle across a contact is above this, N/mm (as in [`stiffness`](super::stiffness)).
+/// Upper limit of the stiffness of tissue or needle across a contact, N/mm (as in [`stiffness`](super::stiffness)).
 const STIFFEST_N_PER_MM: f64 = 100.0;
-/// How deep the needle goes, mm, and how far in a step: it comes to no node, face or multiple of a spacing in a step, so that rounding
-/// decides nothing.
+/// Start and end depth and advance per step, mm: no step reaches a node, a face or a multiple of a spacing, so that rounding decides
+/// nothing.
 const WAY_MM: [f64; 3] = [-1.3125, 38.0, 0.375];
-/// Of those steps, the last so many are made backwards too.
+/// Number of the last steps that are also made backwards.
 const BACK: usize = 40;
 
-/// An insertion that is compared with itself.
+/// Insertion that is compared with its translated copy.
 struct Case {
     name: &'static str,
-    /// The model of tissue that is moved by so much, mm.
+    /// Creates the tissue model translated by a vector, mm.
     make: fn(&Vector3<f64>) -> Result<Box<dyn Model>, Unexpected>,
     probe: bool,
-    /// What iterations end within, mm.
+    /// Tolerance of the iterations, mm.
     tolerance_mm: f64,
 }
 
@@ -54,7 +54,7 @@ fn cases() -> [Case; 4] {
             name: "masses and springs",
             make: masses,
             probe: false,
-            // They are not iterated.
+            // The mass-spring model does not iterate.
             tolerance_mm: 0.0,
         },
     ]
@@ -100,7 +100,7 @@ fn masses(by: &Vector3<f64>) -> Result<Box<dyn Model>, Unexpected> {
     Ok(Box::new(MassSpring::new(coarse(), Box::new(there), block::rigid()?)?))
 }
 
-/// Layers that have been moved.
+/// Layers translated by a vector.
 #[derive(Debug)]
 struct There {
     layers: Layers,
@@ -121,12 +121,12 @@ fn on_grid(x: f64) -> f64 {
     (x / GRID_MM).round() * GRID_MM
 }
 
-/// The probe below the block, pressed into it by so much.
+/// Places the probe below the block, pressed into it by `mm`.
 fn pressed(mm: f64, by: &Vector3<f64>) -> Isometry3<f64> {
     Isometry3::from(Translation3::from(Vector3::new(30.0, mm - 10.0, 70.0) + by))
 }
 
-/// A needle that goes in askew, with its tip at a depth if nothing bent it, and a probe that presses the more the deeper it is.
+/// Places an oblique needle with its undeformed tip at a depth, and a probe that presses the more the deeper the needle.
 fn instruments(depth: f64, probe: bool, by: &Vector3<f64>) -> Instruments {
     let turn = UnitQuaternion::from_euler_angles(-0.13, 0.09, 0.4);
     let axis = turn * Vector3::z();
@@ -141,7 +141,7 @@ fn instruments(depth: f64, probe: bool, by: &Vector3<f64>) -> Instruments {
     }
 }
 
-/// In and a part of the way out: what each step found, and where nodes are at last, mm.
+/// Inserts and partly withdraws the needle; returns the outcome of each step and the final node positions, mm.
 fn run(case: &Case, by: &Vector3<f64>, watch: &mut Watch) -> Result<(Vec<Outcome>, Vec<[f64; 3]>), Unexpected> {
     let mut model = (case.make)(by)?;
     let [from, to, step] = WAY_MM;
@@ -161,7 +161,7 @@ fn run(case: &Case, by: &Vector3<f64>, watch: &mut Watch) -> Result<(Vec<Outcome
     Ok((outcomes, nodes))
 }
 
-/// Forces, tip and tissue of both, step by step.
+/// Compares forces, tip and tissue of both, step by step.
 pub fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let by = Vector3::from(AWAY_MM);
     for case in &cases() {
@@ -185,7 +185,7 @@ pub fn moved_far(record: &mut Record<'_>) -> Result<(), Unexpected> {
         );
         let longer = pairs().filter(|(near, far)| near.iterations != far.iterations).count();
         record.report(format!("steps with more or less iterations, {name}"), longer as f64);
-        // Errors of a step are handed on: places where nodes stick are those of the step before.
+        // Errors accumulate over the steps: positions of sticking nodes are those of the previous step.
         let rounds: usize = far.iter().map(|outcome| outcome.iterations.max(outcome.substeps)).sum();
         let tolerance_mm = if longer > 0 { case.tolerance_mm } else { 0.0 };
         let limit_mm = ROUNDINGS * ROUNDING_MM * rounds as f64 + tolerance_mm;

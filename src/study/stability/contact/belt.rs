@@ -1,19 +1,20 @@
-//! A block on a belt: one contact, drawn along by the needle until static friction gives way.
+//! Case of a block on a belt: stick-slip of one contact, dragged by the needle until static friction gives way.
 
 use super::setup::{build, go, tissue, travel};
 use crate::mechanics::insertion::{Interaction, Model};
 use crate::study::block::USUAL;
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// How deep the needle is, mm: less than a cell, so that the node at the skin is the only contact.
+/// Depth of the needle, mm: less than a cell, so that the node at the skin is the only contact.
 const DEPTH_MM: f64 = 6.0;
-/// How fast the needle is drawn out, mm/s.
+/// Withdrawal speed, mm/s.
 const SPEED: f64 = 1.0;
-/// Places on the shaft are iterated to 1e-5 mm, and friction acts on what lies beyond them: some millimetres, here 3 at least.
+/// Relative friction error from iteration: positions on the shaft are solved to 1e-5 mm, and friction acts on the length beyond them, here
+/// at least 3 mm.
 const ITERATED: f64 = 1e-5 / 3.0;
 
-/// While the node sticks, the force rises by k v in a second, from Fd after a slip to Fs at the next one. Both are friction over the
-/// length of shaft beyond the node, which a slip shortens.
+/// Tests the stick-slip period. While the node sticks, the force rises by k v per second, from Fd after a slip to Fs at the next. Both are
+/// friction over the length of shaft beyond the node, which a slip shortens.
 pub fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const RATIO: f64 = 1.5;
     let density = 0.005;
@@ -35,7 +36,7 @@ pub fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
             format!("contacts beyond the one wanted, dt = {dt:.0e} s"),
             finite.outcome().contacts.abs_diff(1) as f64,
         );
-        // The force on the node along the needle's way out, and the length of shaft beyond it.
+        // Force on the node in the direction of withdrawal, and length of shaft beyond it.
         let (mut before, mut since, mut slips) = (None::<[f64; 2]>, None::<(usize, f64)>, 0);
         let (mut sliding, mut late, mut stiffness) = (Vec::new(), Vec::new(), 0.0);
         for step in 1.. {
@@ -71,7 +72,7 @@ pub fn period(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.under(
             format!("period off (Fs - Fd)/(k v), steps, {name}"),
             largest(late),
-            // Beside the step itself, what the forces are iterated to makes of a period of up to 1e4 steps.
+            // One step, plus the effect of the iteration tolerance on a period of up to 1e4 steps.
             1.0 + 1e4 * ITERATED,
         );
     }

@@ -1,4 +1,4 @@
-//! A needle bent far in tissue.
+//! Case of a strongly bent needle in tissue.
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -10,7 +10,7 @@ use crate::mechanics::tissue::material::Material;
 use crate::study::block::{self, USUAL};
 use crate::study::stability::record::{Record, Unexpected};
 
-/// A needle in tissue, its base turned about the skin: the shaft bends between the hand and the tip.
+/// Turns the base of an inserted needle about the skin, so that the shaft bends between hand and tip.
 pub fn far(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const DEPTH_MM: f64 = 50.0;
     const TURN_DEG: f64 = 60.0;
@@ -49,7 +49,7 @@ pub fn far(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let name = format!("needle x {needle}, tissue {young_kpa} kPa");
         travel(&mut finite, [DEPTH_MM, -60.0], 0.25, |it| watch.see(it))?;
         watch.write(record, &name);
-        // The hand turns by 60 degrees; a soft shaft bows between hand and skin, and its buried part may lie the other way.
+        // The hand turns by 60 degrees; a soft shaft bows between hand and skin, and its buried part may tilt the other way.
         record.report(format!("bend, degrees, {name}"), bent);
         record.zero(
             format!("force left, N, {name}"),

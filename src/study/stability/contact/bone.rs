@@ -1,4 +1,4 @@
-//! The tip meets bone.
+//! Case of a tip that meets bone.
 
 use super::setup::{ASIDE, CELL_MM, EXTENT, Layers, Watch, build, coarse, go, resistance, travel};
 use crate::mechanics::insertion::spring::MassSpring;
@@ -8,9 +8,9 @@ use crate::mechanics::tissue::material::Material;
 use crate::study::block::{self, USUAL};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// How far beyond the surface of the bone the hand goes, mm.
+/// Travel of the hand beyond the bone surface, mm.
 const TOO_FAR_MM: f64 = 9.0;
-/// How thick it is where it is of finite elements, mm.
+/// Thickness of the bone in the finite-element model, mm.
 const THICK_MM: f64 = 20.0;
 const BONE: Bone = Bone {
     stiffness_n_per_mm: 10.0,
@@ -24,7 +24,7 @@ fn of_bone() -> Interaction {
     }
 }
 
-/// Bone from a depth on (mm): its nodes are held, so that its surface stays where it is.
+/// Creates a finite-element model with bone from a depth on (mm), fixed at its nodes so that its surface stays in place.
 fn finite(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
     let plain = block::plain(EXTENT, CELL_MM)?;
     let (nodes, elements) = (plain.nodes().to_vec(), plain.elements().to_vec());
@@ -39,7 +39,7 @@ fn finite(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
     Ok(Box::new(build(setup)?))
 }
 
-/// Bone from a depth on (mm): where it lies at rest, whatever springs do.
+/// Creates a mass-spring model with bone from a depth on (mm), at its rest position whatever the springs do.
 fn springs(surface: f64) -> Result<Box<dyn Model>, Unexpected> {
     let layers = Layers {
         border: surface,
@@ -71,7 +71,7 @@ pub fn hit(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Into bone that begins at a depth (mm), and out.
+/// Pushes the needle into bone that begins at a depth (mm), and withdraws it.
 fn one(record: &mut Record<'_>, model: &mut dyn Model, surface: f64, step: f64, name: &str) -> Result<(), Unexpected> {
     let before = -1.0;
     let hand = surface + TOO_FAR_MM;
@@ -96,13 +96,13 @@ fn one(record: &mut Record<'_>, model: &mut dyn Model, surface: f64, step: f64, 
         (met - surface).abs(),
         1e-9,
     );
-    // Deeper only by what the tip goes on within the part of a step in which it meets bone.
+    // Exceeds the limit only by the tip's advance within the substep in which it meets bone.
     record.under(
         format!("penetration, mm, {name}"),
         deepest - surface,
         BONE.penetration_mm + part,
     );
-    // What the hand feels is a mean over a step: of one that rests.
+    // The force on the hand is a mean over a step, here of one at rest.
     let last = go(model, hand)?;
     let pushed = BONE.stiffness_n_per_mm * BONE.penetration_mm;
     let friction = USUAL.friction_n_per_mm * last.inserted_mm + USUAL.cutting_n;
@@ -122,7 +122,7 @@ fn one(record: &mut Record<'_>, model: &mut dyn Model, surface: f64, step: f64, 
         BONE.penetration_mm + 1e-9,
     );
     travel(model, [hand, -3.0], step, |_| {})?;
-    // What a fast needle has torn along out of the body slides off it as it is drawn on.
+    // Tissue that a fast needle has dragged out of the body slides off during further withdrawal.
     travel(model, [-3.0, -23.0], 1.0, |_| {})?;
     record.zero(format!("force left, N, {name}"), model.outcome().on_hand.force_n.norm());
     Ok(())

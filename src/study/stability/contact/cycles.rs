@@ -1,13 +1,13 @@
-//! In and out again, many times.
+//! Case of repeated insertion and withdrawal.
 
 use super::setup::{build, coarse, displaced, image, springs, tissue, travel};
 use crate::mechanics::insertion::{Model, Outcome};
 use crate::study::block::{self, USUAL};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// How far the needle goes in, mm.
+/// Range of the tip depth, mm.
 const WAY_MM: [f64; 2] = [-2.0, 35.0];
-/// What forces may differ by from cycle to cycle, N.
+/// Force difference allowed between cycles, N.
 const SAME_N: f64 = 1e-6;
 
 pub fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
@@ -39,7 +39,7 @@ fn repeat(
         }
         Ok(trace)
     };
-    // What a saved state takes grows with all that a model keeps.
+    // The size of a saved state grows with everything that a model stores.
     let size = |model: &mut dyn Model| model.save().0.to_string().len() as f64;
     cycle(model)?;
     let second = cycle(model)?;
@@ -61,13 +61,13 @@ fn repeat(
     );
     record.zero(format!("force left, N, {name}"), model.outcome().on_hand.force_n.norm());
     record.zero(format!("contacts left, {name}"), model.outcome().contacts as f64);
-    // Digits of steps and times apart.
+    // Allows for the digits of steps and times.
     record.under(
         format!("growth of a saved state, bytes, {name}"),
         size(model) - kept,
         64.0,
     );
-    // Tissue of masses comes to rest in its own time.
+    // The mass-spring tissue needs its own time to come to rest.
     for _ in 0..20 {
         model.step(
             &block::tip_at([super::setup::ASIDE[0], super::setup::ASIDE[1], out]),

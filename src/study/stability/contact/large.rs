@@ -1,4 +1,4 @@
-//! Large motions: a base moved far in one step, tissue crushed by a probe.
+//! Cases of large motions: a base moved far in one step, tissue crushed by a probe.
 
 use nalgebra::{Isometry3, Translation3};
 
@@ -7,10 +7,10 @@ use crate::mechanics::insertion::{EventKind, Instruments, Model, Outcome, ProbeC
 use crate::study::block::{self, USUAL};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// 50 mm in one step, and in many.
+/// Compares 50 mm in one step with many steps.
 pub fn far(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const WAY_MM: [f64; 2] = [-2.0, 48.0];
-    // Parts of a step are no longer than this, mm.
+    // Substeps are no longer than this, mm.
     let part = crate::mechanics::insertion::finite::Options::default().part_mm;
     let both: [(&str, Box<dyn Fn() -> Result<Box<dyn Model>, Unexpected>>, f64); 2] = [
         (
@@ -56,7 +56,7 @@ pub fn far(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// A probe pushed far through tissue and drawn back, a needle meanwhile.
+/// Pushes a probe far through tissue and back, with a needle inserted meanwhile.
 pub fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let pose = |shift: f64| Isometry3::from(Translation3::new(30.0, shift - 10.0, 70.0));
     let mut setup = tissue(USUAL)?;
@@ -91,7 +91,7 @@ pub fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
     record.zero("coordinates that are none", broken as f64);
     record.report("elements inverted", tissue.inverted as f64);
     record.zero("crushed tissue not detected", f64::from(u8::from(tissue.inverted == 0)));
-    // A needle into that finds its way, or says that it does not.
+    // A needle inserted there either converges or reports that it does not.
     for at in 0..80 {
         step(&mut finite, 45.0, 0.5 * f64::from(at) - 2.0)?;
     }

@@ -1,4 +1,4 @@
-//! The needle turns back and forth.
+//! Cases of a needle that reverses its motion repeatedly.
 
 use std::collections::BTreeMap;
 
@@ -9,20 +9,21 @@ use crate::mechanics::insertion::spring::MassSpring;
 use crate::study::block::USUAL;
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// How deep the needle is, mm.
+/// Depth of the needle, mm.
 const DEPTH_MM: f64 = 40.0;
-/// How far it turns back, mm: contacts stick throughout, slip in part, slip all over, and come off.
+/// Amplitudes of the reversal, mm: contacts stick throughout, slip partly, slip everywhere, and detach.
 const SWINGS_MM: [f64; 4] = [0.01, 0.3, 1.0, 8.0];
-/// By how much forces may exceed their bound: by the friction of 1e-5 mm, the tolerance of the iterations, over the force of cutting.
+/// Relative excess allowed of forces over their bound: friction over 1e-5 mm, the tolerance of the iterations, relative to the cutting
+/// force.
 const BOUND: f64 = 4e-7;
-/// What dissipation may lack, N mm: the slip that counts as rest, 1e-9 mm, under the largest force here, 2 N.
+/// Deficit allowed in dissipation, N mm: the slip that counts as rest, 1e-9 mm, under the largest force here, 2 N.
 const IDLE_NMM: f64 = 2e-9;
-/// Forces differ from step to step by the tolerance of the iterations, 1e-5 mm, through stiffnesses of some N/mm.
+/// Force change allowed between steps at rest, N: the tolerance of the iterations, 1e-5 mm, through stiffnesses of some N/mm.
 const STILL_N: f64 = 1e-4;
-/// Steps at rest.
+/// Number of steps at rest.
 const REST: usize = 20;
 
-/// Full reversal at every step.
+/// Reverses the needle at every step.
 pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let steps = record.effort().pick(500, 10_000);
     let count = SWINGS_MM.len() as f64;
@@ -57,7 +58,7 @@ pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for step in 0..steps {
             let outcome = go(&mut springs, turned(step, swing))?;
             watch.see(outcome);
-            // Forces are means over a step, within which the tip goes from where it was to where it is.
+            // Forces are means over a step, in which the tip moves from its previous to its current position.
             let deepest_mm = outcome
                 .inserted_mm
                 .max(std::mem::replace(&mut before_mm, outcome.inserted_mm));
@@ -66,11 +67,11 @@ pub fn chatter(record: &mut Record<'_>) -> Result<(), Unexpected> {
         }
         watch.write(record, &name);
         record.under(format!("force over Coulomb's bound, {name}"), excess, BOUND);
-        // Tissue of masses comes to rest in its own time.
+        // The mass-spring tissue needs its own time to come to rest.
         for _ in 0..REST {
             springs.step(&crate::study::block::tip_at(at_rest(turned(steps - 1, swing))), 0.1)?;
         }
-        // Which of its nodes stick is not told: how many do.
+        // The mass-spring model reports only how many nodes stick, not which.
         let count = |it: &MassSpring| (0..it.outcome().stuck as u32).map(|at| (at, true)).collect();
         settles(record, &mut springs, count, turned(steps - 1, swing), &name)?;
     }
@@ -81,7 +82,7 @@ fn at_rest(z: f64) -> [f64; 3] {
     [super::setup::ASIDE[0], super::setup::ASIDE[1], z]
 }
 
-/// Where the tip is at a step.
+/// Returns the depth of the tip at a step, mm.
 fn turned(step: usize, swing: f64) -> f64 {
     if step.is_multiple_of(2) {
         DEPTH_MM - swing
@@ -90,34 +91,34 @@ fn turned(step: usize, swing: f64) -> f64 {
     }
 }
 
-/// The larger one; NaN where one is.
+/// Returns the larger number; NaN if either is NaN.
 fn largest_of(a: f64, b: f64) -> f64 {
     if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) }
 }
 
-/// Where contacts are along the shaft, by node.
+/// Returns the position of each contact along the shaft, by node.
 fn arcs(finite: &Finite) -> BTreeMap<u32, f64> {
     finite.contact_forces().map(|(node, arc, _)| (node, arc)).collect()
 }
 
-/// The work that friction of each contact gives back in the step that has been made, N mm: below 0 where it dissipates.
+/// Returns the work that friction at each contact gave back in the last step, N mm: negative if it dissipates.
 fn given_back(finite: &Finite, arcs: &mut BTreeMap<u32, f64>) -> impl Iterator<Item = f64> {
     let before = std::mem::take(arcs);
     finite.contact_forces().filter_map(move |(node, arc, force)| {
         arcs.insert(node, arc);
-        // The force on tissue is against its slip along the shaft, which is along z.
+        // The force on tissue opposes its slip along the shaft, which is parallel to z.
         before.get(&node).map(|from| force.z * (arc - from))
     })
 }
 
-/// Which contacts stick, by node.
+/// Whether each contact sticks, by node.
 type States = BTreeMap<u32, bool>;
 
 fn states(finite: &Finite) -> States {
     finite.contact_states().collect()
 }
 
-/// Contacts that are there before and after, and have changed their state.
+/// Counts the contacts present before and after that changed their state.
 fn changed(before: &States, after: &States) -> usize {
     let both = before
         .iter()
@@ -125,7 +126,7 @@ fn changed(before: &States, after: &States) -> usize {
     both.filter(|(before, after)| before != after).count()
 }
 
-/// Notes what still changes once the needle has rested at a depth for some steps.
+/// Records the changes that remain once the needle has rested at a depth for some steps.
 fn settles<M: Model>(
     record: &mut Record<'_>,
     model: &mut M,
@@ -152,7 +153,7 @@ fn settles<M: Model>(
     Ok(())
 }
 
-/// A needle that swings as a sine does, in ever shorter steps.
+/// Moves the needle sinusoidally, in ever shorter steps.
 pub fn switches(record: &mut Record<'_>) -> Result<(), Unexpected> {
     const SWING_MM: f64 = 1.0;
     const PERIODS: usize = 2;
@@ -170,7 +171,7 @@ pub fn switches(record: &mut Record<'_>) -> Result<(), Unexpected> {
             most = most.max(after.len());
             before = after;
         }
-        // At each of the two turns of a period a contact sticks, and slips again at most.
+        // At each of the two turns of a period a contact sticks and slips again at most once.
         let limit = (4 * PERIODS * most) as f64;
         let dt = 0.25 * STEP_S * 1000.0 / steps as f64;
         record.under(

@@ -1,4 +1,4 @@
-//! Tissue of both kinds, and a hand that moves a needle in it.
+//! Tissue models of both kinds and needle motions shared by the contact cases.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,16 +9,16 @@ use crate::mechanics::tissue::material::Material;
 use crate::study::block;
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// Extent of the block of tissue, mm.
+/// Extent of the tissue block, mm.
 pub const EXTENT: [f64; 3] = [60.0, 60.0, 80.0];
-/// Edge of its cells, mm.
+/// Edge length of the block's cells, mm.
 pub const CELL_MM: f64 = 10.0;
-/// Where the needle goes in: no plane between cells runs through it.
+/// Entry point of the needle, mm: off all planes between cells.
 pub const ASIDE: [f64; 2] = [31.3, 28.9];
-/// Simulated time of a step, s, where it is of no matter.
+/// Simulated time of a step where it does not matter, s.
 pub const STEP_S: f64 = 1e-3;
 
-/// A block of 60 x 60 x 80 mm at 10 kPa, a rigid needle.
+/// Returns a setup with a block of 60 x 60 x 80 mm at 10 kPa and a rigid needle.
 pub fn tissue(interaction: Interaction) -> Result<Setup, Unexpected> {
     let mesh = block::plain(EXTENT, CELL_MM)?;
     Ok(block::on_table(
@@ -29,12 +29,12 @@ pub fn tissue(interaction: Interaction) -> Result<Setup, Unexpected> {
     ))
 }
 
-/// The model of it.
+/// Creates the finite-element model of a setup.
 pub fn build(setup: Setup) -> Result<Finite, Unexpected> {
     Ok(Finite::new(setup, |_, _| {})?)
 }
 
-/// Region 0 from z = 0 on, region 1 from `border` on.
+/// Region 0 from z = 0 on and region 1 from `border` on.
 #[derive(Debug)]
 pub struct Layers {
     pub border: f64,
@@ -51,7 +51,7 @@ impl Anatomy for Layers {
     }
 }
 
-/// A cylinder of 20 mm about a path of 100 mm, nodes every 6.7 mm, a rigid needle.
+/// Returns parameters for a cylinder of 20 mm about a path of 100 mm, with nodes every 6.7 mm and a rigid needle.
 pub fn coarse() -> Parameters {
     Parameters {
         radius_mm: 20.0,
@@ -61,7 +61,7 @@ pub fn coarse() -> Parameters {
     }
 }
 
-/// Masses and springs in one tissue throughout.
+/// Creates the mass-spring model of a uniform tissue.
 pub fn springs(parameters: Parameters, interaction: Interaction) -> Result<MassSpring, Unexpected> {
     let layers = Layers {
         border: f64::INFINITY,
@@ -70,12 +70,12 @@ pub fn springs(parameters: Parameters, interaction: Interaction) -> Result<MassS
     Ok(MassSpring::new(parameters, Box::new(layers), block::rigid()?)?)
 }
 
-/// One step of a rigid needle to a depth.
+/// Steps a rigid needle to a depth.
 pub fn go(model: &mut dyn Model, z: f64) -> Result<&Outcome, Unexpected> {
     Ok(model.step(&block::tip_at([ASIDE[0], ASIDE[1], z]), STEP_S)?)
 }
 
-/// Steps from a depth to another, the last one to the bit there.
+/// Steps the needle from one depth to another, ending exactly there.
 pub fn travel(
     model: &mut dyn Model,
     [from, to]: [f64; 2],
@@ -89,24 +89,24 @@ pub fn travel(
     Ok(())
 }
 
-/// The force that pushes the needle back out, N.
+/// Returns the force that pushes the needle back out, N.
 pub fn resistance(outcome: &Outcome) -> f64 {
     -outcome.on_hand.force_n.z
 }
 
-/// What a run of steps has of what must never be.
+/// Counts of steps with errors in a run.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Watch {
-    /// Steps with a number that is none.
+    /// Number of steps with a value that is not finite.
     pub broken: usize,
-    /// Steps that did not converge.
+    /// Number of steps that did not converge.
     pub unsettled: usize,
-    /// Of them, those that no event tells of.
+    /// Number of steps that did not converge without reporting an event.
     pub untold: usize,
 }
 
 impl Watch {
-    /// Looks at a step.
+    /// Checks a step.
     pub fn see(&mut self, outcome: &Outcome) {
         let wrenches = std::iter::once(&outcome.on_hand).chain(&outcome.on_probe);
         let numbers = wrenches.flat_map(|wrench| wrench.force_n.iter().chain(wrench.torque_nmm.iter()));
@@ -121,7 +121,7 @@ impl Watch {
         self.untold += usize::from(!outcome.converged && !told);
     }
 
-    /// Notes it.
+    /// Records the counts.
     pub fn write(&self, record: &mut Record<'_>, of: &str) {
         record.zero(format!("steps with numbers that are none, {of}"), self.broken as f64);
         record.zero(
@@ -132,7 +132,7 @@ impl Watch {
     }
 }
 
-/// The tissue as an image gets it.
+/// Returns the tissue as used for image synthesis.
 pub fn image(model: &mut dyn Model) -> Tissue {
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
     model.snapshot(&mut snapshot);
@@ -140,7 +140,7 @@ pub fn image(model: &mut dyn Model) -> Tissue {
     tissue
 }
 
-/// The largest displacement, mm; NaN where one is.
+/// Returns the largest displacement, mm; NaN if any is NaN.
 pub fn displaced(tissue: &Tissue) -> f64 {
     let pairs = tissue.current.iter().zip(&tissue.reference);
     largest(pairs.map(|(to, from)| (Vector3::from(*to) - Vector3::from(*from)).norm()))

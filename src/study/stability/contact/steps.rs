@@ -1,4 +1,4 @@
-//! Steps of masses and springs, short and long.
+//! Case of short and long time steps of the mass-spring model.
 
 use super::setup::{ASIDE, Watch, coarse, displaced, image, springs};
 use crate::mechanics::insertion::Model;
@@ -6,10 +6,10 @@ use crate::mechanics::insertion::spring::Parameters;
 use crate::study::block::{USUAL, tip_at};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// How deep the needle goes, mm.
+/// Depth of the needle, mm.
 const DEPTH_MM: f64 = 40.0;
 
-/// In and out at steps of 1e-5 to 0.1 s, each so fast that the whole takes some hundred of them.
+/// Inserts and withdraws at time steps of 1e-5 to 0.1 s, at speeds that take some hundred steps each.
 pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let usual = Parameters::default().young_kpa;
     let steps: usize = record.effort().pick(20, 400);
@@ -29,7 +29,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 watch.see(outcome);
                 let bound = USUAL.friction_n_per_mm * (DEPTH_MM + 0.1) + USUAL.puncture_n;
                 excess = largest([excess, (outcome.on_hand.force_n.z.abs() - bound).max(0.0)]);
-                // Where a step has as many parts as it may, tissue lives through less time than passes.
+                // Where the number of substeps is capped, less time passes in the tissue than in the step.
                 if awake && outcome.substeps >= parameters.most_substeps {
                     capped += 1;
                 } else if awake {
@@ -50,7 +50,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 format!("steps of as many parts as there may be, {name}"),
                 f64::from(capped),
             );
-            // What a fast needle has torn along out of the body goes back by itself.
+            // Tissue that a fast needle has dragged out of the body returns by itself.
             for _ in 0..60 {
                 it.step(&tip_at([ASIDE[0], ASIDE[1], -2.0]), 0.1)?;
             }

@@ -1,4 +1,4 @@
-//! Needles and tissues far stiffer and softer than usual.
+//! Cases of needles and tissues far stiffer and softer than usual.
 
 use nalgebra::Vector3;
 
@@ -10,15 +10,15 @@ use crate::mechanics::tissue::material::Material;
 use crate::study::block;
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// How deep the needle goes, mm, and how far in a step.
+/// Insertion depth and advance per step, mm.
 const WAY_MM: [f64; 2] = [50.0, 0.5];
-/// How far it then moves to and fro, mm, and steps of a period.
+/// Amplitude of the subsequent oscillation, mm, and steps per period.
 const SWING: (f64, usize) = (0.2, 10);
-/// Periodic motion of what dissipates has a periodic answer, to the tolerance of the iterations (1e-5 mm) through stiffnesses below
-/// 100 N/mm.
+/// Force difference allowed, N: the response of a dissipative system to periodic motion is periodic, to the tolerance of the iterations
+/// (1e-5 mm) through stiffnesses below 100 N/mm.
 const SAME_N: f64 = 1e-3;
 
-/// In, and then to and fro.
+/// Inserts the needle, then oscillates it.
 pub fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let usual = Stiffness::default().bending_nmm2();
     let steps = record.effort().pick(400, 10_000);
@@ -55,7 +55,7 @@ pub fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let outcome = go(&mut finite, depth - SWING.0 * phase.sin())?;
             watch.see(outcome);
             let size = outcome.on_hand.force_n.norm();
-            // The first periods are its way to the periodic answer.
+            // The first periods are the transient.
             if (2 * SWING.1..steps / 2).contains(&step) {
                 first = largest([first, size]);
             } else if step >= steps / 2 {
@@ -71,7 +71,7 @@ pub fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.report(format!("largest force to and fro, N, {name}"), last);
         record.report(format!("deflection, mm, {name}"), finite.outcome().tip_deflection_mm);
         if young_kpa >= 10.0 && needle > 1.0 {
-            // A stiff needle lies where its base has it, but for the bevel.
+            // A stiff needle follows its base, except for the bevel.
             let tip = finite.outcome().tip_mm.coords;
             let aside = Vector3::new(tip.x - ASIDE[0] - bevel.r_mm, tip.y - ASIDE[1], 0.0).norm();
             record.under(format!("a stiff needle aside, mm, {name}"), aside, 0.05);
@@ -80,7 +80,7 @@ pub fn contrasts(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// One step through a hole of a template.
+/// Steps the needle through a template hole.
 fn go(finite: &mut Finite, z: f64) -> Result<&Outcome, Unexpected> {
     Ok(finite.step(&block::guided([ASIDE[0], ASIDE[1], z]), STEP_S)?)
 }

@@ -1,4 +1,4 @@
-//! Losses down long scanlines.
+//! Cases of attenuation along long scanlines.
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings, straight};
@@ -9,16 +9,16 @@ use crate::tracking::probe::ProbeShape;
 
 const SAMPLES: u32 = 8192;
 const DEPTH_MM: f64 = 160.0;
-/// Centre frequency of the scenes.
+/// Centre frequency of the scenes, MHz.
 const MHZ: f64 = 5.0;
 
-/// One tissue all over, from none to an attenuation that no tissue has.
+/// Tests a uniform tissue with attenuations from zero to unphysically large.
 pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let losses_db_cm = [0.0, 1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6];
     for (at, db_cm) in losses_db_cm.into_iter().enumerate() {
         let tissue = Acoustics {
-            // Of one way; the frame multiplies by the frequency.
+            // One-way attenuation; the frame multiplies by the frequency.
             attenuation_db_cm_mhz: db_cm / MHZ,
             ..PLAIN
         };
@@ -33,7 +33,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let anatomy = anatomies::uniform(tissue);
         for mut synth in everywhere(&anatomy, &settings, &gpus)? {
             let backend = name(&synth);
-            // What loses nothing casts no shadow: the plan goes without.
+            // Lossless tissue casts no shadow: the plan omits the pass.
             let last = if synth.plan().has("shadow") { "shadow" } else { "slice" };
             let beam = synth.render_until(last, &straight())?;
             let lines = || beam.amplitude.chunks(SAMPLES as usize);
@@ -54,7 +54,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 format!("{db_cm} dB/cm, {backend}: echoes below 0 or above 1"),
                 negative as f64,
             );
-            // Each sample's loss is rounded to half a unit, half of a sample's own to another; then the capped sum and the rounding of
+            // The loss of each sample is rounded to half a unit, half of its own loss to another; then the capped sum and the rounding of
             // single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its square.
             let sample_cm = DEPTH_MM / f64::from(SAMPLES) / 10.0;
             let two_way = |sample: usize| (2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0);
@@ -64,11 +64,11 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let units = (0.5 * (sample as f64 + 2.0)) / UNITS_PER_DB / 20.0 * std::f64::consts::LN_10;
                 let octaves = exact_db / 20.0 * std::f64::consts::LOG2_10;
                 let rounding = 2.0 * (6.0 + 6.0 * octaves) / 8_388_608.0;
-                // What single precision cannot hold may be nothing.
+                // Values below the range of single precision may be zero.
                 (echo - exact).abs() / (exact * (units + rounding) + 1e-37)
             });
             if 2.0 * db_cm * sample_cm > MOST_PER_SAMPLE_DB {
-                // A sample takes no more than that; half of it is its own.
+                // The loss per sample is capped; half of it applies to the sample itself.
                 record.under(
                     format!("{db_cm} dB/cm, {backend}: loudest echo"),
                     largest(beam.amplitude.iter().copied()),
@@ -86,7 +86,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 record.zero(
                     format!("{db_cm} dB/cm, {backend}: deepest echo, single precision"),
                     match synth.backend() {
-                        // Double precision holds what single cannot.
+                        // Double precision represents values that single cannot.
                         "cpu-f64" => largest(last.filter(|echo| *echo > 1e-37)),
                         _ => largest(last),
                     },

@@ -1,4 +1,4 @@
-//! Kernels of no width, of one scanline, and wider than everything.
+//! Cases of blur kernels of zero width, of one scanline, and wider than the sector.
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings, straight};
@@ -12,12 +12,13 @@ use crate::tracking::probe::ProbeShape;
 const LINES: u32 = 41;
 const SAMPLES: u32 = 96;
 const WIDTH_MM: f64 = 40.0;
-/// Distance between scanlines.
+/// Distance between scanlines, mm.
 const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
-/// A sum of as many terms as a kernel has at most, each weight stored and multiplied; where it is cut, divided.
+/// Relative rounding error of a sum of as many terms as the widest kernel, each weight stored and multiplied, and of a division for
+/// truncated kernels.
 const ROUNDING: f64 = (1.5 + 2.0 * (2 * MAX_REACH + 1) as f64 + 2.5) / 8_388_608.0;
 
-/// A slab of tissue that one scanline alone meets, the middle one, in silence.
+/// Creates a slab of tissue in silence that only the middle scanline meets.
 fn impulse() -> crate::synth::tables::Anatomy {
     anatomies::of(
         Frame::around([0.0; 3], [81, 3, 3], 0.5).stretched([1.0, 400.0, 400.0]),
@@ -36,7 +37,7 @@ fn effects(width_mm: f64) -> Effects {
     }
 }
 
-/// Echoes of a scanline at the middle depth.
+/// Returns the echoes across the scanlines at the middle depth.
 fn across(beam: &Beam) -> Vec<f64> {
     let middle = beam.samples / 2;
     (0..beam.lines)
@@ -44,7 +45,7 @@ fn across(beam: &Beam) -> Vec<f64> {
         .collect()
 }
 
-/// Identity, kernel, energy.
+/// Tests identity, kernel and energy.
 pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
@@ -66,8 +67,8 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.zero(format!("{backend}: echoes that width 0 changes"), apart as f64);
     }
     record.done(0.25);
-    // Full width at half maximum one scanline: the kernel is a Gaussian of that width at whole scanlines, cut at three standard
-    // deviations rounded up to whole scanlines, of sum 1.
+    // Full width at half maximum of one scanline: the kernel is a Gaussian of that width at whole scanlines, truncated at three standard
+    // deviations rounded up to whole scanlines, with sum 1.
     let sigma = 1.0 / FWHM_PER_SIGMA;
     let reach = (3.0 * sigma).ceil() as i32;
     let weight = |away: i32| match away.abs() > reach {
@@ -84,7 +85,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let before = across(&synth.render_until("slice", &straight())?);
         let after = across(&synth.render_until("blur", &straight())?);
         let middle = LINES as i32 / 2;
-        // Silence is -200 dB, not nothing.
+        // Silence is -200 dB, not zero.
         let background = 1e-10;
         record.under(
             format!("{backend}: scanlines that the impulse lights, less one"),
@@ -107,7 +108,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
         );
     }
     record.done(0.5);
-    // Wider than the sector: 20 mm across 5 mm, in a linear probe and in a narrow fan. What is constant stays so at the edges.
+    // Wider than the sector: 20 mm across 5 mm, in a linear probe and in a narrow fan. A constant stays constant at the edges.
     let narrow = [
         ProbeShape::Linear { width_mm: 5.0 },
         ProbeShape::Phased { angle_deg: 10.0 },

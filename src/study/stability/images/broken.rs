@@ -1,4 +1,4 @@
-//! Meshes that no mechanics should hand over.
+//! Cases of invalid meshes that the mechanics should never produce.
 
 use super::super::record::{Record, Unexpected};
 use super::setup::{everywhere, gpus, name, settings, straight};
@@ -12,11 +12,11 @@ use crate::synth::layers::Beam;
 use crate::synth::tables::Anatomy;
 use crate::tracking::probe::ProbeShape;
 
-/// A mesh in a state that is wrong somewhere.
+/// Mesh with a defective state.
 struct Broken {
     what: &'static str,
     nodes: Vec<[f64; 3]>,
-    /// What an update must find, in elements.
+    /// Defects that a locator update must report, in elements.
     report: LocatorReport,
 }
 
@@ -27,7 +27,7 @@ fn anatomy(seed: u64) -> Result<Anatomy, Unexpected> {
         &[SILENT, tissue(0.0), tissue(6.0), tissue(-6.0)],
         seed as u32,
     );
-    // Two blocks that share nothing, 1 mm apart.
+    // Two separate blocks, 1 mm apart.
     let blocks = [
         [[-14.0, 6.0, -8.0], [-0.5, 34.0, 8.0]],
         [[0.5, 6.0, -8.0], [14.0, 34.0, 8.0]],
@@ -49,7 +49,7 @@ fn anatomy(seed: u64) -> Result<Anatomy, Unexpected> {
     Ok(anatomy)
 }
 
-/// The node nearest to a point.
+/// Returns the node nearest to a point.
 fn nearest(mesh: &TetMesh, p: [f64; 3]) -> usize {
     let square = |node: &[f64; 3]| (0..3).map(|axis| (node[axis] - p[axis]).powi(2)).sum::<f64>();
     let nodes = mesh.nodes().iter().enumerate();
@@ -58,8 +58,8 @@ fn nearest(mesh: &TetMesh, p: [f64; 3]) -> usize {
         .map_or(0, |(at, _)| at)
 }
 
-/// What is wrong in turn: a node pushed through its neighbours, one moved into the face across, one block in the other, nodes that
-/// are no places.
+/// Returns the defective states: a node pushed through its neighbours, a node moved into the opposite face, one block inside the other,
+/// nodes that are not finite.
 fn states(mesh: &TetMesh) -> Vec<Broken> {
     let inner = nearest(mesh, [-7.0, 20.0, 0.0]);
     let with = |what, change: &dyn Fn(&mut Vec<[f64; 3]>)| {
@@ -100,7 +100,7 @@ fn states(mesh: &TetMesh) -> Vec<Broken> {
     ]
 }
 
-/// Whether a sample lies, in either state, where nothing is wrong: in no box around an element with a node that moved.
+/// Returns a predicate for samples unaffected in either state: outside every box around an element with a moved node.
 fn untouched(mesh: &TetMesh, broken: &Broken) -> impl Fn([f64; 4]) -> bool {
     let moved: Vec<bool> = mesh.nodes().iter().zip(&broken.nodes).map(|(a, b)| a != b).collect();
     let mut boxes = Vec::new();
@@ -117,7 +117,7 @@ fn untouched(mesh: &TetMesh, broken: &Broken) -> impl Fn([f64; 4]) -> bool {
                     bounds[1][axis] = bounds[1][axis].max(nodes[corner as usize][axis]);
                 }
             }
-            // Elements without a place hold nothing.
+            // Elements without a finite position contain nothing.
             if bounds.iter().flatten().all(|x| x.is_finite()) {
                 boxes.push(bounds);
             }
@@ -131,7 +131,7 @@ fn untouched(mesh: &TetMesh, broken: &Broken) -> impl Fn([f64; 4]) -> bool {
     }
 }
 
-/// What an update in one precision finds more or less than is there, and finds again when it is asked again.
+/// Counts updates in one precision that miscount the defects, also when repeated.
 fn miscounted<T: Real>(mesh: &TetMesh, broken: &Broken) -> Result<f64, Unexpected> {
     let mut locator = Locator::<T>::new(mesh);
     let found = [locator.update(&broken.nodes)?, locator.update(&broken.nodes)?];
@@ -140,7 +140,7 @@ fn miscounted<T: Real>(mesh: &TetMesh, broken: &Broken) -> Result<f64, Unexpecte
     Ok((wrong + usize::from(healed != LocatorReport::default())) as f64)
 }
 
-/// Values that are not defined: places, flags and elements that are none, echoes that are no numbers.
+/// Counts undefined values: invalid positions, flags and elements, and echoes that are not finite.
 fn undefined(mesh: &TetMesh, beam: &Beam) -> usize {
     let places = beam
         .position

@@ -1,4 +1,4 @@
-//! Echoes and gains at the ends of what numbers hold.
+//! Cases of echoes and gains at the ends of the floating-point range.
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings, straight};
@@ -9,10 +9,10 @@ use crate::synth::SynthError;
 use crate::synth::tables::Anatomy;
 use crate::tracking::probe::ProbeShape;
 
-/// Labels besides the background.
+/// Number of labels besides the background.
 const STEPS: usize = 250;
 
-/// Slabs of 0.1 mm across the beam, label after label, each louder than the one before: from `low` to `high` dB.
+/// Creates slabs of 0.1 mm across the beam, each louder than the one before, from `low` to `high` dB.
 fn ladder(low: f64, high: f64) -> Anatomy {
     let tissue = |step: usize| Acoustics {
         echo_db: low + (high - low) * step as f64 / (STEPS - 1) as f64,
@@ -27,14 +27,14 @@ fn ladder(low: f64, high: f64) -> Anatomy {
     )
 }
 
-/// A grey level may fall by the rounding of two logarithms (2^-21 each in WGSL), of the constants and of the sum, of 255: with the
-/// narrowest range, 10 dB, an octave is 0.6 of the scale.
+/// Rounding allowance for a decrease in grey level, of 255: two logarithms (2^-21 each in WGSL), constants and sum; with the narrowest
+/// range, 10 dB, an octave is 0.6 of the scale.
 const ROUNDING: f64 = 255.0 * 2.0 * (0.7 / 2_097_152.0 + 8.0 / 8_388_608.0);
 
-/// Ladders from silence past denormal numbers to far above white, and in steps of a few roundings around 0 dB.
+/// Tests ladders from silence past denormal numbers to far above white, and in steps of a few roundings around 0 dB.
 pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
-    // Of amplitudes 1e-50 (zero in single precision), 1e-45 (its least denormal) to 1e10, 1 to 1.03 and 1 to 1 + 1e-5.
+    // Amplitudes from 1e-50 (zero in single precision) past 1e-45 (its smallest denormal) to 1e10, from 1 to 1.03, and from 1 to 1 + 1e-5.
     let ladders = [ladder(-1000.0, 200.0), ladder(0.0, 0.25), ladder(0.0, 8.7e-5)];
     let flat = |db: f64| vec![[0.0, db], [1000.0, db]];
     let tones = [
@@ -48,7 +48,7 @@ pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let (mut fall, mut undefined) = (Vec::new(), Vec::new());
     for (at, anatomy) in ladders.iter().enumerate() {
         for (dynamic_range_db, gain_db, tgc_points) in tones.clone() {
-            // Linear display too: without a tone curve.
+            // Includes a linear display without tone curve.
             for tone in [None, Some(())] {
                 let effects = Effects {
                     tone: tone.map(|()| Tone {
@@ -76,7 +76,7 @@ pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
                         .map(|pair| (pair[0] - pair[1]).max(0.0));
                     fall[place] = largest(falls.chain([fall[place]]));
                     let frame = synth.render(&straight())?;
-                    // The fill outside the sector is grey 7; inside, loud echoes are white wherever there are any.
+                    // The fill outside the sector is grey 7; inside, loud echoes must yield white pixels.
                     undefined[place] += usize::from(at == 0 && gain_db > 0.0 && !frame.pixels.contains(&255));
                 }
             }

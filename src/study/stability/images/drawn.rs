@@ -1,4 +1,4 @@
-//! Scenes drawn at random: anatomy, mesh, probe, pose, image and effects, all from a seed.
+//! Random scenes: anatomy, mesh, probe, pose, image and effects, all from a seed.
 
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
@@ -23,14 +23,14 @@ use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::synth::{FrameState, NeedleShaft};
 use crate::tracking::probe::{Probe, ProbeShape};
 
-/// Numbers of one scene, one after the other.
+/// Random number stream of one scene.
 struct Draw {
     seed: u64,
     at: u64,
 }
 
 impl Draw {
-    /// A number in [low, high).
+    /// Returns a number in [low, high).
     fn within(&mut self, low: f64, high: f64) -> f64 {
         self.at += 1;
         low + (high - low) * (0.5 + 0.5 * noise(self.seed, self.at))
@@ -53,7 +53,7 @@ impl Draw {
     }
 }
 
-/// The scene of an index. Its mesh, if it has one, is not folded.
+/// Returns the scene with an index. Its mesh, if any, is not folded.
 pub fn scene(seed: u64, index: u64) -> Case {
     let mut draw = Draw {
         seed: seed ^ index.wrapping_mul(0x9e37_79b9_7f4a_7c15),
@@ -74,7 +74,7 @@ pub fn scene(seed: u64, index: u64) -> Case {
     };
     let mut effects = effects(&mut draw);
     if anatomy.mesh.is_some() {
-        // Every sub-plane is followed through the mesh by itself; few cases of that are enough.
+        // Each sub-plane is mapped through the mesh separately; a few such cases are enough.
         effects.thickness = None;
     }
     let settings = Settings {
@@ -154,7 +154,7 @@ fn probe(draw: &mut Draw) -> Probe {
     }
 }
 
-/// From the rim of the volume towards its middle, turned at will.
+/// Draws a pose at the rim of the volume that looks towards its middle, with a random roll.
 fn pose(draw: &mut Draw, centre: [f64; 3]) -> FrameState {
     let middle = Vector3::from(centre);
     let away = Vector3::from(draw.point(1.0));
@@ -166,7 +166,7 @@ fn pose(draw: &mut Draw, centre: [f64; 3]) -> FrameState {
     FrameState::at(Translation3::from(origin).to_homogeneous() * turn.to_homogeneous())
 }
 
-/// A shaft of two to five nodes near the plane, and sometimes seeds.
+/// Adds a shaft of two to five nodes near the plane, and sometimes seeds.
 fn needle(draw: &mut Draw, state: &mut FrameState) {
     let pose: Matrix4<f64> = state.probe_to_world;
     let mut node = Vector3::new(draw.within(-20.0, -8.0), draw.within(2.0, 10.0), draw.within(-1.0, 1.0));
@@ -192,7 +192,7 @@ fn needle(draw: &mut Draw, state: &mut FrameState) {
     }
 }
 
-/// A mesh over the middle, pressed and swirled by less than would fold it.
+/// Adds a mesh over the middle, compressed and swirled without folding.
 fn deformed(draw: &mut Draw, anatomy: Anatomy, centre: [f64; 3], state: &mut FrameState) -> Anatomy {
     let half: [f64; 3] = std::array::from_fn(|_| draw.within(9.0, 14.0));
     let bounds = [-1.0, 1.0].map(|side| std::array::from_fn(|axis| centre[axis] + side * half[axis]));
@@ -219,7 +219,7 @@ fn deformed(draw: &mut Draw, anatomy: Anatomy, centre: [f64; 3], state: &mut Fra
         };
         let nodes: Vec<[f64; 3]> = mesh.nodes().iter().map(moved).collect();
         let rest = mesh.volumes(mesh.nodes());
-        // Elements keep a tenth of their volume: what folds is a case of its own.
+        // Elements keep a tenth of their volume: folded meshes are a separate case.
         if rest
             .zip(mesh.volumes(&nodes))
             .all(|(before, after)| after > 0.1 * before)

@@ -1,4 +1,4 @@
-//! Samples exactly where a label changes.
+//! Cases of samples exactly on label boundaries.
 
 use nalgebra::{Matrix4, Rotation3, Vector3};
 
@@ -12,7 +12,7 @@ use crate::synth::FrameState;
 use crate::synth::tables::Anatomy;
 use crate::tracking::probe::ProbeShape;
 
-/// Labels drawn anew at every voxel of 1 mm, whose faces lie at whole millimetres.
+/// Creates random labels at every voxel of 1 mm, with faces at whole millimetres.
 fn voxels(seed: u64) -> Anatomy {
     let tissue = |echo_db| Acoustics { echo_db, ..PLAIN };
     anatomies::random(
@@ -22,7 +22,7 @@ fn voxels(seed: u64) -> Anatomy {
     )
 }
 
-/// Poses whose plane lies exactly between two layers of voxels across z, x and, seen from the side, y. Quarter turns are exact.
+/// Returns poses whose plane lies exactly between two layers of voxels across z, x and, seen from the side, y. Quarter turns are exact.
 fn poses() -> [FrameState; 3] {
     let quarter = |axis: Vector3<f64>| {
         Rotation3::from_scaled_axis(axis * std::f64::consts::FRAC_PI_2)
@@ -38,8 +38,8 @@ fn poses() -> [FrameState; 3] {
     .map(FrameState::at)
 }
 
-/// Linear probes: with 33 scanlines over 24 mm every place is a sum of few powers of two, exact in either precision; with 25 of
-/// 1 mm samples lie on faces, edges and corners, and of 49 half a millimetre apart many do.
+/// Tests linear probes: with 33 scanlines over 24 mm every position is a sum of few powers of two, exact in either precision; with 25
+/// scanlines, 1 mm apart, samples lie on faces, edges and corners, and with 49, half a millimetre apart, many do.
 pub fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let anatomy = voxels(record.seed());
@@ -86,7 +86,7 @@ pub fn on_faces(record: &mut Record<'_>) -> Result<(), Unexpected> {
             record.done((at as f64 + 1.0) / 3.0 * if boundary == Boundary::Nearest { 0.5 } else { 1.0 });
         }
     }
-    // Half of all planes tried, at least, must put their samples where it is hard.
+    // At least half of the planes must have samples in the critical positions.
     record.under("samples needed on faces over those there", 1000.0 / on_face as f64, 1.0);
     record.zero("places that round where none should", moved as f64);
     for (backend, apart) in apart {

@@ -1,4 +1,4 @@
-//! Places that single precision can barely tell apart.
+//! Cases of positions that single precision can barely resolve.
 
 use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 
@@ -12,7 +12,7 @@ use crate::synth::layers::{Beam, world_position};
 use crate::synth::tables::{Anatomy, Tables};
 use crate::tracking::probe::ProbeShape;
 
-/// A probe in a volume, both at `centre`, with voxels of `voxel_mm`.
+/// Probe in a volume, both at `centre`, with voxels of `voxel_mm`.
 struct Place {
     what: &'static str,
     centre: [f64; 3],
@@ -59,7 +59,7 @@ const PLACES: [Place; 6] = [
     },
 ];
 
-/// Slabs of one voxel each, whose faces no axis is parallel to; the probe's depth runs across them.
+/// Creates slabs of one voxel each, whose faces are oblique to all axes; the probe's depth axis runs across them.
 fn anatomy(place: &Place) -> Anatomy {
     let tissue = |echo_db| Acoustics { echo_db, ..PLAIN };
     let frame = Frame::around(place.centre, [48; 3], place.voxel_mm).oblique();
@@ -70,7 +70,7 @@ fn anatomy(place: &Place) -> Anatomy {
     })
 }
 
-/// The middle of the scan at the middle of the volume, turned about every axis.
+/// Places the middle of the scan at the middle of the volume, turned about every axis.
 fn pose(place: &Place) -> FrameState {
     let turn = Rotation3::from_euler_angles(0.41, 0.23, -0.37).to_homogeneous();
     let centre = Matrix4::new_translation(&Vector3::from(place.centre));
@@ -78,7 +78,7 @@ fn pose(place: &Place) -> FrameState {
     FrameState::at(centre * turn * back)
 }
 
-/// Where samples are and what they hold, from pose and volume in double precision: no pass and no local origin has a part in it.
+/// Computes sample positions and labels from pose and volume in double precision, independently of passes and local origin.
 fn truth(tables: &Tables, state: &FrameState) -> Vec<(Point3<f64>, u8)> {
     let samples = (0..tables.lines()).flat_map(|line| (0..tables.samples()).map(move |sample| (line, sample)));
     samples
@@ -89,15 +89,14 @@ fn truth(tables: &Tables, state: &FrameState) -> Vec<(Point3<f64>, u8)> {
         .collect()
 }
 
-/// How far places are off, in samples, and the most labels in a row that are not those of double precision.
+/// Returns the largest position error in samples, and the longest run of labels that differ from double precision.
 fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], found: &Beam) -> [f64; 2] {
     let off = |((exact, _), found): (&(Point3<f64>, u8), &[f64; 4])| {
         let apart = exact.coords - Vector3::new(found[0], found[1], found[2]);
         apart.norm() / tables.sample_mm()
     };
     let places = largest(exact.iter().zip(&found.position).map(off));
-    // A label of a backend is that of double precision at the sample itself or at one so many samples along the line; bands
-    // would be many samples thick.
+    // Longest run of differing labels: a boundary may be shifted by a few samples along the scanline; bands would be many samples thick.
     let samples = found.samples;
     let mut bands = 0usize;
     for (exact, found) in exact.chunks(samples).zip(found.label.chunks(samples)) {
@@ -110,7 +109,7 @@ fn worst(tables: &Tables, exact: &[(Point3<f64>, u8)], found: &Beam) -> [f64; 2]
     [places, bands as f64]
 }
 
-/// Errors of places in samples, and of the boundaries of labels.
+/// Tests errors of positions, in samples, and of label boundaries.
 pub fn away(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     for (at, place) in PLACES.iter().enumerate() {

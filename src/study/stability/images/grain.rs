@@ -1,4 +1,4 @@
-//! Statistics of speckle and noise after many frames and under the seeds at the ends.
+//! Cases of speckle and noise statistics after many frames and under extreme seeds.
 
 use nalgebra::{Matrix4, Vector3};
 
@@ -14,7 +14,7 @@ use crate::synth::tables::Settings;
 use crate::synth::{FrameState, Synthesizer};
 use crate::tracking::probe::ProbeShape;
 
-/// Frames that the criterion speaks of.
+/// Number of frames in the criterion.
 const FRAMES: u64 = 10_000;
 const SEEDS: [u64; 3] = [0, 1, u64::MAX];
 const DEPTH_MM: f64 = 48.0;
@@ -22,7 +22,7 @@ const WIDTH_MM: f64 = 38.0;
 const LINES: usize = 96;
 const SAMPLES: usize = 240;
 
-/// A statistic in standard errors that one of two million draws exceeds.
+/// Limit in standard errors, exceeded by one of two million draws.
 const UNLIKELY: f64 = 5.0;
 
 pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
@@ -37,7 +37,7 @@ pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     noise(record, &gpus)
 }
 
-/// Mean over standard deviation of samples three correlation lengths apart, at the first and the last of the frames of a sweep.
+/// Tests the ratio of mean to standard deviation of samples three correlation lengths apart, in the first and last frames of a sweep.
 fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     let own = Speckle {
         axial_mm: Some(0.8),
@@ -73,7 +73,7 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
                 );
             }
         }
-        // Speckle is tissue: a probe that comes back sees the same.
+        // Speckle is fixed to the tissue: a returning probe sees the same pattern.
         let still = |frame: u64| FrameState { frame, ..straight() };
         let before = synth.render_until("speckle_lateral", &still(0))?.amplitude;
         let after = synth.render_until("speckle_lateral", &still(FRAMES - 1))?.amplitude;
@@ -87,13 +87,14 @@ fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Of a Rayleigh distribution the ratio is sqrt(pi / (4 - pi)); by the delta method its estimate has the variance 1.85 / n.
+/// Returns the deviation of the ratio of mean to standard deviation from that of a Rayleigh distribution, sqrt(pi / (4 - pi)), in standard
+/// errors; by the delta method the estimated ratio has the variance 1.85 / n.
 fn rayleigh(synth: &mut Synthesizer, first: u64, fields: u64) -> Result<f64, Unexpected> {
-    // Three lengths apart intensities are correlated by 1e-11 or less.
+    // Three lengths apart, intensities are correlated by 1e-11 or less.
     let (down, across) = (12, 12);
     let mut sample = Vec::new();
     for frame in first..first + fields {
-        // Beyond three elevational lengths from the frame before, and never in step with the lattice.
+        // More than three elevational lengths from the previous frame, and never in step with the lattice.
         let place =
             Vector3::new(0.137, 0.211, 5.319) * frame as f64 * 0.01 + Vector3::z() * 5.0 * (frame - first) as f64;
         let state = FrameState {
@@ -111,7 +112,7 @@ fn rayleigh(synth: &mut Synthesizer, first: u64, fields: u64) -> Result<f64, Une
     Ok((mean / variance.sqrt() - expected).abs() / (1.85 / sample.len() as f64).sqrt())
 }
 
-/// Grey levels of constant tissue over the frames: mean, variance, and correlation of neighbouring frames.
+/// Tests grey levels of constant tissue over the frames: mean, variance, and correlation of neighbouring frames.
 fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     const STD_GREY: f64 = 6.0;
     let level = 127.3f64;
@@ -131,7 +132,7 @@ fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     let count = synths.len();
     for (at, synth) in synths.iter_mut().enumerate() {
         let backend = name(synth);
-        // Other seeds are other noise: the ends share the frames.
+        // Different seeds give different noise: the frames are divided between the extreme seeds.
         for seed in [0, u64::MAX] {
             synth.set(Settings {
                 seed,
@@ -142,7 +143,7 @@ fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
                 .collect();
             let (mut sum, mut squares, mut products, mut before) = (0.0, 0.0, 0.0, Vec::new());
             for frame in 0..frames {
-                // To the last of the 1e4 frames, however few are looked at.
+                // Up to the last of the 1e4 frames, however few are rendered.
                 let number = FRAMES - frames + frame;
                 let pixels = &synth
                     .render(&FrameState {
@@ -157,7 +158,7 @@ fn noise(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
                 before = off;
             }
             let n = (inside.len() as u64 * frames) as f64;
-            // Rounding to whole grey levels adds 1/12.
+            // Rounding to integer grey levels adds 1/12.
             let variance = STD_GREY * STD_GREY + 1.0 / 12.0;
             let errors = [
                 ("mean", (sum / n).abs() / (variance / n).sqrt()),

@@ -1,9 +1,9 @@
-//! The hash behind everything random, on a GPU.
+//! Test of the random hash on a GPU.
 
 use crate::gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
 use crate::random::{hash3, seed_words};
 
-/// The hash of a point, where `points` holds each point and then its seed.
+/// Hash of each point, where `points` holds each point followed by its seed.
 const SHADER: &str = concat!(
     include_str!("../../../../shaders/common/hash.wgsl"),
     "
@@ -20,7 +20,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 "
 );
 
-/// Lattice points at the ends of what integers hold, and a spread of others.
+/// Returns lattice points at the ends of the integer range, and a spread of others.
 fn points(count: usize) -> Vec<[i32; 3]> {
     let ends = [0, 1, -1, i32::MIN, i32::MAX];
     let corners = (0..125).map(|at| [at % 5, at / 5 % 5, at / 25].map(|place| ends[place as usize]));
@@ -28,10 +28,10 @@ fn points(count: usize) -> Vec<[i32; 3]> {
     corners.chain(spread).take(count).collect()
 }
 
-/// How many of some hashes come out otherwise than on the CPU, and how many were compared.
+/// Returns how many hashes differ from those of the CPU, and how many were compared.
 ///
 /// # Errors
-/// [`GpuError`] where the device cannot run them.
+/// [`GpuError`] if the device cannot run the hash.
 pub fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2], GpuError> {
     let points = points(count);
     let pairs = || {

@@ -1,4 +1,4 @@
-//! Whole scenes far from the origin of the world, and the same scenes near it.
+//! Cases of scenes far from the world origin, compared with the same scenes near it.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::study::parity::{Case, check};
 use crate::synth::{NeedleShaft, Synthesizer};
 
-/// Whole metres, on and off the axes.
+/// Offsets of whole metres, on and off the axes, mm.
 const METRES: [[f64; 3]; 4] = [
     [1e5, 0.0, 0.0],
     [0.0, -1e5, 0.0],
@@ -20,17 +20,16 @@ const METRES: [[f64; 3]; 4] = [
     [-99_000.0, 3_000.0, 12_000.0],
 ];
 
-/// No whole metres.
+/// Offset that is not in whole metres, mm.
 const ANYWHERE: [f64; 3] = [-57_512.3, 60_345.6, -55_987.1];
 
-/// Scenes have their coordinates at multiples of this, mm: those of the scene moved are then the same numbers, moved. In double
-/// precision numbers of 1e5 are 2^-36 apart.
+/// Grid of all scene coordinates, mm, on which moving a scene causes no rounding: double-precision numbers of 1e5 are 2^-36 apart.
 const GRID_MM: f64 = 1.0 / (1 << 20) as f64;
 
-/// Moves lie well within what doubles of 1e5 mm resolve after a few products and sums, mm.
+/// Tolerance for offsets in double precision at 1e5 mm after a few products and sums, mm.
 const DOUBLE_MM: f64 = 1e-9;
 
-/// Frames near and far, pixel by pixel, and what comes out in world coordinates.
+/// Compares frames near and far, pixel by pixel, and the resulting world coordinates.
 pub fn scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let count = record.effort().pick(12, 60);
@@ -75,7 +74,7 @@ pub fn scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     tally.note(record)
 }
 
-/// The same scene with a seed in the tissue where the tip of its needle is, if it has one.
+/// Adds a seed to the scene in the tissue at the tip of its needle, if it has one.
 fn seeded(mut case: Case) -> Case {
     let needle = case.state.needle.as_ref().filter(|needle| !needle.nodes.is_empty());
     if let Some(needle) = needle {
@@ -87,7 +86,7 @@ fn seeded(mut case: Case) -> Case {
     case
 }
 
-/// The same scene with every coordinate rounded to the grid.
+/// Rounds every coordinate of the scene to the grid.
 fn gridded(mut case: Case) -> Result<Case, Unexpected> {
     let round = |x: f64| (x / GRID_MM).round() * GRID_MM;
     let volume = &case.anatomy.volume;
@@ -111,7 +110,7 @@ fn gridded(mut case: Case) -> Result<Case, Unexpected> {
     Ok(case)
 }
 
-/// What one backend adds up to.
+/// Totals of one backend.
 struct Sum {
     backend: String,
     pixels: usize,

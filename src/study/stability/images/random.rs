@@ -1,11 +1,11 @@
-//! Scenes of every kind on every backend.
+//! Case of random scenes on every backend.
 
 use super::super::record::{Record, Unexpected};
 use super::drawn::scene;
 use super::setup::{Tally, gpus};
 use crate::study::parity::check;
 
-/// Compares all backends on scenes that nobody has picked.
+/// Compares all backends on randomly drawn scenes.
 pub fn scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     let count = record.effort().pick(10, 100);

@@ -1,4 +1,4 @@
-//! Backends, and scenes that the cases share.
+//! Backends and scenes shared by the image cases.
 
 use nalgebra::Matrix4;
 
@@ -10,8 +10,8 @@ use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 
-/// Opens every adapter of the machine and notes how many there are. An adapter that does not open is told of: it renders nothing
-/// that could be wrong.
+/// Opens every adapter of the machine and records how many there are. An adapter that cannot be opened is reported but is no failure, as it
+/// renders nothing.
 pub fn gpus(record: &mut Record<'_>) -> Vec<Gpu> {
     let mut found = Vec::new();
     for adapter in adapter::list() {
@@ -29,13 +29,13 @@ pub fn gpus(record: &mut Record<'_>) -> Vec<Gpu> {
     found
 }
 
-/// Name of the backend of a synthesizer: `cpu`, `cpu-f64` or that of the adapter.
+/// Returns the backend name of a synthesizer: `cpu`, `cpu-f64` or the adapter's name.
 pub fn name(synth: &Synthesizer) -> String {
     let adapter = synth.gpu().map(|gpu| gpu.report().name.clone());
     adapter.unwrap_or_else(|| synth.backend().to_owned())
 }
 
-/// A scene on both precisions of the CPU, the reference first, and on each GPU.
+/// Creates synthesizers of a scene in both precisions of the CPU, the reference first, and on each GPU.
 pub fn everywhere(anatomy: &Anatomy, settings: &Settings, gpus: &[Gpu]) -> Result<Vec<Synthesizer>, SynthError> {
     let on_gpus = gpus.iter().map(|gpu| Backend::Gpu(Box::new(gpu.clone())));
     let backends = [Backend::CpuF64, Backend::Cpu].into_iter().chain(on_gpus);
@@ -44,7 +44,7 @@ pub fn everywhere(anatomy: &Anatomy, settings: &Settings, gpus: &[Gpu]) -> Resul
         .collect()
 }
 
-/// Settings at 64 x 48 pixels.
+/// Returns settings for images of 64 x 48 pixels.
 pub fn settings(shape: ProbeShape, depth_mm: f64, [lines, samples]: [u32; 2], effects: Effects) -> Settings {
     Settings {
         seed: 0x5eed_0000_0001,
@@ -67,12 +67,12 @@ pub fn settings(shape: ProbeShape, depth_mm: f64, [lines, samples]: [u32; 2], ef
     }
 }
 
-/// The probe at the origin, looking along +y.
+/// Returns a frame state with the probe at the origin, looking along +y.
 pub fn straight() -> FrameState {
     FrameState::at(Matrix4::identity())
 }
 
-/// What comparisons of scenes add up to on one backend.
+/// Totals of the comparisons on one backend.
 #[derive(Default)]
 struct Sum {
     backend: String,
@@ -83,7 +83,7 @@ struct Sum {
     first: Option<String>,
 }
 
-/// Verdicts, added up by backend.
+/// Verdicts totalled by backend.
 #[derive(Default)]
 pub struct Tally(Vec<Sum>);
 
@@ -108,7 +108,7 @@ impl Tally {
         }
     }
 
-    /// Writes it down.
+    /// Records the totals.
     pub fn note(self, record: &mut Record<'_>) -> Result<(), Unexpected> {
         if self.0.is_empty() {
             return Err(Unexpected::new("nothing was compared"));

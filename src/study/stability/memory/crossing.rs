@@ -1,9 +1,9 @@
-//! Strain that crosses the knee at every step.
+//! Case of a strain that crosses the knee at every step.
 
 use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// A stress that takes the strain far below and far above the knee, and to its other side.
+/// Applies a stress that takes the strain far below and far above the knee, and to its other side.
 pub fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let steps = record.effort().pick(500, 3000);
     let bodies = [
@@ -47,7 +47,7 @@ pub fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 let above = |strain: &f64| strain.abs() > knee.strain;
                 let pairs = response.strain.windows(2);
                 crossings = crossings.min(pairs.filter(|pair| above(&pair[0]) != above(&pair[1])).count());
-                // The way back is of another rule for a spring-pot, which sums up strains in place of stresses.
+                // For a spring-pot the reverse control uses a different rule, summing strains instead of stresses.
                 if matches!(body, Body::Zener { .. }) {
                     let back = Loading {
                         control: Control::Strain,

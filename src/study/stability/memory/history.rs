@@ -1,4 +1,4 @@
-//! Fractional integrals of histories with hard orders and hard steps.
+//! Cases of fractional integrals of histories with difficult orders and steps.
 
 use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule, Span};
 use crate::study::fractional::{of_power, of_sine};
@@ -11,7 +11,7 @@ const FULL: [(&str, Rule); 3] = [
     ("Gruenwald-Letnikov", Rule::GruenwaldLetnikov),
 ];
 
-/// A function of time and its integral of some order.
+/// Name, function of time, and its integral of some order.
 type Load<'a> = (&'a str, &'a dyn Fn(f64) -> f64, &'a dyn Fn(f64, f64) -> f64);
 
 fn exponentials(shortest_s: f64, longest_s: f64) -> (&'static str, Rule) {
@@ -24,7 +24,7 @@ fn exponentials(shortest_s: f64, longest_s: f64) -> (&'static str, Rule) {
     ("exponentials", Rule::Exponentials(span))
 }
 
-/// The largest error over the steps asked about, as a share of the largest integral there.
+/// Returns the largest error over the steps `asked`, relative to the largest integral there.
 fn error(rule: &Rule, k: f64, steps: &[f64], asked: &[usize], load: &Load<'_>) -> Result<f64, HistoryError> {
     let (_, value, exact) = load;
     let mut history = rule.start(Operator::Integral(k), &[value(0.0)])?;
@@ -44,12 +44,12 @@ fn error(rule: &Rule, k: f64, steps: &[f64], asked: &[usize], load: &Load<'_>) -
     Ok(worst / scale)
 }
 
-/// Steps asked about: eight in the last three quarters.
+/// Returns the evaluated steps: eight in the last three quarters.
 fn asked(steps: usize) -> Vec<usize> {
     (1..=8).map(|at| steps / 4 + steps * 3 * at / 32).collect()
 }
 
-/// 1e5 equal steps.
+/// Tests 1e5 equal steps.
 pub fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(10_000, 100_000);
     let length = 10.0;
@@ -64,7 +64,7 @@ pub fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let rules = FULL.into_iter().chain([exponentials(steps[0], length)]);
     for (at, (name, rule)) in rules.enumerate() {
         let second = matches!(rule, Rule::Trapezoid | Rule::Exponentials(_));
-        // Order 1: half a step's change, of at most the sine's slope (w h / 2), over the steps that a quick run takes.
+        // Order 1: half a step's change, at most the sine's slope (w h / 2), over the steps of a quick run.
         let limit = if second { 1e-6 } else { record.effort().pick(1e-2, 1e-3) };
         for load in &loads {
             let mut worst = 0.0f64;
@@ -79,7 +79,7 @@ pub fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// 1e5 steps from 1e-6 to 1e3 s.
+/// Tests 1e5 steps from 1e-6 to 1e3 s.
 pub fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(40_000, 100_000);
     let steps: Vec<f64> = (0..count)
@@ -98,7 +98,7 @@ pub fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
         for load in &loads {
             let mut worst = 0.0f64;
             for k in ORDERS {
-                // Each of the last eight times ten times as late as the one before, the last among them.
+                // Eight evaluated steps, each ten times as late as the one before, ending with the last step.
                 let asked: Vec<usize> = (1..=8).map(|at| count - (8 - at) * count / 9).collect();
                 for asked in &asked {
                     let error = error(&rule, k, &steps[..*asked], &[*asked], load)?;
@@ -113,7 +113,7 @@ pub fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Steps that jump between 1e-6 and 1e3 s.
+/// Tests steps that alternate between 1e-6 and 1e3 s.
 pub fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(400, 2000);
     let turns = (0..count).map(|at| if at % 2 == 0 { 1e-6 } else { 1e3 });
@@ -137,7 +137,7 @@ pub fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// The largest magnitude of what is made of +1 and -1 in turn.
+/// Returns the largest magnitude of the result for values alternating between +1 and -1.
 fn highest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f64, HistoryError> {
     let mut history = rule.start(operator, &[1.0])?;
     let mut worst = 0.0f64;
@@ -151,7 +151,7 @@ fn highest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f
     Ok(worst)
 }
 
-/// Loads that turn round at every step.
+/// Tests loads that reverse at every step.
 pub fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let step = 1e-3;
     let many = record.effort().pick(10_000, 100_000);
@@ -174,7 +174,7 @@ pub fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 highest(&rule, Operator::Derivative(k), step, count)? * step.powf(k),
             ]);
         }
-        // The newest value weighs h^k / Gamma(1 + k), and Gamma(1 + k) is at least 0.8856.
+        // The newest value has the weight h^k / Gamma(1 + k), and Gamma(1 + k) is at least 0.8856.
         record.under(format!("{name}: integral over h^k"), integral, 1.13);
         record.under(format!("{name}: derivative over h^-k"), derivative, 4.0);
         record.done((at + 1) as f64 / 4.0);
@@ -182,7 +182,7 @@ pub fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// What cannot be followed.
+/// Tests histories that must be refused.
 pub fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let rules = FULL.into_iter().chain([exponentials(0.1, 1.0)]);
     for (name, rule) in rules {

@@ -1,4 +1,4 @@
-//! What adds up over many remeshes.
+//! Cases of error accumulation over many remeshes.
 
 use faer::Side;
 
@@ -9,15 +9,15 @@ use crate::study::stability::record::{Record, Unexpected, largest};
 
 const POISSON: [f64; 3] = [0.45, 0.499, 0.4999];
 
-/// An error that leaves nothing: a bound of rounding as large as that bounds nothing.
+/// Relative error of 1: a rounding bound this large is meaningless.
 const ALL: f64 = 1.0;
 
-/// After how many remeshes the inverse is compared with one computed anew.
+/// Numbers of remeshes after which the inverse is compared with a fresh one.
 fn counts(record: &Record<'_>) -> &'static [u64] {
     record.effort().pick(&[1, 10, 50], &[1, 10, 100, 1000, 5000])
 }
 
-/// Calls `measure` for every backend and Poisson's ratio, and tells of progress.
+/// Calls `measure` for every backend and Poisson's ratio, and reports progress.
 fn each(
     record: &mut Record<'_>,
     mut measure: impl FnMut(&mut Record<'_>, &Backend, &Start, f64) -> Result<(), Unexpected>,
@@ -33,12 +33,12 @@ fn each(
     Ok(())
 }
 
-/// Nodes spread over the block, moved again and again.
+/// Returns nodes spread over the block, which are moved repeatedly.
 fn spread(start: &Start) -> Vec<u32> {
     start.free.iter().copied().step_by(9).collect()
 }
 
-/// The exact level: S from scratch, C watched and mended.
+/// Tests the exact level: S computed from scratch, C monitored and refreshed.
 pub fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
         let mut adaptation = backend.follow(start, Level::Exact, Options::default())?;
@@ -76,7 +76,7 @@ pub fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
     })
 }
 
-/// The tolerance that the monitor of level I holds the residual to.
+/// Returns the residual tolerance enforced by the monitor of level I.
 fn tolerance(options: &Options, precision: Precision) -> f64 {
     match precision {
         Precision::Single => options.residual_single,
@@ -84,14 +84,14 @@ fn tolerance(options: &Options, precision: Precision) -> f64 {
     }
 }
 
-/// The residual of all columns of the contacts.
+/// Returns the residual over all columns of the contacts.
 fn of_contacts(adaptation: &mut Adaptation) -> Result<f64, RemeshError> {
     let contacts = adaptation.remesher().contacts().to_vec();
     let (mesh, remesher) = adaptation.parts();
     remesher.residual(mesh, &contacts)
 }
 
-/// Level I: rounding adds up in the inverse, and is watched.
+/// Tests level I: rounding accumulates in the inverse and is monitored.
 pub fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
         let options = Options::default();
@@ -140,7 +140,7 @@ pub fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
     drifting(record)
 }
 
-/// Where level I is allowed in f32 beyond what suits it, the monitor must speak.
+/// Tests that the monitor detects drift when level I runs in f32 beyond its Poisson limit.
 fn drifting(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.499)?;
     let backends = BACKENDS.iter().filter(|backend| backend.precision == Precision::Single);
@@ -182,7 +182,7 @@ fn is_definite(adaptation: &Adaptation) -> bool {
     adaptation.remesher().condensed().llt(Side::Lower).is_ok()
 }
 
-/// Levels II and III leave entries as they were, so K^c is an approximation, and stays a compliance.
+/// Tests levels II and III: they leave entries outdated, so K^c is an approximation, but it remains a compliance.
 pub fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
     each(record, |record, backend, start, poisson| {
         for level in [Level::II, Level::III] {
@@ -203,7 +203,7 @@ pub fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 })?;
                 done = count;
                 let now = Now::of(adaptation.mesh())?;
-                // Of the size of the compliance itself it would say nothing any more.
+                // An error of the size of the compliance itself would make K^c meaningless.
                 let error = now.error_of_contacts(&adaptation);
                 record.under(format!("error of K^c, {what}, {count} remeshes"), error, 1.0);
             }

@@ -1,4 +1,4 @@
-//! Levels on every GPU that the machine has.
+//! Cases of remeshing levels on every available GPU.
 
 use std::sync::Arc;
 
@@ -9,10 +9,10 @@ use crate::remesh_gpu::follow;
 use crate::study::stability::images::setup::gpus;
 use crate::study::stability::record::{Record, Unexpected};
 
-/// Moves after which single and double precision are compared, as on the CPU.
+/// Number of moves after which single and double precision are compared, as on the CPU.
 const COMPARED: u64 = 10;
 
-/// The same moves on a device and in double precision on the CPU; then many more.
+/// Makes the same moves on a device and in double precision on the CPU, then many more.
 pub fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let many = record.effort().pick(60, 1000);
     let gpus = gpus(record);

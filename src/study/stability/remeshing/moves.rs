@@ -1,10 +1,10 @@
-//! Moves that come back, and moves that overlap.
+//! Cases of node moves that return, and of moves with overlapping supports.
 
 use super::setup::{BACKENDS, Now, Start, bits};
 use crate::mechanics::tissue::remesh::{Level, Options, Precision};
 use crate::study::stability::record::{Record, Unexpected};
 
-/// Moves a node and moves it back, again and again.
+/// Moves a node away and back, many times.
 pub fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let rounds = record.effort().pick(60, 1000);
     for poisson in [0.45, 0.499, 0.4999] {
@@ -47,7 +47,7 @@ pub fn out_and_back(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Moves whose supports overlap.
+/// Moves nodes whose supports overlap.
 pub fn overlapping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for poisson in [0.45, 0.499] {
         let start = Start::new(record.seed(), poisson)?;

@@ -1,4 +1,4 @@
-//! f32 against f64.
+//! Cases that compare f32 with f64.
 
 use faer::MatRef;
 
@@ -6,14 +6,14 @@ use super::setup::{BACKENDS, Now, Start};
 use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, RemeshError};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// The largest difference of two K^c over the largest entry of the second.
+/// Returns the largest difference of two K^c relative to the largest entry of the second.
 pub fn difference(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     let pairs = (0..expected.nrows()).flat_map(|i| (0..expected.ncols()).map(move |j| (i, j)));
     let worst = largest(pairs.clone().map(|at| found[at] - expected[at]));
     worst / largest(pairs.map(|at| expected[at]))
 }
 
-/// The same moves in both precisions.
+/// Makes the same moves in both precisions.
 pub fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let double = BACKENDS.iter().find(|backend| backend.precision == Precision::Double);
     let double = double.ok_or_else(|| Unexpected::new("no backend in f64"))?;
@@ -43,7 +43,7 @@ pub fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     limit,
                 );
                 if matches!(level, Level::I | Level::Exact) {
-                    // One step with the defect in f64 squares the relative error (Higham, chapter 12).
+                    // One refinement step with the residual in f64 squares the relative error (Higham, chapter 12).
                     let backward = refined(record, &mut single)?;
                     let squared = (limit * limit).max(1e-12);
                     record.under(
@@ -58,7 +58,7 @@ pub fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// What one step of refinement leaves of the error of displacements under forces on all contacts.
+/// Returns the backward error, after one refinement step, of displacements under forces on all contacts.
 fn refined(record: &Record<'_>, adaptation: &mut Adaptation) -> Result<f64, Unexpected> {
     let (mesh, remesher) = adaptation.parts();
     let forces: Vec<f64> = (0..remesher.contacts().len() as u64).map(|i| record.noise(i)).collect();

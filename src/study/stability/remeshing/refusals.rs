@@ -1,4 +1,4 @@
-//! Moves that must be refused, and what a refusal leaves.
+//! Cases of moves that must be refused, and of the state after a refusal.
 
 use super::setup::{BACKENDS, Now, Start, state};
 use crate::mechanics::tissue::element::DegenerateElement;
@@ -7,14 +7,14 @@ use crate::mechanics::tissue::remesh::corner::{NoCorner, best_corner};
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RefusedMove, RemeshError};
 use crate::study::stability::record::{Record, Unexpected};
 
-/// The point `height` times its own height above the opposite face of an element, for the corner at `place`.
+/// Returns the point at `height` times the corner's own height above the opposite face of an element, for the corner at `place`.
 fn above_face(mesh: &AdaptedMesh, element: u32, place: usize, height: f64) -> [f64; 3] {
     let weight = |corner| if corner == place { height } else { (1.0 - height) / 3.0 };
     mesh.point(element, std::array::from_fn(weight))
 }
 
-/// An element without a fixed node, and the place of one of its corners that can be moved almost onto the opposite face without inverting any other
-/// element.
+/// Finds an element without fixed nodes and the index of a corner that can be moved almost onto the opposite face without inverting any
+/// other element.
 fn flattenable(start: &Start, height: f64) -> Result<(u32, usize), Unexpected> {
     let mesh = start.mesh.clone().with_condition_limit(f64::INFINITY);
     let places = (0..mesh.elements().len() as u32).flat_map(|element| (0..4).map(move |place| (element, place)));
@@ -30,7 +30,7 @@ fn flattenable(start: &Start, height: f64) -> Result<(u32, usize), Unexpected> {
     found.ok_or_else(|| Unexpected::new("no node can be moved almost onto a face"))
 }
 
-/// Moves that invert or flatten, at every level; and the choice of another corner.
+/// Tests moves that invert or flatten elements, at every level, and the choice of another corner.
 pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.45)?;
     let (element, place) = flattenable(&start, 1e-8)?;
@@ -78,7 +78,7 @@ pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
         }
     }
-    // With the tip on the face only its corners can be taken.
+    // With the tip on the face, only the corners of that face are suitable.
     let tip = to(1e-12);
     let chosen = best_corner(&start.mesh, element, tip, |_| false)?;
     record.zero(
@@ -95,7 +95,7 @@ pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// A mesh that lets a node come so near to a face that the change is nearly singular.
+/// Tests a mesh limit that lets a node come so close to a face that the update is nearly singular.
 pub fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut start = Start::new(record.seed(), 0.45)?;
     let (element, place) = flattenable(&start, 1e-8)?;
@@ -114,7 +114,7 @@ pub fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let mut refusals = 0;
             for height in [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8] {
                 let mut adaptation = backend.follow(&start, level, Options::default())?;
-                // Others stay away from their base: the way back is an update too, and not a return to the base.
+                // Other nodes stay away from their base, so that moving back is an update too, not a return to the base.
                 start.go(&mut adaptation, &others, 0..4, |_, _| Ok(()))?;
                 let before = state(&adaptation);
                 let what = format!("height {height:.0e}, level {level}, {}", backend.name);
@@ -131,7 +131,7 @@ pub fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
                         let (mesh, remesher) = adaptation.parts();
                         let left = remesher.displacement_refined(mesh, &forces, &mut displacement)?;
                         record.under(format!("backward error after one refinement, {what}"), left, 1e-12);
-                        // The way back goes through the same capacitance the other way.
+                        // Moving back uses the same capacitance in reverse.
                         adaptation.undo()?;
                         let back = Now::of(adaptation.mesh())?;
                         let error = back.error_of_contacts(&adaptation);

@@ -1,4 +1,4 @@
-//! A mesh to remesh, what follows it, and the gold standard.
+//! Mesh, backends and reference inverse shared by the remeshing cases.
 
 use std::sync::Arc;
 
@@ -13,13 +13,13 @@ use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::stability::record::{Unexpected, largest, noise};
 use crate::study::stability::solving::problem::{Problem, condition, shaken};
 
-/// Edges of the lattice cells, mm.
+/// Edge length of the lattice cells, mm.
 const CELL: f64 = 5.0;
 
-/// What the criteria allow of K^-1 in f64 at Poisson's ratio 0.45.
+/// Relative error of K^-1 allowed in f64 at Poisson's ratio 0.45.
 pub const PROMISED: f64 = 1e-11;
 
-/// What follows a mesh at the levels. A backend that is added here runs in every case of levels.
+/// Remesher backends. A backend added here runs in every case of levels.
 pub const BACKENDS: &[Backend] = &[
     Backend {
         name: "cpu f64",
@@ -39,7 +39,7 @@ pub const BACKENDS: &[Backend] = &[
     },
 ];
 
-/// One of them.
+/// Remesher backend in one precision.
 pub struct Backend {
     pub name: &'static str,
     pub precision: Precision,
@@ -47,14 +47,14 @@ pub struct Backend {
 }
 
 impl Backend {
-    /// A mesh at its base with its remesher, contacts named.
+    /// Creates a remesher for a mesh at its base, with its contacts set.
     pub fn follow(&self, start: &Start, level: Level, options: Options) -> Result<Adaptation, RemeshError> {
         let mut adaptation = (self.follow)(start, level, options)?;
         adaptation.parts().1.set_contacts(&start.contacts)?;
         Ok(adaptation)
     }
 
-    /// Rounding of its entries over that of f64.
+    /// Returns the rounding unit of its entries relative to f64.
     pub fn coarseness(&self) -> f64 {
         match self.precision {
             Precision::Single => f64::from(f32::EPSILON) / f64::EPSILON,
@@ -63,16 +63,16 @@ impl Backend {
     }
 }
 
-/// A shaken block of 6 x 5 x 5 nodes on a fixed floor, and the inverse of its stiffness.
+/// Randomly perturbed block of 6 x 5 x 5 nodes on a fixed floor, with its inverse stiffness.
 pub struct Start {
     pub mesh: AdaptedMesh,
     pub double: Arc<Symmetric<f64>>,
     pub single: Arc<Symmetric<f32>>,
-    /// Nodes without a fixed displacement.
+    /// Nodes without prescribed displacements.
     pub free: Vec<u32>,
-    /// Degrees of freedom of ten of them.
+    /// Degrees of freedom of ten of the free nodes.
     pub contacts: Vec<usize>,
-    /// Of the stiffness at Poisson's ratio 0.45.
+    /// Condition number of the stiffness at Poisson's ratio 0.45.
     usual_condition: f64,
     seed: u64,
 }
@@ -108,12 +108,12 @@ impl Start {
         })
     }
 
-    /// What the criteria allow of K^-1 of a mesh as it is now: [`PROMISED`] at the usual condition, and in proportion to it.
+    /// Returns the allowed error of K^-1 for the current mesh: [`PROMISED`] at the usual condition number, growing in proportion to it.
     pub fn allowed(&self, now: &Now, backend: &Backend) -> f64 {
         PROMISED * (now.condition / self.usual_condition).max(1.0) * backend.coarseness()
     }
 
-    /// A node of `nodes` and where to move it, the `n`th of a sequence: up to a quarter of a cell from its base along each axis.
+    /// Returns the `n`th move of a sequence: a node of `nodes` and its target, up to a quarter of a cell from its base along each axis.
     pub fn nth_move(&self, nodes: &[u32], n: u64) -> (u32, [f64; 3]) {
         let at = |index: u64| noise(self.seed, 8 * n + index);
         let place = (0.5 * (at(3) + 1.0) * nodes.len() as f64) as usize;
@@ -125,7 +125,7 @@ impl Start {
         )
     }
 
-    /// Makes the moves `span` of the sequence; those that would spoil an element are left out.
+    /// Makes the moves `span` of the sequence, skipping those that would spoil an element.
     pub fn go(
         &self,
         adaptation: &mut Adaptation,
@@ -144,7 +144,7 @@ impl Start {
     }
 }
 
-/// The inverse of the stiffness of a mesh as it is, computed anew in f64.
+/// Inverse of the current stiffness, computed from scratch in f64.
 pub struct Now {
     pub inverse: Symmetric<f64>,
     pub condition: f64,
@@ -160,7 +160,7 @@ impl Now {
         })
     }
 
-    /// The largest difference of K^c over its largest entry.
+    /// Returns the largest error of K^c relative to its largest entry.
     pub fn error_of_contacts(&self, adaptation: &Adaptation) -> f64 {
         let contacts = adaptation.remesher().contacts();
         let found = adaptation.remesher().condensed();
@@ -170,7 +170,7 @@ impl Now {
         difference / largest(pairs.map(gold))
     }
 
-    /// The same over all of K^-1.
+    /// Returns the largest error of K^-1 relative to its largest entry.
     pub fn error_of_all(&self, adaptation: &mut Adaptation) -> Result<f64, Unexpected> {
         let all: Vec<usize> = (0..self.inverse.size()).collect();
         let found = adaptation.parts().1.compliance(&all, &all)?;
@@ -180,14 +180,14 @@ impl Now {
     }
 }
 
-/// All that a refused move must leave as it was, to the bit.
+/// Returns the state that a refused move must leave unchanged, bit for bit.
 pub fn state(adaptation: &Adaptation) -> (Vec<u64>, u64, Vec<u64>) {
     let mesh = adaptation.mesh();
     let nodes = mesh.nodes().as_flattened().iter().map(|x| x.to_bits());
     (nodes.collect(), mesh.step(), bits(adaptation))
 }
 
-/// K^c, to the bit.
+/// Returns the bits of K^c.
 pub fn bits(adaptation: &Adaptation) -> Vec<u64> {
     let condensed = adaptation.remesher().condensed();
     let entries = condensed

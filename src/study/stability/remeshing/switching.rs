@@ -1,4 +1,4 @@
-//! Constraint switching.
+//! Cases of constraint switching.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::stability::record::{Record, Unexpected, largest, relative};
 use crate::study::stability::solving::problem::Problem;
 
-/// K^c of contacts spread over a block, each in a frame of its own.
+/// Returns K^c of contacts spread over a block, each with its own frame of axes.
 fn tissue(record: &Record<'_>, contacts: usize, poisson: f64) -> Result<Condensed, Unexpected> {
     let problem = Problem::block(record, poisson)?;
     let dofs = problem.dofs();
@@ -36,7 +36,7 @@ fn tissue(record: &Record<'_>, contacts: usize, poisson: f64) -> Result<Condense
     Ok(condensed)
 }
 
-/// Random switches, compared now and then with a factorisation of K_DD.
+/// Switches constraints at random and periodically compares with a factorisation of K_DD.
 pub fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let (count, every) = record.effort().pick((1000, 50), (10_000, 100));
     for (at, poisson) in [0.45, 0.499, 0.4999].into_iter().enumerate() {
@@ -81,7 +81,7 @@ pub fn many(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// K^c of two contacts whose first axes have the correlation 1 - gap; all else is independent.
+/// Returns K^c of two contacts whose first axes have the correlation 1 - gap; everything else is independent.
 fn pair(gap: f64) -> Result<Condensed, Unexpected> {
     let contact = |node| Contact {
         node,
@@ -104,11 +104,11 @@ fn ways(condensed: &Condensed) -> Result<[(&'static str, Box<dyn ConstraintSolve
     ])
 }
 
-/// Displacements that can hardly be prescribed together, or not at all.
+/// Prescribes displacements that are nearly or fully dependent.
 pub fn dependent(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let names = |error: &SwitchError, wanted: u32, along: usize| matches!(error, SwitchError::Dependent { node, axis, .. } if (*node, *axis) == (wanted, along));
     for gap in [1e-1, 1e-3, 1e-5, 1e-6, 1e-7, 1e-9, 1e-12, 0.0] {
-        // What is left of a compliance beside its neighbour: 1 - (1 - gap)^2.
+        // Compliance that remains beside its neighbour: 1 - (1 - gap)^2.
         let left = gap * (2.0 - gap);
         for (way, mut solver) in ways(&pair(gap)?)? {
             let what = format!("dependent to {gap:e}, by {way}");
@@ -120,7 +120,7 @@ pub fn dependent(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
             second?;
             let state = solver.solve(&[1.0, 0.0, 0.0, 1.1, 0.0, 0.0])?;
-            // [2, 2r; 2r, 2] f = (1, 1.1) by hand.
+            // Closed-form solution of [2, 2r; 2r, 2] f = (1, 1.1).
             let r = 1.0 - gap;
             let expected = [(1.0 - r * 1.1) / (2.0 * left), (1.1 - r) / (2.0 * left)];
             record.report(
@@ -128,14 +128,14 @@ pub fn dependent(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 largest(state.force_n.iter().copied()),
             );
             let error = relative(&[state.force_n[0], state.force_n[3]], &expected);
-            // The entries are rounded once, which the condition of the pair, below 2 / left, amplifies.
+            // Each entry is rounded once; the condition number of the pair, below 2 / left, amplifies this.
             record.under(format!("error of the forces, {what}"), error, 4.0 * f64::EPSILON / left);
         }
     }
     fixed(record, names)
 }
 
-/// Contacts on nodes that are fixed, along all axes or one.
+/// Places contacts on nodes that are fixed along all axes or one.
 fn fixed(record: &mut Record<'_>, names: impl Fn(&SwitchError, u32, usize) -> bool) -> Result<(), Unexpected> {
     let mut problem = Problem::block(record, 0.45)?;
     problem.fix(&[2], |p| p[0] == 20.0, |_| [0.0; 3]);

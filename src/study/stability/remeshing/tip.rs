@@ -1,4 +1,4 @@
-//! Where the tip of the needle can be.
+//! Cases of needle tip positions: point location and the choice of a corner.
 
 use super::setup::Start;
 use crate::mechanics::mesh::{Locator, NONE};
@@ -9,7 +9,8 @@ use crate::real::Real;
 use crate::study::stability::record::{Record, Unexpected};
 use crate::study::stability::solving::problem::{Problem, two_parts};
 
-/// How many different elements walks from everywhere and fresh locators name for a point, beyond the one that is right.
+/// Locates a point by walks from every element and with a fresh locator; records how many answers differ from the first, and returns that
+/// first answer.
 fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, what: &str, p: [f64; 3]) -> u32 {
     let locator = Locator::<T>::new(&problem.mesh);
     let point = p.map(T::of);
@@ -24,7 +25,7 @@ fn elements_named<T: Real>(record: &mut Record<'_>, problem: &Problem, what: &st
     first
 }
 
-/// Vertices, edges, faces, and where there is no tissue.
+/// Tests tips on vertices, edges and faces, inside, and outside the tissue.
 pub fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let start = Start::new(record.seed(), 0.45)?;
     let (parts, _) = two_parts()?;
@@ -45,7 +46,7 @@ pub fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let named = elements_named::<f64>(record, &apart, &format!("{name}, f64"), p);
         elements_named::<f32>(record, &apart, &format!("{name}, f32"), p);
         record.zero(format!("tips not found, {name}"), f64::from(named == NONE));
-        // The corner that is moved there, from the element itself and from the one that the locator names.
+        // The corner moved to the tip, chosen from the element itself and from the one that the locator names.
         for from in [element, named] {
             let choices = [&mesh, &mesh.clone()].map(|mesh| best_corner(mesh, from, p, |_| false));
             let [one, two] = &choices;
@@ -88,7 +89,7 @@ pub fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
             matches!(error, NoCorner::Element { .. })
         });
     }
-    // A vertex that may not be moved: no other corner can take its place without flattening the element.
+    // A vertex that may not be moved: moving any other corner there would flatten the element.
     let fixed = (0..).zip(start.mesh.elements()).find_map(|(element, corners)| {
         let held = corners
             .iter()

@@ -1,11 +1,11 @@
-//! The report as one page.
+//! HTML page of the report.
 
 use super::{CaseReport, Report, limit, margin, sentence, short};
 use crate::study::page::{Cell, Page, escape};
 use crate::study::stability::record::Measure;
 
 impl Report {
-    /// The report as one HTML document, every figure in it, that asks for nothing from elsewhere.
+    /// Returns the report, with every figure, as one self-contained HTML document.
     pub fn page(&self) -> String {
         let mut page = Page::new("Hard cases");
         let (failed, all) = (self.failed(), self.cases.len());
@@ -100,7 +100,7 @@ impl CaseReport {
     }
 }
 
-/// A figure and its limit.
+/// Describes a figure and its limit.
 fn bound(measure: &Measure) -> String {
     match measure.limit {
         Some(_) => format!("{}, at most {}", short(measure.figure), limit(measure)),

@@ -1,4 +1,4 @@
-//! How far every case is from its limit, as an SVG document.
+//! SVG plot of the margin of every case.
 
 use std::fmt::Write;
 
@@ -6,20 +6,20 @@ use super::{CaseReport, Report};
 use crate::study::page::escape;
 use crate::study::stability::record::Measure;
 
-/// Pixels: of names, of the scale, of what is exact, around all; and of a line.
+/// Widths of names, scale, exact results and border, and line height, pixels.
 const NAMES: f64 = 340.0;
 const SCALE: f64 = 480.0;
 const EXACT: f64 = 60.0;
 const EDGE: f64 = 14.0;
 const LINE: f64 = 17.0;
-/// Powers of ten of the margin at the ends of the scale; what lies beyond is drawn there.
+/// Powers of ten of the margin at the ends of the scale; values beyond are drawn at the ends.
 const POWERS: [i32; 2] = [-1, 12];
-/// Colours of what holds and of what does not.
+/// Colours of passed and failed figures.
 const HOLDS: &str = "#1a6fb0";
 const FAILS: &str = "#c22f2f";
 
 impl Report {
-    /// The margin of each figure that has a limit: a line a case, the figure nearest to its limit large.
+    /// Plots the margin of each figure that has a limit: one line per case, with the figure nearest to its limit drawn large.
     pub fn plot(&self) -> String {
         let groups = self.groups();
         let lines = self.cases.len() + 2 * groups.len() + 2;
@@ -50,14 +50,14 @@ impl Report {
 
 struct Drawing {
     text: String,
-    /// The baseline of the line that is written.
+    /// Baseline of the current line.
     y: f64,
     bottom: f64,
 }
 
 impl Drawing {
     fn put(&mut self, markup: std::fmt::Arguments<'_>) {
-        // A string in memory can always be written.
+        // Writing to a string in memory cannot fail.
         let _ = self.text.write_fmt(markup);
     }
 
@@ -115,7 +115,7 @@ impl Drawing {
     }
 }
 
-/// Where a margin is.
+/// Returns the position of a margin on the scale.
 fn place(margin: f64) -> f64 {
     let [low, high] = POWERS.map(f64::from);
     let share = (margin.log10().clamp(low, high) - low) / (high - low);

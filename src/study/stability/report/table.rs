@@ -1,15 +1,15 @@
-//! An aligned table of text whose cells wrap.
+//! Aligned text table with wrapped cells.
 
 use std::fmt;
 
-/// Columns between which two blanks stand.
+/// Table whose columns are separated by two blanks.
 pub struct Table<const N: usize> {
     widths: [usize; N],
     rows: Vec<[Vec<String>; N]>,
 }
 
 impl<const N: usize> Table<N> {
-    /// A table of columns with these headings, each so many characters wide.
+    /// Creates a table of columns with the given headings and widths in characters.
     pub fn new(headings: [&str; N], widths: [usize; N]) -> Self {
         let mut table = Table {
             widths,
@@ -28,7 +28,7 @@ impl<const N: usize> Table<N> {
     }
 }
 
-/// Lines of at most `width` characters, broken at blanks; a longer word stands alone.
+/// Wraps text at blanks into lines of at most `width` characters; a longer word gets a line of its own.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split_whitespace() {

@@ -1,4 +1,4 @@
-//! Elements of every shape.
+//! Cases of elements of every shape.
 
 use nalgebra::Vector3;
 
@@ -12,9 +12,9 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::problem::SolveError;
 use crate::study::stability::record::{Record, Unexpected, largest, noise, relative};
 
-/// Rounding units of error for each unit of the condition: that of a backward stable solution is a small multiple of one
-/// (N. J. Higham, "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and right-hand
-/// side are themselves sums of some tens of rounded numbers.
+/// Rounding units of error per unit of the condition number: a backward stable solution has a small multiple of one (N. J. Higham,
+/// "Accuracy and Stability of Numerical Algorithms", chapter 7), and the entries of matrix and right-hand side are themselves sums of some
+/// tens of rounded numbers.
 pub const ROUNDING_UNITS: f64 = 100.0;
 
 fn worst_condition(mesh: &TetMesh) -> f64 {
@@ -26,7 +26,7 @@ fn worst_condition(mesh: &TetMesh) -> f64 {
     )
 }
 
-/// A displacement linear in the position: stretch, shear and rotation of some per cent.
+/// Returns a displacement linear in the position: stretch, shear and rotation of some per cent.
 fn linear(seed: u64) -> impl Fn(&[f64; 3]) -> [f64; 3] {
     move |p| {
         std::array::from_fn(|row| {
@@ -36,7 +36,7 @@ fn linear(seed: u64) -> impl Fn(&[f64; 3]) -> [f64; 3] {
     }
 }
 
-/// The patch test (B. M. Irons, 1965) on lattices ever thinner.
+/// Runs the patch test (B. M. Irons, 1965) on increasingly thin lattices.
 pub fn patch(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = record.seed();
     for thin in [1.0, 1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6] {
@@ -55,8 +55,8 @@ pub fn patch(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// A lattice of which an inner vertex has been moved to `height` times its height above the opposite face of one of its
-/// elements, and that element. The star of a vertex of a regular lattice is convex, so no element is inverted.
+/// Creates a lattice with an inner vertex moved to `height` times its height above the opposite face of one of its elements, and returns
+/// that element too. The star of a vertex of a regular lattice is convex, so no element is inverted.
 fn sliver(height: f64) -> Result<(TetMesh, usize), Unexpected> {
     let mesh = lattice([4, 4, 4], [10.0; 3])?;
     let on_surface = surface(&mesh);
@@ -79,7 +79,7 @@ fn sliver(height: f64) -> Result<(TetMesh, usize), Unexpected> {
     Ok((flattened, element))
 }
 
-/// One element flattened more and more, under load.
+/// Solves with one increasingly flat element under load.
 pub fn slivers(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = |mesh: TetMesh| -> Result<Problem, Unexpected> {
         let mut problem = Problem::new(mesh, Material::new(10.0, 0.45)?);
@@ -110,7 +110,7 @@ pub fn slivers(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Whether the error is about an element for which `is_it` holds, or one of those named beside the first.
+/// Returns whether the error names, first or among the others, an element for which `is_it` holds.
 fn names(error: &SolveError, is_it: &mut dyn FnMut(usize, DegenerateElement) -> bool) -> bool {
     match error {
         SolveError::Assembly(AssemblyError::Element {
@@ -120,7 +120,7 @@ fn names(error: &SolveError, is_it: &mut dyn FnMut(usize, DegenerateElement) -> 
     }
 }
 
-/// Translations and rotations of bodies of several shapes, near and far.
+/// Tests translations and rotations of bodies of several shapes, near and far.
 pub fn rigid_motions(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = record.seed();
     let far = shaken([4, 4, 4], [10.0; 3], 0.15, seed)?;

@@ -1,4 +1,4 @@
-//! The dense inverse.
+//! Cases of the dense inverse.
 
 use faer::linalg::solvers::Llt;
 use faer::{Mat, Side};
@@ -9,7 +9,7 @@ use crate::mechanics::tissue::inverse::{invert, sampled_residual};
 use crate::mechanics::tissue::symmetric::{Scalar, Symmetric};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// Definiteness and symmetry of K^-1, in both precisions.
+/// Tests definiteness and symmetry of K^-1 in both precisions.
 pub fn definite(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for poisson in [0.45, 0.499, 0.4999] {
         let problem = Problem::block(record, poisson)?;
@@ -37,7 +37,7 @@ fn measure<T: Scalar>(record: &mut Record<'_>, what: &str, inverse: &Symmetric<T
     let pairs = (0..size).flat_map(|i| (0..i).map(move |j| (i, j)));
     let asymmetry = largest(pairs.map(|(i, j)| columns[i][j].wide() - columns[j][i].wide()));
     record.zero(format!("asymmetry, {what}"), asymmetry);
-    // The entries as they are stored, factored in f64.
+    // Stored entries, factorised in f64.
     let entries = Mat::from_fn(size, size, |i, j| inverse.get(i, j).wide());
     let factor = Llt::new(entries.as_ref(), Side::Lower);
     record.zero(format!("not positive definite, {what}"), f64::from(factor.is_err()));

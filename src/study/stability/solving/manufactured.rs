@@ -1,6 +1,6 @@
-//! Manufactured solutions: the body force that a smooth displacement needs is put in, and the displacement must come out,
-//! with the second order in L2 and the first in energy, which is equivalent to H1 (P. G. Ciarlet, "The Finite Element Method
-//! for Elliptic Problems").
+//! Manufactured solutions: the body force that belongs to a smooth displacement is applied, and the displacement must be recovered, to
+//! second order in L2 and to first order in energy, which is equivalent to H1 (P. G. Ciarlet, "The Finite Element Method for Elliptic
+//! Problems").
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -10,17 +10,17 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::problem::Load;
 use crate::study::stability::record::{Record, Unexpected, largest};
 
-/// Edge of the block, mm.
+/// Edge length of the block, mm.
 pub const EDGE: f64 = 10.0;
 
-/// A plane wave of displacement: a sin(k . x + start).
+/// Plane displacement wave: a sin(k . x + start).
 #[derive(Clone, Copy)]
 pub struct Wave {
-    /// a, mm.
+    /// Amplitude a, mm.
     pub amplitude: [f64; 3],
-    /// k, 1/mm.
+    /// Wave vector k, 1/mm.
     pub vector: [f64; 3],
-    /// rad.
+    /// Initial phase, rad.
     pub start: f64,
 }
 
@@ -29,7 +29,7 @@ impl Wave {
         self.start + Vector3::from(self.vector).dot(&Vector3::from(*p))
     }
 
-    /// Volume changes, for the vector has a part along the amplitude.
+    /// Returns the amplitude of the divergence: volume changes if the wave vector has a component along the amplitude.
     fn divergence_amplitude(&self) -> f64 {
         Vector3::from(self.vector).dot(&Vector3::from(self.amplitude))
     }
@@ -54,7 +54,7 @@ pub const WAVES: [Wave; 3] = [
     },
 ];
 
-/// The displacement of some waves.
+/// Returns the displacement of a sum of waves.
 pub fn exact(waves: &[Wave], p: &[f64; 3]) -> [f64; 3] {
     let sum: Vector3<f64> = waves
         .iter()
@@ -63,18 +63,18 @@ pub fn exact(waves: &[Wave], p: &[f64; 3]) -> [f64; 3] {
     sum.into()
 }
 
-/// Row i: the gradient of component i.
+/// Returns the displacement gradient; row i is the gradient of component i.
 fn gradient(waves: &[Wave], p: &[f64; 3]) -> Matrix3<f64> {
     let of = |wave: &Wave| Vector3::from(wave.amplitude) * Vector3::from(wave.vector).transpose() * wave.phase(p).cos();
     waves.iter().map(of).sum()
 }
 
-/// The Lame parameters, N/mm^2.
+/// Returns the Lame parameters, N/mm^2.
 fn lame(material: &Material) -> [f64; 2] {
     material.lame_kpa().map(|kpa| kpa * 1e-3)
 }
 
-/// The body force -(lambda + mu) grad div u - mu laplace u, N/mm^3.
+/// Returns the body force -(lambda + mu) grad div u - mu laplace u, N/mm^3.
 fn body_force(waves: &[Wave], material: &Material, p: &[f64; 3]) -> Vector3<f64> {
     let [lambda, mu] = lame(material);
     let of = |wave: &Wave| {
@@ -85,7 +85,7 @@ fn body_force(waves: &[Wave], material: &Material, p: &[f64; 3]) -> Vector3<f64>
     waves.iter().map(of).sum()
 }
 
-/// Gauss's four points on [0, 1] with their weights.
+/// Returns Gauss's four points on [0, 1] with their weights.
 fn gauss() -> [(f64, f64); 4] {
     let [inner, outer] = [-1.0, 1.0].map(|sign: f64| 0.5 * (3.0 / 7.0 + sign * 2.0 / 7.0 * 1.2f64.sqrt()).sqrt());
     let [more, less] = [1.0, -1.0].map(|sign: f64| 0.25 + sign * 30f64.sqrt() / 72.0);
@@ -97,8 +97,8 @@ fn gauss() -> [(f64, f64); 4] {
     ]
 }
 
-/// Barycentric points and weights on a tetrahedron of unit volume: Gauss's points on a cube that is collapsed onto it. Exact
-/// for polynomials of the fifth degree, as the collapse takes two from seven.
+/// Returns barycentric points and weights on a tetrahedron of unit volume: Gauss's points on a cube collapsed onto it. Exact for
+/// polynomials of degree five, as the collapse takes two from seven.
 pub(super) fn quadrature() -> Vec<([f64; 4], f64)> {
     let mut points = Vec::new();
     for (a, wa) in gauss() {
@@ -115,7 +115,7 @@ pub(super) fn quadrature() -> Vec<([f64; 4], f64)> {
     points
 }
 
-/// Calls `at` with each element's corners, and position, barycentric coordinates and weight (mm^3) of its points.
+/// Calls `at` with each element's corners, and the position, barycentric coordinates and weight (mm^3) of its quadrature points.
 fn integrate(mesh: &TetMesh, mut at: impl FnMut(&[u32; 4], [f64; 3], &[f64; 4], f64)) {
     let points = quadrature();
     for (corners, volume) in mesh.elements().iter().zip(mesh.volumes(mesh.nodes())) {
@@ -127,7 +127,7 @@ fn integrate(mesh: &TetMesh, mut at: impl FnMut(&[u32; 4], [f64; 3], &[f64; 4], 
     }
 }
 
-/// Gradients of the barycentric coordinates of an element, one a row.
+/// Returns the gradients of the barycentric coordinates of an element.
 fn slopes(nodes: &[[f64; 3]], corners: &[u32; 4]) -> Option<[Vector3<f64>; 4]> {
     let [a, b, c, d] = corners.map(|node| Vector3::from(nodes[node as usize]));
     let inverse = Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse()?;
@@ -142,7 +142,7 @@ pub struct Errors {
     pub residual: f64,
 }
 
-/// Solves for waves that are prescribed on the surface and driven by their body force inside.
+/// Solves for waves prescribed on the surface and driven by their body force inside.
 pub fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Result<Errors, Unexpected> {
     let mut problem = Problem::new(mesh, material);
     problem.fix_surface(|p| exact(waves, p));
@@ -189,17 +189,17 @@ pub fn errors(mesh: TetMesh, material: Material, waves: &[Wave]) -> Result<Error
     })
 }
 
-/// How far an order may be from its limit on meshes of this size.
+/// Deviation of an order from its limit allowed on meshes of this size.
 const SLACK: f64 = 0.15;
 
-/// Five meshes, regular and shaken.
+/// Measures the orders over five meshes, regular and perturbed.
 pub fn orders(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let seed = record.seed();
     let families = [("regular", 0.3, 0.0), ("shaken", 0.45, 0.1), ("regular", -0.3, 0.0)];
     let count = record.effort().pick(2, families.len());
     for (at, (name, poisson, share)) in families.into_iter().take(count).enumerate() {
         record.done(at as f64 / count as f64);
-        // Shaken meshes need the range, as their constants differ.
+        // Perturbed meshes need the range, as their constants differ.
         let sizes = match share {
             0.0 => record.effort().pick([4, 6, 8, 10, 12], [4, 6, 8, 12, 16]),
             _ => [4, 6, 8, 12, 16],
@@ -213,7 +213,7 @@ pub fn orders(record: &mut Record<'_>) -> Result<(), Unexpected> {
             };
             all.push(errors(mesh, material, &WAVES)?);
         }
-        // Each shaken mesh has a constant of its own: its order is that of the whole range.
+        // Each perturbed mesh has its own constant: the order is measured over the full range.
         let last = all.len() - 1;
         let spans: Vec<[usize; 2]> = match share {
             0.0 => (0..last).map(|at| [at, at + 1]).collect(),

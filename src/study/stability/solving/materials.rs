@@ -1,4 +1,4 @@
-//! Hardly compressible, and of very unlike stiffness.
+//! Cases of near incompressibility and of contrasting stiffness.
 
 use super::elements::ROUNDING_UNITS;
 use super::manufactured::{EDGE, Wave, errors};
@@ -10,8 +10,8 @@ use crate::mechanics::tissue::problem::Solution;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::stability::record::{Record, Unexpected, largest, relative};
 
-/// Waves whose amplitude is across their vector: they keep the volume of everything, so the exact solution, and the body force
-/// that it needs, are the same at any Poisson's ratio. What the error grows by is locking.
+/// Waves with amplitudes normal to their wave vectors, so that volume is preserved everywhere: the exact solution and its body force are
+/// the same at any Poisson's ratio, and growth of the error is locking.
 const KEEPING_VOLUME: [Wave; 3] = [
     Wave {
         amplitude: [0.3, 0.0, 0.5],
@@ -30,7 +30,7 @@ const KEEPING_VOLUME: [Wave; 3] = [
     },
 ];
 
-/// Linear tetrahedra lock near incompressibility: the solver must not make it worse, and the report must not hide it.
+/// Tests near incompressibility, where linear tetrahedra lock: the solver must not make it worse, and the report must not hide it.
 pub fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let cells = record.effort().pick(6, 12);
     for fine in [cells, 3 * cells / 2] {
@@ -54,7 +54,7 @@ pub fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
         }
     }
-    // Under forces, where nothing holds the volume but the floor.
+    // Under forces, with only the floor constraining the volume.
     for poisson in [0.49, 0.499, 0.4999, 0.49999] {
         let solution = Problem::block(record, poisson)?.solve()?;
         record.under(
@@ -66,7 +66,7 @@ pub fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// The force that is missing to balance, along the worst axis, over the sum of all given forces.
+/// Returns the force imbalance along the worst axis, relative to the sum of all given forces.
 fn imbalance(problem: &Problem, solution: &Solution) -> f64 {
     let mut sums = [0.0; 3];
     let mut total = 0.0;
@@ -82,7 +82,7 @@ fn imbalance(problem: &Problem, solution: &Solution) -> f64 {
     largest(sums) / total
 }
 
-/// A material of which one part is ten thousand or a hundred million times as stiff as the other.
+/// Tests bodies with one part ten thousand or a hundred million times as stiff as the other.
 pub fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for ratio in [1e4, 1e8] {
         for (name, is_stiff) in [
@@ -125,7 +125,7 @@ pub fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// The largest |X_ij - X_ji| over the largest |X_ij| among a dozen columns, each solved by itself.
+/// Returns the largest |X_ij - X_ji| relative to the largest |X_ij| among a dozen columns, each solved separately.
 fn asymmetry_of_columns(factor: &Factor) -> f64 {
     let size = factor.size();
     let dofs: Vec<usize> = (0..size).step_by(size.div_ceil(12)).collect();
@@ -141,7 +141,7 @@ fn asymmetry_of_columns(factor: &Factor) -> f64 {
     difference / largest(block.iter().flatten().copied())
 }
 
-/// Two layers pulled apart, each half of a bar that does not draw in (nu = 0): displacements add up as of springs in series.
+/// Stretches two layers, each half of a bar without lateral contraction (nu = 0): displacements add as for springs in series.
 fn bar(record: &mut Record<'_>, young_kpa: [f64; 2]) -> Result<(), Unexpected> {
     const EXTENT: [f64; 3] = [8.0, 6.0, 12.0];
     const PULL_MM: f64 = 0.6;

@@ -1,4 +1,4 @@
-//! The order of nodes and elements, and the number of threads.
+//! Cases of node order, element order and number of threads.
 
 use faer::Mat;
 
@@ -9,7 +9,7 @@ use crate::mechanics::tissue::inverse::invert;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::stability::record::{Record, Unexpected, relative};
 
-/// The numbers below `count` in an order of no meaning.
+/// Returns the numbers below `count` in a random order.
 fn shuffled(record: &Record<'_>, count: usize, salt: u64) -> Vec<usize> {
     let mut order: Vec<usize> = (0..count).collect();
     order.sort_by(|a, b| {
@@ -19,7 +19,7 @@ fn shuffled(record: &Record<'_>, count: usize, salt: u64) -> Vec<usize> {
     order
 }
 
-/// The problem with its elements in another order.
+/// Returns the problem with its elements permuted.
 fn elements_permuted(problem: &Problem, order: &[usize]) -> Result<Problem, Unexpected> {
     let mesh = &problem.mesh;
     let elements = order.iter().map(|element| mesh.elements()[*element]).collect();
@@ -30,7 +30,7 @@ fn elements_permuted(problem: &Problem, order: &[usize]) -> Result<Problem, Unex
     })
 }
 
-/// The problem with its nodes in another order: node k of it is node `order[k]` of the first.
+/// Returns the problem with its nodes permuted: node k is node `order[k]` of the original.
 fn nodes_permuted(problem: &Problem, order: &[usize]) -> Result<Problem, Unexpected> {
     let mesh = &problem.mesh;
     let mut place = vec![0; order.len()];
@@ -53,7 +53,7 @@ fn nodes_permuted(problem: &Problem, order: &[usize]) -> Result<Problem, Unexpec
     Ok(other)
 }
 
-/// The same problem told in another order, and computed by more hands.
+/// Solves the same problem in other orders and on more threads.
 pub fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
     let first = problem.solve()?.displacement_mm;
@@ -93,7 +93,7 @@ pub fn permuted(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Solution, dense inverse, and the inverse after an update of rank 48, on so many threads.
+/// Returns solution, dense inverse, and the inverse after an update of rank 48, on a number of threads.
 fn on_threads(problem: &Problem, threads: usize) -> Result<(Vec<u64>, Symmetric<f64>, Symmetric<f64>), Unexpected> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
     pool.install(|| {

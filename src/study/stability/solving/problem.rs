@@ -1,4 +1,4 @@
-//! Static problems that the cases are made of, and how well conditioned they are.
+//! Static problems shared by the cases, and their condition numbers.
 
 use nalgebra::Matrix4;
 
@@ -10,14 +10,14 @@ use crate::mechanics::tissue::material::{Material, Materials};
 use crate::mechanics::tissue::problem::{Fix, Load, Solution, SolveError, StaticProblem};
 use crate::study::stability::record::{Record, Unexpected, noise};
 
-/// A lattice of cells over the box from the origin to `extent`, mm.
+/// Creates a lattice of cells over the box from the origin to `extent`, mm.
 pub fn lattice(cells: [usize; 3], extent: [f64; 3]) -> Result<TetMesh, Unexpected> {
     let [x, y, z] = extent;
     let to_world = Matrix4::from_diagonal(&[x, y, z, 1.0].into());
     Ok(TetMesh::lattice(cells, &to_world)?)
 }
 
-/// A lattice whose inner nodes are shaken by up to `share` of a cell along each axis; up to 0.15 no element is inverted.
+/// Creates a lattice whose inner nodes are randomly moved by up to `share` of a cell along each axis; up to 0.15 no element is inverted.
 pub fn shaken(cells: [usize; 3], extent: [f64; 3], share: f64, seed: u64) -> Result<TetMesh, Unexpected> {
     let regular = lattice(cells, extent)?;
     let on_surface = surface(&regular);
@@ -27,7 +27,7 @@ pub fn shaken(cells: [usize; 3], extent: [f64; 3], share: f64, seed: u64) -> Res
     })
 }
 
-/// The mesh with its nodes elsewhere.
+/// Returns the mesh with its nodes moved.
 pub fn moved(mesh: &TetMesh, to: impl Fn(usize, &[f64; 3]) -> [f64; 3]) -> Result<TetMesh, Unexpected> {
     let nodes = mesh
         .nodes()
@@ -41,7 +41,7 @@ pub fn moved(mesh: &TetMesh, to: impl Fn(usize, &[f64; 3]) -> [f64; 3]) -> Resul
     )?)
 }
 
-/// The mesh with the region of each element chosen by the middle of it.
+/// Returns the mesh with the region of each element chosen by its centroid.
 pub fn with_regions(mesh: &TetMesh, region: impl Fn([f64; 3]) -> i32) -> Result<TetMesh, Unexpected> {
     let middle = |corners: &[u32; 4]| {
         std::array::from_fn(|axis| {
@@ -60,7 +60,7 @@ pub fn with_regions(mesh: &TetMesh, region: impl Fn([f64; 3]) -> i32) -> Result<
     )?)
 }
 
-/// Two blocks side by side that share no node; the second has the nodes from the returned number on.
+/// Creates two adjacent blocks that share no node; the second has the nodes from the returned number on.
 pub fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
     let one = lattice([2, 2, 2], [10.0; 3])?;
     let count = one.nodes().len() as u32;
@@ -72,7 +72,7 @@ pub fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
     Ok((TetMesh::new(nodes, elements, regions)?, count))
 }
 
-/// Whether each node lies on the surface.
+/// Returns whether each node lies on the surface.
 pub fn surface(mesh: &TetMesh) -> Vec<bool> {
     let mut on = vec![false; mesh.nodes().len()];
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
@@ -85,7 +85,7 @@ pub fn surface(mesh: &TetMesh) -> Vec<bool> {
     on
 }
 
-/// A static problem, owned.
+/// Static problem that owns its data.
 #[derive(Clone)]
 pub struct Problem {
     pub mesh: TetMesh,
@@ -95,7 +95,7 @@ pub struct Problem {
 }
 
 impl Problem {
-    /// A mesh of one material, free and unloaded.
+    /// Creates a problem of one material, unsupported and unloaded.
     pub fn new(mesh: TetMesh, material: Material) -> Problem {
         Problem {
             mesh,
@@ -105,7 +105,7 @@ impl Problem {
         }
     }
 
-    /// A shaken block of soft tissue on a fixed floor, loaded all over: what cases start from where nothing else is asked.
+    /// Creates the default problem: a perturbed block of soft tissue on a fixed floor, loaded at all nodes.
     pub fn block(record: &Record<'_>, poisson: f64) -> Result<Problem, Unexpected> {
         let mesh = shaken([4, 4, 5], [20.0, 20.0, 25.0], 0.15, record.seed())?;
         let mut problem = Problem::new(mesh, Material::new(10.0, poisson)?);
@@ -114,7 +114,7 @@ impl Problem {
         Ok(problem)
     }
 
-    /// Prescribes displacements along some axes of the nodes that `which` picks by position.
+    /// Prescribes displacements along some axes of the nodes selected by position.
     pub fn fix(&mut self, axes: &[u8], which: impl Fn(&[f64; 3]) -> bool, field: impl Fn(&[f64; 3]) -> [f64; 3]) {
         for (node, position) in (0..).zip(self.mesh.nodes()).filter(|(_, position)| which(position)) {
             let displacement = field(position);
@@ -126,7 +126,7 @@ impl Problem {
         }
     }
 
-    /// Prescribes a field on all of the surface.
+    /// Prescribes a displacement field on the entire surface.
     pub fn fix_surface(&mut self, field: impl Fn(&[f64; 3]) -> [f64; 3]) {
         let on_surface = surface(&self.mesh);
         for (node, position) in (0..)
@@ -142,7 +142,7 @@ impl Problem {
         }
     }
 
-    /// Puts a random force of up to 1 mN along each axis on every node.
+    /// Applies a random force of up to 1 mN along each axis to every node.
     pub fn load_all(&mut self, seed: u64) {
         let load = |node: u32| Load {
             node,
@@ -171,14 +171,14 @@ impl Problem {
         Ok(Stiffness::assemble(&self.mesh, &materials, &self.dofs())?)
     }
 
-    /// The condition of the stiffness, see [`condition`].
+    /// Returns the condition number of the stiffness, see [`condition`].
     pub fn condition(&self) -> Result<f64, Unexpected> {
         let stiffness = self.stiffness()?;
         Ok(condition(&stiffness, &Factor::new(&stiffness)?))
     }
 }
 
-/// The condition of a stiffness in the 2-norm. It comes from power iterations, which approach it from below.
+/// Returns the 2-norm condition number of a stiffness, from power iterations, which approach it from below.
 pub fn condition(stiffness: &Stiffness, factor: &Factor) -> f64 {
     let largest = dominant(factor.size(), |x, y| stiffness.multiply(x, y));
     let inverse_of_least = dominant(factor.size(), |x, y| {
@@ -188,7 +188,7 @@ pub fn condition(stiffness: &Stiffness, factor: &Factor) -> f64 {
     largest * inverse_of_least
 }
 
-/// The largest eigenvalue of a symmetric positive definite operator.
+/// Returns the largest eigenvalue of a symmetric positive definite operator.
 fn dominant(size: usize, apply: impl Fn(&[f64], &mut [f64])) -> f64 {
     let mut x: Vec<f64> = (0..size as u64).map(|i| noise(7, i)).collect();
     let mut y = vec![0.0; size];

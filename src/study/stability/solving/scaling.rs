@@ -1,4 +1,4 @@
-//! Other units, twice as much, and nothing.
+//! Cases of scaled units, doubled loads and empty input.
 
 use faer::Mat;
 
@@ -14,7 +14,7 @@ use crate::mechanics::tissue::symmetric::{Scalar, Symmetric};
 use crate::study::stability::record::{Record, Unexpected, relative};
 use std::sync::Arc;
 
-/// The problem with all lengths times `length` and all forces times `force`.
+/// Returns the problem with all lengths times `length` and all forces times `force`.
 fn scaled(problem: &Problem, length: f64, force: f64) -> Result<Problem, Unexpected> {
     let mut other = problem.clone();
     other.mesh = moved(&problem.mesh, |_, p| p.map(|x| x * length))?;
@@ -25,18 +25,18 @@ fn scaled(problem: &Problem, length: f64, force: f64) -> Result<Problem, Unexpec
     Ok(other)
 }
 
-/// Displacements of the scaled problem in the units of the first: the stiffness goes with the length.
+/// Returns displacements of the scaled problem in the original units: stiffness is proportional to length.
 fn rescaled(problem: &Problem, length: f64, force: f64) -> Result<Vec<f64>, Unexpected> {
     let found = scaled(problem, length, force)?.solve()?.displacement_mm;
     Ok(found.as_flattened().iter().map(|u| u * (length / force)).collect())
 }
 
-/// Metres and micrometres.
+/// Solves in metres and in micrometres.
 pub fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
     let first = problem.solve()?.displacement_mm;
     for unit in [1e-3, 1e3] {
-        // Stresses stay: forces go with the square of the length.
+        // Stresses are unchanged: forces scale with the square of the length.
         let found = rescaled(&problem, unit, unit * unit)?;
         let error = relative(&found, first.as_flattened());
         record.under(format!("difference in {unit:e} times the units"), error, 1e-10);
@@ -50,7 +50,7 @@ pub fn units(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// Displacements with all moduli and forces times `factor`: they stay.
+/// Returns displacements with all moduli and forces times `factor`, which should be unchanged.
 fn scaled_stiffness(problem: &Problem, factor: f64) -> Result<Vec<f64>, Unexpected> {
     use crate::mechanics::tissue::material::{Material, Materials};
     let mut other = scaled(problem, 1.0, factor)?;
@@ -58,7 +58,7 @@ fn scaled_stiffness(problem: &Problem, factor: f64) -> Result<Vec<f64>, Unexpect
     Ok(other.solve()?.displacement_mm.as_flattened().to_vec())
 }
 
-/// Powers of four, of which lengths, volumes and the square roots of pivots all scale without rounding, and other factors.
+/// Scales by powers of four, for which lengths, volumes and the square roots of pivots scale without rounding, and by other factors.
 pub fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let problem = Problem::block(record, 0.45)?;
     let first = problem.solve()?.displacement_mm;
@@ -87,12 +87,12 @@ pub fn powers_of_four(record: &mut Record<'_>) -> Result<(), Unexpected> {
     Ok(())
 }
 
-/// How many values are not the same bits, zeros of either sign being the same.
+/// Counts the unequal values; zeros of either sign are equal.
 fn unequal(a: impl IntoIterator<Item = f64>, b: impl IntoIterator<Item = f64>) -> f64 {
     a.into_iter().zip(b).filter(|(a, b)| a != b).count() as f64
 }
 
-/// No load, no rank, no contact; and doubled input.
+/// Tests no load, rank zero, no contact, and doubled input.
 pub fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut problem = Problem::block(record, 0.45)?;
     let single = problem.solve()?;
@@ -119,7 +119,7 @@ pub fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpected> {
     contacts(record, &problem, factor)
 }
 
-/// Updates of no rank, and of a zero matrix, leave an inverse as it is.
+/// Tests that updates of rank zero, and by a zero matrix, leave an inverse unchanged.
 fn rank_zero<T: Scalar>(record: &mut Record<'_>, precision: &str, factor: &Factor) -> Result<(), Unexpected> {
     let inverse: Symmetric<T> = invert(factor, |_, _| {})?;
     let size = inverse.size();
@@ -134,7 +134,7 @@ fn rank_zero<T: Scalar>(record: &mut Record<'_>, precision: &str, factor: &Facto
     Ok(())
 }
 
-/// Contact forces: none of no contact, none of no displacement, twice for twice.
+/// Tests contact forces: none without contacts, zero for zero displacements, doubled for doubled ones.
 fn contacts(record: &mut Record<'_>, problem: &Problem, factor: Arc<Factor>) -> Result<(), Unexpected> {
     let dofs = problem.dofs();
     let mut columns = Columns::new(factor, 30);

@@ -1,4 +1,4 @@
-//! Problems without a unique solution.
+//! Cases without a unique solution.
 
 use super::problem::{Problem, lattice, two_parts};
 use crate::mechanics::mesh::TetMesh;
@@ -7,7 +7,7 @@ use crate::mechanics::tissue::problem::SolveError;
 use crate::mechanics::tissue::rigid::{Motion, RigidError};
 use crate::study::stability::record::{Record, Unexpected};
 
-/// The free motions of the part with that lowest node; none where the error says nothing of it.
+/// Returns the free motions of the part with the lowest node `example`; empty if the error does not list them.
 fn motions(error: &SolveError, example: u32) -> Vec<Motion> {
     match error {
         SolveError::Rigid(RigidError::FreeParts { parts, .. }) => {
@@ -18,7 +18,7 @@ fn motions(error: &SolveError, example: u32) -> Vec<Motion> {
     }
 }
 
-/// How many translations and rotations.
+/// Returns the numbers of translations and rotations.
 fn counts(motions: &[Motion]) -> [usize; 2] {
     let rotations = motions
         .iter()
@@ -27,13 +27,13 @@ fn counts(motions: &[Motion]) -> [usize; 2] {
     [motions.len() - rotations, rotations]
 }
 
-/// Whether the text of an error names both.
+/// Returns whether the text of an error contains all words.
 fn says(error: &SolveError, words: &[&str]) -> bool {
     let text = error.to_string();
     words.iter().all(|word| text.contains(word))
 }
 
-/// Bodies held too little.
+/// Tests bodies with too few supports.
 pub fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let material = Material::new(10.0, 0.45)?;
     let block = |fixed: &dyn Fn(&[f64; 3]) -> bool| -> Result<Problem, Unexpected> {

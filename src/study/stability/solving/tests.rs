@@ -1,6 +1,6 @@
 use super::manufactured::quadrature;
 
-/// Its moments against k! l! m! n! 3! / (k+l+m+n+3)!.
+/// Compares moments of the quadrature with k! l! m! n! 3! / (k+l+m+n+3)!.
 #[test]
 fn quadrature_is_exact() {
     let factorial = |n: u32| (1..=n).map(f64::from).product::<f64>();

@@ -11,7 +11,7 @@ const AXES: [Axis; 2] = [
     Axis::log("error_mm", "error", "error, mm"),
 ];
 
-/// Ways by name, with time and error under each of two loads.
+/// Returns variants by name, with time and error under each of two loads.
 fn table(rows: &[(&str, &str, [[f64; 2]; 2])]) -> Table {
     let goal = Goal::new("ms", "error_mm", (0.1, "nobody sees it"));
     let mut table = Table::new("ways", "Ways", &FACTORS, &AXES)
@@ -52,7 +52,7 @@ fn the_cheapest_way_within_the_limit_under_all_conditions_is_taken() {
         "nodes: 10: Recommended: good: 6.00 ms, error 0.0200 mm; the cheapest within 0.1 mm (nobody sees it). Cheaper: good in one \
          case: 1.00 ms, error 0.700 mm. The gold standard takes 60.0 ms."
     );
-    // Where all else is off too far, what is right by definition is left.
+    // If the error of every other variant is too large, the gold standard remains.
     assert!(advice[1].take.as_ref().unwrap().gold, "{}", advice[1].words);
     assert!(
         advice[1]

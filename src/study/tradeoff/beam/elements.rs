@@ -1,4 +1,4 @@
-//! Length of elements: error against time.
+//! Element length of the beam: error against time.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -10,7 +10,7 @@ use crate::study::spread::Spread;
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const ELEMENTS_MM: [f64; 5] = [5.0, 2.0, 1.0, 0.5, FINE_MM];
-/// Solutions that are timed.
+/// Number of timed solutions.
 const REPEATS: usize = 41;
 
 pub(super) fn table() -> Result<Table, BeamError> {

@@ -1,4 +1,4 @@
-//! The friction term: on and off.
+//! Effect and cost of the friction term.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -60,10 +60,10 @@ pub(super) fn table() -> Result<Table, BeamError> {
     Ok(table)
 }
 
-/// Solutions that are timed.
+/// Number of timed solutions.
 const REPEATS: usize = 21;
 
-/// The term left out, and kept, where there is friction.
+/// Compares solutions with and without the term in the presence of friction.
 pub(super) fn term() -> Result<Table, BeamError> {
     let axes = [
         axis("median_ms", "ms", "time of a solution (median), ms", true),

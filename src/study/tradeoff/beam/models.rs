@@ -1,4 +1,4 @@
-//! Material and compression models: the error of the tip with the right, a wrong and the other tissue's (figures 7 and 8).
+//! Material and compression models: tip error with right parameters, wrong ones and those of the other tissue (figures 7 and 8).
 
 use super::{FINE_MM, axis, factor, solve};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
@@ -6,7 +6,7 @@ use crate::study::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, T
 use crate::study::spread::percentile;
 use crate::study::tradeoff::{Figure, Table};
 
-/// A motion of the base, and where it brings the tip.
+/// Motion of the base, and the resulting tip position.
 struct Truth {
     control_mm: f64,
     base: Base,
@@ -55,7 +55,7 @@ pub(super) fn table() -> Result<Table, BeamError> {
     Ok(table)
 }
 
-/// Parameters that are tried: the right ones, moduli that are off, those of the other tissue.
+/// Returns the parameters to compare: the right ones, wrong moduli, and those of the other tissue.
 fn materials(tissue: &Tissue, other: &Tissue) -> [(&'static str, Material); 4] {
     let times = |factor: f64| match tissue.material {
         Material::Ogden { mu_kpa, alpha } => Material::Ogden {
@@ -72,7 +72,7 @@ fn materials(tissue: &Tissue, other: &Tissue) -> [(&'static str, Material); 4] {
     ]
 }
 
-/// What a base that turns freely does in the true tissue.
+/// Returns the motion of a freely rotating base in the true tissue.
 fn truths(tissue: &Tissue, depth: f64) -> Result<Vec<Truth>, BeamError> {
     let mut truths = Vec::new();
     for control_mm in CONTROLS_MM {
@@ -96,7 +96,7 @@ fn truths(tissue: &Tissue, depth: f64) -> Result<Vec<Truth>, BeamError> {
     Ok(truths)
 }
 
-/// Errors of the tip with a model, mm, ascending.
+/// Returns the errors of the tip with a model, mm, ascending.
 fn errors(truths: &[Truth], material: Material, compression: Compression, depth: f64) -> Result<Vec<f64>, BeamError> {
     let errors = truths.iter().map(|truth| {
         let needle = problem(material, compression, truth.control_mm, depth, ELEMENT_MM);

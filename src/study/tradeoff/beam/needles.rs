@@ -1,4 +1,4 @@
-//! Springs against the beam as models of a needle in insertion: error of the bent shape, and time of a call.
+//! Springs and beam compared as needle models in insertion: error of the bent shape, and time per call.
 
 use std::time::Instant;
 
@@ -13,13 +13,14 @@ use crate::study::spread::Spread;
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
-/// Elements of the needle that counts as the truth, mm.
+/// Element length of the reference needle, mm.
 const FINE_MM: f64 = 0.25;
-/// Contacts along the inserted half of the needle, each pushing as tissue does: one way near the entry, the other at the tip.
+/// Number of contacts along the inserted half of the needle. Each pushes as tissue does: in one direction near the entry, in the opposite
+/// one at the tip.
 const CONTACTS: usize = 20;
-/// Calls that are timed.
+/// Number of timed calls.
 const REPEATS: usize = 41;
-/// Calls after which levers follow the bent shape.
+/// Number of calls after which the lever arms follow the bent shape.
 const CALLS: usize = 60;
 
 pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
@@ -88,7 +89,7 @@ fn loads() -> Vec<Load> {
     (0..CONTACTS).map(load).collect()
 }
 
-/// The shape under the loads, levers and all.
+/// Returns the equilibrium shape under the loads, with updated lever arms.
 fn bent(needle: &mut dyn Needle) -> CentreLine {
     let (loads, mut line) = (loads(), CentreLine::default());
     for _ in 0..CALLS {
@@ -97,7 +98,7 @@ fn bent(needle: &mut dyn Needle) -> CentreLine {
     line
 }
 
-/// Times of a shape and its flexibility.
+/// Times the computation of a shape and its flexibility.
 fn time(needle: &mut dyn Needle, mut line: CentreLine) -> Option<Spread> {
     let loads = loads();
     let rows = loads.iter().flat_map(|load| {

@@ -18,7 +18,7 @@ fn choices_are_measured_against_the_fine_needle() {
             .flat_map(|table| &table.rows)
             .all(|row| row.flag.is_none())
     );
-    // A newcomer gets one answer for the elements of a needle that is pushed: that of the insertions.
+    // The length of elements of an inserted needle is advised on by the insertion study alone.
     assert!(
         study
             .tables
@@ -29,7 +29,7 @@ fn choices_are_measured_against_the_fine_needle() {
         let take = advice.take.as_ref();
         take.is_none_or(|way| ["springs", "beam"].contains(&way.name.as_str()))
     }));
-    // Of fourth order: shorter elements, smaller errors, by ten or more from 5 to 1 mm.
+    // Fourth order: errors fall tenfold or more from 5 to 1 mm.
     for case in elements.rows.chunks(5) {
         let errors: Vec<f64> = case[..4].iter().map(|row| value(elements, row, "error_mm")).collect();
         assert!(
@@ -38,17 +38,17 @@ fn choices_are_measured_against_the_fine_needle() {
         );
         assert!(errors[2] < 1e-4, "{errors:?}");
     }
-    // The more friction, the more it moves the needle; without it nothing moves.
+    // More friction moves the needle more; without friction nothing moves.
     for rows in friction.rows.chunks(5) {
         let moved: Vec<f64> = rows.iter().map(|row| value(friction, row, "shape_mm")).collect();
         assert!(moved[0] == 0.0 && moved.is_sorted_by(|a, b| a < b), "{moved:?}");
     }
-    // Kept, the term errs by the elements alone; left out, by what friction does.
+    // With the friction term only the element error remains; without it, the effect of friction.
     for pair in term.rows.chunks(2) {
         let [left_out, kept] = [0, 1].map(|at| value(term, &pair[at], "error_mm"));
         assert!(kept < 1e-2 * left_out, "{left_out} {kept}");
     }
-    // The right model errs by its elements alone, any other by more, and swapped parameters the more the deeper the needle is.
+    // The right model has only its element error, any other more, and swapped parameters err the more the deeper the needle is.
     let right = |row: &&Row| {
         row.choices[2] == "right" && [["PVC", "UEng"], ["PSM", "UTru"]].contains(&[&row.choices[0], &row.choices[1]])
     };
@@ -65,7 +65,7 @@ fn choices_are_measured_against_the_fine_needle() {
         let errors: Vec<f64> = swapped.map(|row| value(models, row, "median_mm")).collect();
         assert!(errors.len() == 3 && errors.is_sorted(), "{errors:?}");
     }
-    // Both models of a needle converge to the same, with the square of the length of their parts.
+    // Both models of a needle converge to the same shape, quadratically in the length of their pieces.
     for rows in [0, 1].map(|model| needles.rows.iter().skip(model).step_by(2)) {
         let errors: Vec<f64> = rows.map(|row| value(needles, row, "error_mm")).collect();
         assert!(

@@ -1,4 +1,4 @@
-//! What was measured, as a table and figures.
+//! Table and figures of the study.
 
 use super::{Contender, HistoryOptions, Lengths, MOST_UNEVEN, Measured};
 use crate::mechanics::tissue::viscoelastic::Rule;
@@ -39,18 +39,18 @@ const AXES: [Axis; 7] = [
     log("error_mm", "error mm", "error where tissue gives way by 10 mm, mm"),
 ];
 
-/// A relative error is shown as one of this, mm.
+/// Indentation that converts a relative error to a length, mm.
 const INDENTED_MM: f64 = 10.0;
 
-/// A study that is being filled in.
+/// Report under construction.
 pub(super) struct Report {
     table: Table,
     about: Vec<(&'static str, String)>,
     notes: Vec<String>,
-    /// Steps, seconds and error of the trapezoid's longest equal history, and of the same by exponentials.
+    /// Number of steps and measurement of the trapezoid's longest equal history, and the same of the exponentials.
     full: Option<(usize, Measured)>,
     fast: Vec<(&'static str, usize, Measured)>,
-    /// Error of the last trapezoid.
+    /// Error of the last trapezoidal rule.
     trapezoid: f64,
 }
 
@@ -81,11 +81,11 @@ impl Report {
         }
     }
 
-    /// Adds a row. A sum of exponentials may add no more than its tolerance to the error of the trapezoid in as many steps.
+    /// Adds a row. The error of a sum of exponentials may exceed that of the trapezoid in as many steps by no more than its tolerance.
     pub(super) fn push(&mut self, contender: &Contender, measured: &Measured) {
         let flag = match contender.rule {
             Rule::Exponentials(span) => {
-                // Unequal steps are longer by as much as they differ; their error is of the second order.
+                // Unequal steps are longer by their variation, and their error is of second order.
                 let most = 2.0 * (self.trapezoid + span.tolerance);
                 (measured.error > most)
                     .then(|| format!("error above {most:.1e}, twice that of the trapezoid and its tolerance"))

@@ -32,7 +32,7 @@ fn every_rule_comes_near_the_exact_law_with_its_order() {
         let found = (error(rule, "equal", "100") / error(rule, "equal", "1000")).log10();
         assert!(found > order - 0.2 && found < order + 0.3, "{rule}: {found}");
     }
-    // A coarse bound allows no more than itself.
+    // A loose tolerance adds no more error than itself.
     let coarse = (error("exponentials, 1e-4", "equal", "1000") - error("trapezoid", "equal", "1000")).abs();
     assert!(coarse < 1e-4, "{coarse:e}");
     assert!(rows.iter().all(|row| row["flag"].is_null()), "{json}");

@@ -1,16 +1,16 @@
-//! A way of making a picture: timed, and compared with a standard.
+//! Timed rendering of a picture, and its comparison with a standard.
 
 use std::time::{Duration, Instant};
 
 use crate::study::spread::{Spread, percentile};
 use crate::synth::{FrameState, SynthError, Synthesizer};
 
-/// Frames that a way is timed over at least, after one that is not timed.
+/// Minimum number of timed frames, after one untimed frame.
 const LEAST: usize = 3;
-/// And at most.
+/// Maximum number of timed frames.
 const MOST: usize = 200;
 
-/// What one way of making a picture came to.
+/// Rendered picture with its times.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Picture {
     pub pixels: Vec<u8>,
@@ -18,7 +18,7 @@ pub struct Picture {
     pub memory_mb: f64,
 }
 
-/// Renders a frame, again and again until `patience` is spent.
+/// Renders a frame repeatedly until `patience` is spent.
 pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) -> Result<Picture, SynthError> {
     let pixels = synth.render(state)?.pixels.clone();
     let (start, mut times) = (Instant::now(), Vec::with_capacity(MOST));
@@ -34,12 +34,12 @@ pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) 
     })
 }
 
-/// How far a picture is from its standard, in grey levels, over the pixels inside the sector.
+/// Difference of a picture from its standard, in grey levels, over the pixels inside the sector.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Apart {
     pub rms: f64,
     pub p99: f64,
-    /// Mean difference: positive where the picture is brighter.
+    /// Mean difference, positive if the picture is brighter.
     pub bias: f64,
 }
 
@@ -57,7 +57,8 @@ impl Apart {
         }
     }
 
-    /// What no approximation does: it errs to both sides. A mean of more than a grey level and half of all error is an offset.
+    /// Describes an offset, which a valid approximation does not have: a mean difference above one grey level plus half the root mean
+    /// square.
     pub fn offset(&self) -> Option<String> {
         (self.bias.abs() > 1.0 + 0.5 * self.rms).then(|| {
             format!(
@@ -67,7 +68,8 @@ impl Apart {
         })
     }
 
-    /// As [`Apart::offset`], and a refinement must not be further off than the level before it by more than a tenth and a rounding.
+    /// Describes an offset (see [`Apart::offset`]), or a refinement whose error exceeds that of the coarser level by more than a tenth and
+    /// rounding.
     pub fn flag(&self, coarser: Option<&Apart>) -> Option<String> {
         let worse = coarser.filter(|coarser| self.rms > 1.1 * coarser.rms + 0.3);
         self.offset().or_else(|| {
@@ -81,12 +83,12 @@ impl Apart {
     }
 }
 
-/// Pixels inside the sector.
+/// Returns a mask of the pixels inside the sector.
 pub fn inside(synth: &Synthesizer) -> Vec<bool> {
     synth.tables().scan_map.iter().map(|at| at[0] >= 0.0).collect()
 }
 
-/// The values of [`super::PICTURE`].
+/// Returns the values of [`super::PICTURE`].
 pub fn values(picture: &Picture, apart: Option<&Apart>) -> Vec<Option<f64>> {
     vec![
         picture.time.map(|time| time.median_ms),

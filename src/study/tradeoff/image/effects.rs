@@ -1,4 +1,4 @@
-//! Cost and visible difference of each effect: the frame without it, or with a simpler form of it, against the full frame.
+//! Cost and visible difference of each effect: frames without it, or with a simpler form, against the full frame.
 
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened};
@@ -8,7 +8,7 @@ use crate::effects::slice::{Beyond, Boundary};
 use crate::study::tradeoff::{GREY_LEVELS, Goal};
 use crate::synth::Backend;
 
-/// A simpler frame: its name and what it leaves out.
+/// Simplification of a frame: its name and the change of effects.
 type Simpler = (&'static str, fn(&mut Effects));
 
 const SIMPLER: [Simpler; 18] = [
@@ -81,7 +81,7 @@ pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>
         synth.set(settings)?;
         let found = picture(&mut synth, &subject.state, options.patience)?;
         let apart = Apart::of(&standard, &found.pixels, &inside);
-        // A frame without an effect may differ as a whole: that is what the effect is for.
+        // Removing an effect may change the frame as a whole, so no row is flagged.
         table.push(vec![name.to_owned()], values(&found, Some(&apart)), None);
     }
     Ok(vec![table])

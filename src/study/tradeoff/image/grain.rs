@@ -1,4 +1,4 @@
-//! What makes tissue look grainy: textures, and models of speckle.
+//! Grain of tissue: solid textures and speckle models.
 
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened, without_grain};
@@ -14,20 +14,20 @@ use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 use nalgebra::Matrix4;
 
-/// Standard deviation of fully developed speckle after log compression, dB: pi / sqrt(24) of a neper of amplitude.
+/// Standard deviation of fully developed speckle after log compression, dB: pi / sqrt(24) neper of amplitude.
 const SPECKLE_DB: f64 = 5.57;
-/// Side of a pixel of the uniform field, mm.
+/// Pixel size of the uniform field, mm.
 const PIXEL_MM: f64 = 0.1;
 const SIDE: usize = 400;
 
-/// Errors of the correlation lengths that are of no matter, mm, and why.
+/// Tolerance of the correlation lengths, mm, with its reason.
 const HALF_A_CELL: (f64, &str) = (0.5, "half a cell of speckle");
 
 pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
     Ok(vec![textures(options)?, lookup::lookups(), models(options)?])
 }
 
-/// Frames look textures up in one way, trilinear; the other is none. Ways by themselves: [`lookup`].
+/// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in [`lookup`].
 fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = without_grain(subject.grid(coarsened(options, [256, 512])));
@@ -53,7 +53,7 @@ fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
     Ok(table)
 }
 
-/// Constant tissue under one of the models.
+/// Returns settings for constant tissue under one of the speckle models.
 fn uniform(effects: Effects) -> Settings {
     let side_mm = SIDE as f64 * PIXEL_MM;
     Settings {
@@ -80,7 +80,7 @@ fn uniform(effects: Effects) -> Settings {
     }
 }
 
-/// Standard deviation of the grey levels, and full widths at half maximum of their correlation down and across, mm.
+/// Standard deviation of the grey levels, and full widths at half maximum of their axial and lateral correlation, mm.
 struct Look {
     std_grey: f64,
     axial_mm: f64,
@@ -89,7 +89,7 @@ struct Look {
 
 impl Look {
     fn of(pixels: &[u8]) -> Self {
-        // The middle, clear of the edges of the sector.
+        // The middle, away from the edges of the sector.
         let (low, high) = (SIDE / 8, SIDE - SIDE / 8);
         let at = |row: usize, column: usize| f64::from(pixels[row * SIDE + column]);
         let each = || (low..high).flat_map(|row| (low..high).map(move |column| [row, column]));
@@ -184,7 +184,7 @@ fn models(options: &ImageOptions) -> Result<Table, ImageError> {
         let lengths = (look.axial_mm - axial_mm)
             .abs()
             .max((look.lateral_mm - lateral_mm).abs());
-        // Some 900 cells of speckle: their standard deviation is known to 5 % or better; logarithms narrow the correlation by a tenth.
+        // Some 900 speckle cells determine the standard deviation to 5 % or better; logarithms narrow the correlation by a tenth.
         let wrong = developed && (off > 0.15 * expected || lengths > 0.3 * lateral_mm);
         let flag = wrong.then(|| "not what fully developed speckle is".to_owned());
         let time = found.time;

@@ -1,4 +1,4 @@
-//! Scanlines by samples; precisions and backends.
+//! Grid sizes, precisions and backends.
 
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened, silent, single, too_large, without_grain};
@@ -12,13 +12,13 @@ fn name([lines, samples]: [u32; 2]) -> String {
     format!("{lines} x {samples}")
 }
 
-/// What of a scene is compared.
+/// Name of a comparison, and the change of settings that isolates its content.
 type Content = (&'static str, fn(Settings) -> Settings);
 
-/// The structure alone, and all that a frame has but what the receiver draws anew for each sample of a grid.
+/// Contents to compare: structure alone, and everything in a frame except receiver noise, which is random for each sample of a grid.
 const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effect", silent)];
 
-/// What is said of it.
+/// Note on the receiver.
 const QUIET: &str = "Beam grids are compared with the receiver at work but too quiet to be seen: its noise is drawn anew for each sample \
                      of a grid as it is for each frame, so that frames differ by it however fine the grids are.";
 
@@ -26,7 +26,7 @@ pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Tabl
     let subject = Subject::new(options.voxel_mm)?;
     let samples = Axis::log("samples", "samples", "samples of a frame");
     let axes: Vec<Axis> = std::iter::once(samples).chain(PICTURE).collect();
-    // A grid that is compared with itself would seem to be right.
+    // Comparing a grid with itself would show no error.
     let Some((&finest, grids)) = options.grids.split_last().filter(|(_, grids)| !grids.is_empty()) else {
         return Err(ImageError::Grids(options.grids.len()));
     };
@@ -66,7 +66,7 @@ pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Tabl
     Ok(vec![table])
 }
 
-/// The GPUs, if all of them take the finest grid that they are asked for.
+/// Returns the GPUs if all of them support the finest grid.
 fn fitting<'a>(
     options: &'a ImageOptions,
     subject: &Subject,
@@ -84,14 +84,14 @@ fn fitting<'a>(
     })
 }
 
-/// The standard first.
+/// Returns all backends, the gold standard first.
 fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
     std::iter::once(("cpu f64".to_owned(), Backend::CpuF64))
         .chain(single(&options.gpus))
         .collect()
 }
 
-/// The same scene in double and single precision and on each GPU, at the grid of the default scene and one below it.
+/// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one below it.
 pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [factor("grid", "grid"), BACKEND];
@@ -121,7 +121,7 @@ pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
     Ok(vec![table])
 }
 
-/// What rounding does not do: 99 of 100 pixels keep to one grey level, and there is no offset.
+/// Describes an error too large for rounding: more than 1 % of pixels beyond one grey level, or an offset.
 pub fn rounding(apart: &Apart) -> Option<String> {
     (apart.p99 > 1.0 || apart.bias.abs() > 0.1).then(|| {
         format!(

@@ -1,4 +1,4 @@
-//! Which label a sample near a boundary gets.
+//! Labels of samples near boundaries.
 
 use super::compare::{Apart, inside, picture, values};
 use super::scene::coarsened;
@@ -13,11 +13,11 @@ use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 use nalgebra::Matrix4;
 
-/// Voxels that are compared, mm, and the finest, which the standard of grey levels is sliced from.
+/// Voxel sizes compared, mm, and the finest, from which the standard of grey levels is sliced.
 const VOXELS_MM: [f64; 4] = [3.0, 2.0, 1.0, 0.5];
 const FINEST_MM: f64 = 0.25;
 
-/// A tilted layer, a ball in it and a vessel through both: label by place, mm.
+/// Returns the label at a position (mm): a tilted layer, a ball in it and a vessel through both.
 fn label(p: [f64; 3]) -> u8 {
     let square = |axes: &[usize], at: [f64; 3]| axes.iter().map(|&axis| (p[axis] - at[axis]).powi(2)).sum::<f64>();
     if square(&[0, 2], [6.3, 0.0, 1.1]) + 0.2 * (p[1] - 20.0) < 9.0 {
@@ -64,8 +64,8 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
     }
 }
 
-/// Mean distance of the sliced boundaries from those of the closed form, mm: the area of wrong labels over the length of all boundaries.
-/// The length is counted along the grid's two axes, whose mean over all directions is 4/pi of the true one.
+/// Returns the mean distance of the sliced boundaries from the closed form, mm: the area of wrong labels divided by the length of all
+/// boundaries. The length is counted along the grid's two axes, which averages 4/pi of the true length over all directions.
 fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, ImageError> {
     let beam = synth.render_until("slice", state)?;
     let tables = synth.tables();

@@ -1,4 +1,4 @@
-//! Which element of a deforming mesh holds a sample.
+//! Point location in a deforming mesh.
 
 use std::time::Instant;
 
@@ -10,10 +10,10 @@ use crate::study::tradeoff::{Axis, Goal, SHIFT_MM};
 
 const BOX_MM: [[f64; 3]; 2] = [[-60.0, 0.0, -40.0], [60.0, 100.0, 40.0]];
 const FRAMES: usize = 8;
-/// Points that every element is tried for.
+/// Number of points located by exhaustive search.
 const EXHAUSTIVE: usize = 200;
 
-/// Nodes of a frame: a press that comes and goes, and a swirl.
+/// Returns the nodes of a frame: an indentation that comes and goes, and a swirl.
 fn nodes(mesh: &TetMesh, frame: usize) -> Vec<[f64; 3]> {
     let share = (frame as f64 / FRAMES as f64 * std::f64::consts::PI).sin();
     let press = Displacement::Indentation {
@@ -31,7 +31,7 @@ fn nodes(mesh: &TetMesh, frame: usize) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// Points of a plane through the box, scanline by scanline, moved a little every frame as a hand moves.
+/// Returns the points of a plane through the box, scanline by scanline, shifted slightly in every frame as by a hand.
 fn points(count: usize, frame: usize) -> Vec<[f64; 3]> {
     let side = (count as f64).sqrt().ceil() as usize;
     let shift = 0.3 * frame as f64;
@@ -45,7 +45,7 @@ fn points(count: usize, frame: usize) -> Vec<[f64; 3]> {
         .collect()
 }
 
-/// Coordinates of a point in an element: the least of the four.
+/// Returns the smallest barycentric coordinate of a point in an element.
 fn least(nodes: &[[f64; 3]], corners: [u32; 4], p: [f64; 3]) -> f64 {
     let [a, b, c, d] = corners.map(|corner| nalgebra::Vector3::from(nodes[corner as usize]));
     let p = nalgebra::Vector3::from(p);
@@ -63,7 +63,7 @@ fn least(nodes: &[[f64; 3]], corners: [u32; 4], p: [f64; 3]) -> f64 {
     parts.map(|part| part / whole).into_iter().fold(f64::INFINITY, f64::min)
 }
 
-/// The lowest element that holds a point, every one tried.
+/// Returns the lowest-numbered element that contains a point, by exhaustive search.
 fn exhaustive(mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3]) -> u32 {
     let holding = mesh
         .elements()
@@ -72,21 +72,21 @@ fn exhaustive(mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3]) -> u32 {
     holding.map_or(NONE, |at| at as u32)
 }
 
-/// One way: time a point in each frame, and how its answers differ from the exhaustive ones.
+/// Results of one method: time per point in each frame, and differences from exhaustive search.
 #[derive(Default)]
-struct Way {
+struct Variant {
     nanoseconds: Vec<f64>,
     differing: usize,
     off_mm: f64,
 }
 
-impl Way {
+impl Variant {
     fn timed(&mut self, started: Instant, points: usize) {
         self.nanoseconds
             .push(started.elapsed().as_secs_f64() * 1e9 / points as f64);
     }
 
-    /// An element is another one only where the point lies in neither or both to within rounding.
+    /// Counts a different element only if the point is not, within rounding, on a face of the elements found.
     fn judge(&mut self, locator: &Locator<f64>, mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3], answers: [u32; 2]) {
         let [found, exact] = answers;
         if found == exact {
@@ -123,7 +123,7 @@ pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
     for &count in &options.nodes {
         let mesh = TetMesh::over_box(BOX_MM[0], BOX_MM[1], count)?;
         let mut locator = Locator::<f64>::new(&mesh);
-        let [mut walk, mut grid, mut all] = [Way::default(), Way::default(), Way::default()];
+        let [mut walk, mut grid, mut all] = [Variant::default(), Variant::default(), Variant::default()];
         let mut last = vec![NONE; options.points];
         for frame in 0..FRAMES {
             let nodes = nodes(&mesh, frame);
@@ -132,7 +132,7 @@ pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
             let started = Instant::now();
             let mut before = NONE;
             for (element, &p) in last.iter_mut().zip(&points) {
-                // As a frame does: from the element of the last frame, else from the sample before.
+                // As in a frame: start from the element of the last frame, otherwise from the previous sample.
                 let start = if *element == NONE { before } else { *element };
                 *element = locator.locate(p, start).element;
                 before = *element;
@@ -151,7 +151,7 @@ pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
                 grid.judge(&locator, &mesh, &nodes, points[at], [from_grid[at], exact]);
             }
         }
-        // The first frame has nothing to walk from.
+        // The first frame has no start elements.
         walk.nanoseconds.remove(0);
         for (name, way) in [
             ("walk from the last frame", walk),

@@ -1,4 +1,4 @@
-//! How a voxel of a solid texture is looked up: the nearest, or eight of them.
+//! Texture look-up: nearest voxel against trilinear interpolation.
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -10,32 +10,32 @@ use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
 use crate::tissue::bank;
 use crate::volume::texture::SolidTexture;
 
-/// Textures of coarse and fine structure, and with and without a direction.
+/// Textures of coarse and fine structure, with and without a preferred direction.
 const TEXTURES: [&str; 3] = ["liver", "muscle", "fat"];
-/// Scanlines and samples of the plane through each texture, and how often all of it is looked up.
+/// Scanlines and samples of the plane through each texture, and number of repetitions.
 const PLANE: [usize; 2] = [64, 256];
 const REPEATS: usize = 9;
-/// Echoes below this share of the mean are as dark as each other.
+/// Share of the mean echo below which echoes count as equally dark.
 const DARKEST: f64 = 1e-2;
 
-/// One way of looking up.
-struct Way {
+/// Look-up method.
+struct Variant {
     name: &'static str,
     look: fn(&SolidTexture, [f32; 3]) -> f32,
 }
 
-const WAYS: [Way; 2] = [
-    Way {
+const WAYS: [Variant; 2] = [
+    Variant {
         name: "nearest voxel",
         look: nearest,
     },
-    Way {
+    Variant {
         name: "trilinear",
         look: |texture, place| texture.sample(place),
     },
 ];
 
-/// The multiplier of the nearest voxel.
+/// Returns the multiplier of the nearest voxel.
 fn nearest(texture: &SolidTexture, place_mm: [f32; 3]) -> f32 {
     let (size, spacing) = (texture.size(), texture.spacing_mm());
     let index: [usize; 3] = std::array::from_fn(|axis| {
@@ -45,7 +45,7 @@ fn nearest(texture: &SolidTexture, place_mm: [f32; 3]) -> f32 {
     texture.data()[index[0] + size[0] * (index[1] + size[1] * index[2])]
 }
 
-/// A plane across the axes of a texture, scanline by scanline, mm.
+/// Returns the positions of a plane oblique to a texture's axes, scanline by scanline, mm.
 fn places() -> Vec<[f64; 3]> {
     let [lines, samples] = PLANE;
     let place = |at: usize| {

@@ -1,4 +1,4 @@
-//! Samples down a shadow, scanlines across a blur.
+//! Sampling density: samples along a shadow, scanlines across a blur.
 
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened};
@@ -9,11 +9,11 @@ use crate::study::tradeoff::{GREY_LEVELS, Goal};
 use crate::synth::Backend;
 use crate::synth::tables::Settings;
 
-/// One effect by itself over slices, and the grids that refine what it sums up.
-struct Way {
+/// One effect on its own over slices, and the grids that refine its sums.
+struct Variant {
     name: &'static str,
     keep: fn(&Effects) -> Effects,
-    /// The finest last: the standard.
+    /// Grids from coarse to fine; the last is the gold standard.
     grids: [[u32; 2]; 6],
 }
 
@@ -27,8 +27,8 @@ fn bare(effects: &Effects) -> Effects {
     }
 }
 
-const WAYS: [Way; 3] = [
-    Way {
+const WAYS: [Variant; 3] = [
+    Variant {
         name: "shadow, soft edges",
         keep: |effects| Effects {
             shadow: effects.shadow.clone(),
@@ -36,7 +36,7 @@ const WAYS: [Way; 3] = [
         },
         grids: SAMPLES,
     },
-    Way {
+    Variant {
         name: "shadow, hard edges",
         keep: |effects| Effects {
             shadow: effects
@@ -47,7 +47,7 @@ const WAYS: [Way; 3] = [
         },
         grids: SAMPLES,
     },
-    Way {
+    Variant {
         name: "blur",
         keep: |effects| Effects {
             blur: effects.blur.clone(),

@@ -1,4 +1,4 @@
-//! The scene that most tables are about.
+//! Scene shared by most image tables.
 
 use nalgebra::Matrix4;
 
@@ -9,10 +9,10 @@ use crate::scene::{Scene, SceneFile};
 use crate::synth::tables::{Settings, Tables};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
-/// The least that a receiver may have, dB.
+/// Lowest level that a receiver accepts, dB.
 const QUIETEST_DB: f64 = -200.0;
 
-/// The abdomen phantom under its own probe, at the 640 x 480 pixels of the default scene.
+/// Abdomen phantom under its default probe, at the 640 x 480 pixels of the default scene.
 pub struct Subject {
     pub scene: Scene,
     pub state: FrameState,
@@ -28,7 +28,7 @@ impl Subject {
         Ok(Self { scene, state })
     }
 
-    /// The settings under another grid.
+    /// Returns the settings with another grid.
     pub fn grid(&self, [lines, samples]: [u32; 2]) -> Settings {
         let mut settings = self.scene.settings.clone();
         (settings.probe.lines, settings.probe.samples) = (lines, samples);
@@ -40,19 +40,19 @@ impl Subject {
     }
 }
 
-/// A grid that is coarsened as the options ask.
+/// Returns a grid divided by the coarsening of the options.
 pub fn coarsened(options: &ImageOptions, grid: [u32; 2]) -> [u32; 2] {
     grid.map(|count| (count / options.coarsen.max(1)).max(1))
 }
 
-/// Settings without what is drawn anew for every grid: what is left is structure.
+/// Returns settings without effects that are random for every grid, so that only structure remains.
 pub fn without_grain(mut settings: Settings) -> Settings {
     settings.effects.speckle = None;
     settings.effects.receiver = None;
     settings
 }
 
-/// Settings with a receiver that takes its time but draws nothing that shows.
+/// Returns settings whose receiver takes its time but adds nothing visible.
 pub fn silent(mut settings: Settings) -> Settings {
     if let Some(receiver) = &mut settings.effects.receiver {
         receiver.noise_db = QUIETEST_DB;
@@ -62,7 +62,7 @@ pub fn silent(mut settings: Settings) -> Settings {
     settings
 }
 
-/// The single-precision CPU and each GPU, with their names.
+/// Returns the single-precision CPU and each GPU, with their names.
 pub fn single(gpus: &[Gpu]) -> Vec<(String, Backend)> {
     let on_gpus = gpus.iter().map(|gpu| {
         (
@@ -75,7 +75,7 @@ pub fn single(gpus: &[Gpu]) -> Vec<(String, Backend)> {
         .collect()
 }
 
-/// Whether a scene exceeds a limit of a device: such a way is left out and noted.
+/// Returns a description if a scene exceeds a device limit; such a variant is left out and noted.
 pub fn too_large(subject: &Subject, settings: &Settings, gpus: &[Gpu]) -> Result<Option<String>, SynthError> {
     let plan = Plan::new(&Tables::new(subject.scene.anatomy.clone(), settings.clone())?);
     let largest = plan

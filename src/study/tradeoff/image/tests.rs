@@ -19,7 +19,7 @@ fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
     let (standard, inside) = frame(|_| {});
     let same = Apart::of(&standard, &standard, &inside);
     assert_eq!((same, same.offset(), rounding(&same)), (Apart::default(), None, None));
-    // The seeded mistake: 2 dB of gain that nobody asked for.
+    // Deliberate mistake: 2 dB of unrequested gain.
     let (louder, _) = frame(|settings| {
         settings.effects.tone.get_or_insert_default().gain_db += 2.0;
     });
@@ -28,7 +28,7 @@ fn a_level_that_is_brighter_as_a_whole_is_flagged_whatever_it_claims_to_be() {
     for flag in [wrong.offset(), wrong.flag(None), rounding(&wrong)] {
         assert!(flag.is_some(), "{wrong:?}");
     }
-    // In the report it reads so.
+    // Wording in the report.
     let mut table = Table::new("image_grid", "A grid", &[BACKEND], &PICTURE);
     table.push(
         vec!["louder".to_owned()],
@@ -103,7 +103,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
             table.text()
         );
     }
-    // The standard is finer than every grid, so that even the finest is off by what is left to its refinement.
+    // The standard is finer than every grid, so that even the finest grid has an error.
     let grids = &study.tables[0];
     let structure = grids.rows.iter().filter(|row| row.choices[0] == "structure");
     let off: Vec<Option<f64>> = structure.map(|row| grids.value(row, "rms_grey")).collect();
@@ -111,7 +111,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         off.len() == 2 && off.iter().all(|off| off.is_some_and(|off| off > 1.0)),
         "{off:?}"
     );
-    // With every effect a frame errs by rounding, and without one by more.
+    // With all effects, only rounding errors remain; without one of them, the error is larger.
     let effects = study.tables.iter().find(|table| table.key == "image_effects").unwrap();
     let off = |row| effects.value(row, "rms_grey").unwrap();
     assert!(off(&effects.rows[0]) < 0.5);
@@ -122,7 +122,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
             .find(|row| row.choices[0] == format!("without {effect}"));
         assert!(off(row.unwrap()) > 0.5, "{effect}: {}", off(row.unwrap()));
     }
-    // Trilinear errs by rounding, the nearest voxel by what lies between voxels.
+    // Trilinear look-up has rounding errors only; the nearest voxel misses the variation between voxels.
     let lookups = study.tables.iter().find(|table| table.key == "image_lookup").unwrap();
     for pair in lookups.rows.chunks(2) {
         let [nearest, trilinear] = [0, 1].map(|at| lookups.value(&pair[at], "rms_db").unwrap());

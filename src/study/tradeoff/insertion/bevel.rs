@@ -1,8 +1,8 @@
 //! Bevels in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A).
 //!
-//! In Goksel et al.'s experiment the tip of a brachytherapy needle came out 10.4 mm aside, which r = 0.6 mm fits. Depth, modulus and
-//! the length of the bevel's part are not in the text: 140 mm, 20 kPa and nu = 0.49 are taken here, and a part of [`BEVEL_MM`] makes
-//! r = 0.6 mm do that on cells of 10 mm. Other lengths and finer meshes say how much of that is the mesh's doing.
+//! In Goksel et al.'s experiment the tip of a brachytherapy needle deflected by 10.4 mm, which r = 0.6 mm fits. The text does not state
+//! depth, modulus and bevel length: 140 mm, 20 kPa and nu = 0.49 are assumed here, and with a bevel length of [`BEVEL_MM`] r = 0.6 mm gives
+//! that deflection on cells of 10 mm. Other lengths and finer meshes show how much of this is due to the mesh.
 
 use super::columns::{UNSETTLED, factor, lines, unsettled};
 use super::course::{Step, timed};
@@ -14,22 +14,22 @@ use crate::mechanics::tissue::material::Material;
 use crate::study::block;
 use crate::study::tradeoff::{Axis, Factor, Figure, Table};
 
-/// Distances of the tip from the centre line, mm.
+/// Offsets r of the tip from the centre line, mm.
 const SWEEP_MM: [f64; 5] = [0.0, 0.4, 0.6, 0.8, 1.0];
-/// That of the needle of Goksel et al. 2011, and how far its tip came out aside, mm.
+/// Fitted offset of the needle of Goksel et al. 2011, and its measured deflection, mm.
 const FITTED_MM: f64 = 0.6;
 const MEASURED_MM: f64 = 10.4;
-/// Lengths of the bevel's part, mm.
+/// Bevel lengths, mm.
 const LENGTHS_MM: [f64; 3] = [0.5 * BEVEL_MM, BEVEL_MM, 1.5 * BEVEL_MM];
 /// Extent of the block, mm.
 const EXTENT: [f64; 3] = [80.0, 80.0, 160.0];
-/// Edges of its cells, mm; the needle runs along planes between them.
+/// Edge lengths of the block's cells, mm; the needle runs along planes between them.
 const CELLS_MM: [f64; 3] = [10.0, 20.0 / 3.0, 5.0];
-/// From one mesh to the next finer, a deflection that has converged changes by no more, %.
+/// Largest change of a converged deflection from one mesh to the next finer, %.
 const CONVERGED_PERCENT: f64 = 5.0;
-/// How far the tip goes in a step, mm.
+/// Advance of the tip per step, mm.
 const ADVANCE_MM: f64 = 0.5;
-/// What a needle without bevel may be aside, mm.
+/// Deflection allowed for a needle without bevel, mm.
 const STRAIGHT_MM: f64 = 0.05;
 
 const FACTORS: [Factor; 3] = [
@@ -46,7 +46,7 @@ const CHANGE: Axis = Axis::linear(
     "change of the deflection from the next coarser mesh, %",
 );
 
-/// A bevel, and the cells of the mesh that it goes through, mm.
+/// Bevel, and edge length of the mesh cells, mm.
 #[derive(Clone, Copy, PartialEq)]
 struct Case {
     bevel: Bevel,
@@ -64,7 +64,7 @@ fn cell_name(cell_mm: f64) -> String {
     format!("{}", (10.0 * cell_mm).round() / 10.0)
 }
 
-/// Every r of every length on every mesh, finer meshes last; of a short study the usual length on the coarsest alone.
+/// Returns every r of every length on every mesh, finer meshes last; without `sweep` only the default length on the coarsest mesh.
 fn cases(sweep: bool) -> Vec<Case> {
     let (lengths, cells) = match sweep {
         true => (&LENGTHS_MM[..], &CELLS_MM[..]),

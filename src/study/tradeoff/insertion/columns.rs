@@ -1,10 +1,10 @@
-//! Columns that tables share.
+//! Columns common to the insertion tables.
 
 use super::course::Step;
 use crate::study::spread::percentile;
 use crate::study::tradeoff::{Axis, Factor, Figure};
 
-/// Times of the steps of an insertion.
+/// Axes for the step times of an insertion.
 pub const TIMES: [Axis; 7] = [
     Axis::log("median_ms", "ms", "time of a step (median), ms"),
     Axis::log("p95_ms", "p95 ms", "time of a step (95th percentile), ms"),
@@ -23,10 +23,10 @@ pub const TIMES: [Axis; 7] = [
     Axis::linear("remeshing", "remeshing", "steps that remesh"),
 ];
 
-/// Steps whose iterations did not end.
+/// Axis for the number of steps whose iterations did not converge.
 pub const UNSETTLED: Axis = Axis::linear("unsettled", "unsettled", "steps that did not converge");
 
-/// The values of [`TIMES`].
+/// Returns the values of [`TIMES`].
 pub fn times(steps: &[Step]) -> [Option<f64>; 7] {
     let sorted = |keep: &dyn Fn(&Step) -> bool| {
         let mut ms: Vec<f64> = steps.iter().filter(|step| keep(step)).map(|step| step.ms).collect();
@@ -45,28 +45,28 @@ pub fn times(steps: &[Step]) -> [Option<f64>; 7] {
     ]
 }
 
-/// The value of [`UNSETTLED`].
+/// Returns the value of [`UNSETTLED`].
 pub fn unsettled(steps: &[Step]) -> Option<f64> {
     Some(steps.iter().filter(|step| !step.converged).count() as f64)
 }
 
-/// The largest of some figures; NaN where one is.
+/// Returns the largest magnitude; NaN if any value is NaN.
 pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     crate::study::stability::record::largest(values)
 }
 
-/// The root of the mean of squares.
+/// Returns the root mean square.
 pub fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), it| (sum + it * it, count + 1.0));
     (sum / count).sqrt()
 }
 
-/// A factor whose heading is its key.
+/// Creates a factor.
 pub const fn factor(key: &'static str, label: &'static str) -> Factor {
     Factor { key, label }
 }
 
-/// Lines of a trace, a colour for each choice of a factor.
+/// Creates a line plot of a trace, with a colour for each choice of a factor.
 pub fn lines(file: &str, title: &str, table: &'static str, [x, y]: [&'static str; 2], colour: &'static str) -> Figure {
     Figure {
         marked: false,
@@ -74,7 +74,7 @@ pub fn lines(file: &str, title: &str, table: &'static str, [x, y]: [&'static str
     }
 }
 
-/// Points, a colour for each choice of a factor, the best marked.
+/// Creates a scatter plot with a colour for each choice of a factor, the best points marked.
 pub fn points(file: &str, title: &str, table: &'static str, axes: [&'static str; 2], colour: &'static str) -> Figure {
     Figure {
         joined: false,

@@ -1,4 +1,4 @@
-//! What the hands do, and the clock on each step.
+//! Motion of the instruments, and timing of the steps.
 
 use std::time::Instant;
 
@@ -14,72 +14,72 @@ use crate::study::block;
 
 /// Extent of the block of tissue, mm.
 pub const EXTENT: [f64; 3] = [60.0, 60.0, 90.0];
-/// Where the needle goes in: through no plane of the lattice, beside the probe.
+/// Entry point of the needle, mm: off all lattice planes, beside the probe.
 pub const ENTRY: [f64; 2] = [31.3, 20.9];
 /// Simulated time of a step, s.
 pub const STEP_S: f64 = 1e-3;
-/// How far an instrument goes in a step, mm: 20 mm/s.
+/// Travel of an instrument per step, mm: 20 mm/s.
 const ADVANCE_MM: f64 = 0.02;
-/// Where the tip begins, mm.
+/// Initial depth of the tip, mm.
 const START_MM: f64 = -2.0;
-/// How far the probe is moved sideways, towards the needle, mm.
+/// Sideways travel of the probe, towards the needle, mm.
 const ASIDE_MM: f64 = 6.0;
-/// Half the width of the band of nodes that the probe can touch, mm, and how far from the skin it begins.
+/// Half-width of the band of nodes that the probe can touch, and its distance from the skin, mm.
 const BAND_MM: [f64; 2] = [8.0, 10.0];
 
-/// Needle in, the probe sideways towards it, needle out.
+/// Course of an insertion: needle in, probe sideways towards it, needle out.
 #[derive(Clone, Copy, Debug)]
 pub struct Course {
-    /// How deep the tip goes, mm.
+    /// Final depth of the tip, mm.
     pub depth_mm: f64,
-    /// Whether there is a probe.
+    /// Whether a probe is present.
     pub probe: bool,
 }
 
-/// What a step came to.
+/// Result of a step.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
-    /// The least time that it took, ms.
+    /// Minimum time over the passes, ms.
     pub ms: f64,
-    /// On the hand, N.
+    /// Force on the hand, N.
     pub force_n: Vector3<f64>,
-    /// On the probe, N.
+    /// Force on the probe, N.
     pub probe_n: Vector3<f64>,
-    /// The tip, mm.
+    /// Tip position, mm.
     pub tip_mm: Point3<f64>,
     /// Whether a node was moved.
     pub remeshed: bool,
-    /// Whether its iterations ended.
+    /// Whether the iterations converged.
     pub converged: bool,
 }
 
 impl Course {
-    /// Steps of the needle's way in, or out.
+    /// Returns the number of steps of the insertion, and equally of the withdrawal.
     fn way(&self) -> usize {
         ((self.depth_mm - START_MM) / ADVANCE_MM).round() as usize
     }
 
-    /// The first step in which the probe moves.
+    /// Returns the first step in which the probe moves.
     pub fn moved(&self) -> usize {
         self.way() + 1
     }
 
-    /// Steps of the probe's way.
+    /// Returns the number of steps of the probe's motion.
     fn aside(&self) -> usize {
         (ASIDE_MM / ADVANCE_MM).round() as usize
     }
 
-    /// The first step in which the needle goes back.
+    /// Returns the first step of the withdrawal.
     pub fn withdrawn(&self) -> usize {
         self.moved() + self.aside()
     }
 
-    /// All of it.
+    /// Returns the total number of steps.
     pub fn steps(&self) -> usize {
         self.withdrawn() + self.way()
     }
 
-    /// Where the instruments are.
+    /// Returns the poses of the instruments at a step.
     fn instruments(&self, step: usize) -> Instruments {
         let along = |steps: usize, of: usize, way: f64| way * steps.min(of) as f64 / of as f64;
         let (way, length) = (self.way(), self.depth_mm - START_MM);
@@ -92,15 +92,15 @@ impl Course {
         }
     }
 
-    /// Time at the end of a step, s.
+    /// Returns the time at the end of a step, s.
     pub fn time_s(&self, step: usize) -> f64 {
         (step + 1) as f64 * STEP_S
     }
 
-    /// Drives models along the course `passes` times, one after the other. `told` hears of the share that is done.
+    /// Drives the models along the course `passes` times, in turn. `told` receives the completed fraction.
     ///
     /// # Errors
-    /// [`InsertionStudyError::Step`].
+    /// [`InsertionStudyError::Step`] if a step cannot be computed.
     pub fn drive(
         &self,
         models: &mut [Finite],
@@ -126,10 +126,10 @@ impl Course {
     }
 }
 
-/// One step by the clock.
+/// Computes and times one step.
 ///
 /// # Errors
-/// [`InsertionStudyError::Step`].
+/// [`InsertionStudyError::Step`] if the step cannot be computed.
 pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, InsertionStudyError> {
     let start = Instant::now();
     let outcome = model.step(instruments, STEP_S)?;
@@ -144,19 +144,19 @@ pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, I
     })
 }
 
-/// The block, with about so many nodes.
+/// Creates the block with approximately the given number of nodes.
 ///
 /// # Errors
-/// [`InsertionStudyError`].
+/// [`InsertionStudyError`] if the mesh or the material is invalid.
 pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, InsertionStudyError> {
     let mesh = TetMesh::over_box([0.0; 3], EXTENT, nodes)?;
     Ok(block::on_table(mesh, Material::new(10.0, 0.45)?, block::USUAL, needle))
 }
 
-/// A model that has read ahead what remeshing along the needle's way will read.
+/// Creates a model with the data for remeshing along the needle's path prefetched.
 ///
 /// # Errors
-/// [`InsertionStudyError::Setup`].
+/// [`InsertionStudyError::Setup`] if the setup is invalid.
 pub fn model(setup: Setup) -> Result<Finite, InsertionStudyError> {
     let mut finite = Finite::new(setup, |_, _| {})?;
     finite.prefetch(&Point3::new(ENTRY[0], ENTRY[1], 0.0), &Vector3::z(), EXTENT[2], 5.0);
@@ -170,7 +170,7 @@ fn probe_at(aside: f64) -> Isometry3<f64> {
     )
 }
 
-/// A probe along z under the face y = 0, which can touch every `every`-th ring of nodes along its axis.
+/// Creates a probe along z under the face y = 0 that can touch every `every`-th ring of nodes along its axis.
 pub fn probe(mesh: &TetMesh, every: usize) -> ProbeContact {
     let [width, from] = BAND_MM;
     let to = EXTENT[2] - 5.0;

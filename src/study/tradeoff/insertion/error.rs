@@ -1,4 +1,4 @@
-//! Why insertions cannot be studied.
+//! Errors of the insertion study.
 
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::insertion::finite::InvalidSetup;
@@ -8,52 +8,52 @@ use crate::mechanics::mesh::locator::NodeCount;
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::tissue::material::InvalidMaterial;
 
-/// Why insertions cannot be studied.
+/// Error of an insertion study.
 #[derive(Debug, thiserror::Error)]
 pub enum InsertionStudyError {
-    /// A number out of range.
+    /// A number is out of range.
     #[error("{what} is {found}; expected {expected}")]
     Number {
-        /// Which.
+        /// Name of the option.
         what: &'static str,
-        /// As given.
+        /// Value given.
         found: f64,
-        /// Its range.
+        /// Accepted range.
         expected: &'static str,
     },
-    /// The dense inverses are larger than the memory of the machine.
+    /// The dense inverses exceed the memory of the machine.
     #[error(
         "levels I, III and IV of a block of {nodes} nodes need {:.1} GiB for their dense inverses, and {:.1} GiB of memory are \
          available; take fewer nodes",
         gib(*needed), gib(*available)
     )]
     Memory {
-        /// Nodes.
+        /// Number of nodes.
         nodes: usize,
-        /// Bytes that are needed.
+        /// Bytes needed.
         needed: usize,
-        /// Bytes that can be had.
+        /// Bytes available.
         available: usize,
     },
     /// The block cannot be meshed.
     #[error(transparent)]
     Mesh(#[from] InvalidMesh),
-    /// The material is no material.
+    /// The material parameters are invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// The needle is no needle.
+    /// The needle parameters are invalid.
     #[error(transparent)]
     Needle(#[from] InvalidNeedleModel),
     /// An insertion cannot be set up.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
-    /// The mass-spring model cannot be made.
+    /// The mass-spring model cannot be created.
     #[error(transparent)]
     Springs(#[from] InvalidParameters),
-    /// A step cannot be made.
+    /// A step cannot be computed.
     #[error(transparent)]
     Step(#[from] StepError),
-    /// A locator of another mesh.
+    /// The locator belongs to a mesh with another number of nodes.
     #[error(transparent)]
     Locator(#[from] NodeCount),
 }

@@ -1,4 +1,4 @@
-//! Levels of remeshing along one insertion, the probe moved sideways midway (Goksel et al. 2011, figures 13c and 14).
+//! Remeshing levels along one insertion, with the probe moved sideways midway (Goksel et al. 2011, figures 13c and 14).
 
 use super::columns::{TIMES, UNSETTLED, factor, largest, lines, mean_square, times, unsettled};
 use super::course::{self, Course, ENTRY, Step};
@@ -12,21 +12,21 @@ use crate::study::block;
 use crate::study::tradeoff::remesh::FROZEN;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};
 
-/// The first is what the others are compared with.
+/// Levels compared; the first is the gold standard.
 const LEVELS: [(Level, &str); 4] = [
     (Level::I, "I"),
     (Level::III, "III"),
     (Level::IV, "IV"),
     (Level::Exact, "exact condensed"),
 ];
-/// Of them, those that work on a dense inverse.
+/// Number of levels that use a dense inverse.
 const DENSE: usize = 3;
-/// Rings of the probe's candidates that are kept: every second one, as in Goksel et al. 2011.
+/// Stride of the rings of probe candidates: every second one, as in Goksel et al. 2011.
 const EVERY: usize = 2;
-/// Points of a trace for each level.
+/// Number of points in a trace per level.
 const POINTS: usize = 400;
-/// Level I and the exact condensed one solve the same equations. Shapes are iterated until nothing moves by more than 1e-5 mm,
-/// through stiffnesses of needle and tissue below 100 N/mm.
+/// Force difference allowed between level I and the exact condensed level, which solve the same equations: shapes are iterated until
+/// nothing moves by more than 1e-5 mm, through stiffnesses of needle and tissue below 100 N/mm.
 const SAME_N: f64 = 1e-3;
 
 const FACTORS: [Factor; 2] = [factor("level", "level"), factor("probe", "probe")];
@@ -148,7 +148,7 @@ fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, InsertionStu
     })
 }
 
-/// The values of [`DIFFERENCES`].
+/// Returns the values of [`DIFFERENCES`].
 fn differences(course: &Course, first: &[Step], other: &[Step]) -> [f64; 4] {
     let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
     let tip = |(a, b): (&Step, &Step)| (a.tip_mm - b.tip_mm).norm();
@@ -239,7 +239,7 @@ fn figures() -> Vec<Figure> {
     ]
 }
 
-/// Checks what the dense inverses of the levels need at their height against what there is: one more while it is computed.
+/// Compares the peak memory of the dense inverses, including one more during computation, with the available memory.
 pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(), InsertionStudyError> {
     let floor = (nodes as f64).powf(2.0 / 3.0) as usize / 2;
     let size = 3 * nodes.saturating_sub(floor);

@@ -1,8 +1,7 @@
-//! Masses and springs against finite elements: the same cylinder of tissue, held alike, the same nodes, the same insertion of a
-//! rigid needle.
+//! Masses and springs against finite elements: the same cylinder of tissue, supports, nodes and insertion of a rigid needle.
 //!
-//! Springs know no Poisson's ratio: in a network without directions they behave as a material of 1/4 does. So finite elements
-//! take part with that ratio too, which tells the error of the model from that of the material.
+//! Springs have no Poisson's ratio: a network without preferred directions behaves as a material of ratio 1/4. Finite elements are
+//! therefore included with that ratio too, which separates the error of the model from that of the material.
 
 use nalgebra::{Point3, Vector3};
 
@@ -19,13 +18,13 @@ use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::study::block;
 use crate::study::tradeoff::{Axis, FORCE_N, Factor, Goal, Table};
 
-/// Rings and layers of the cylinder: nodes every 5 mm, every 8.3 mm.
+/// Rings and layers of the cylinder: nodes every 5 mm and every 8.3 mm.
 const GRIDS: [[usize; 2]; 2] = [[5, 20], [3, 12]];
-/// How far the tip goes in a step, mm.
+/// Advance of the tip per step, mm.
 const ADVANCE_MM: f64 = 0.02;
-/// Where tissue is compared: distances from the needle, mm, and how many places around it.
+/// Points at which tissue is compared: distances from the needle, mm, and number of points around it.
 const AROUND: ([f64; 4], usize) = ([2.0, 4.0, 6.0, 10.0], 8);
-/// Distance of those places along the needle, mm.
+/// Spacing of the comparison points along the needle, mm.
 const ALONG_MM: f64 = 2.5;
 const FINITE: &str = "finite elements";
 const SPRINGS: &str = "masses and springs";
@@ -64,7 +63,7 @@ const AXES: [Axis; 5] = [
     ),
 ];
 
-/// Tissue from z = 0 on.
+/// Region 0 from z = 0 on.
 #[derive(Debug)]
 struct HalfSpace;
 
@@ -78,20 +77,20 @@ impl Anatomy for HalfSpace {
     }
 }
 
-/// One way to calculate the insertion.
+/// Model of the insertion.
 struct Contender {
     choices: Vec<String>,
     model: Box<dyn Model>,
     imager: Box<dyn Imager>,
-    /// Of the nodes in their reference state.
+    /// Locator of the reference nodes.
     locator: Locator<f64>,
 }
 
-/// What it came to.
+/// Result of one contender.
 #[derive(Default)]
 struct Found {
     steps: Vec<Step>,
-    /// Displacements with the needle in, and half way back.
+    /// Displacements with the needle inserted, and half-way through withdrawal.
     fields: [Vec<Vector3<f64>>; 2],
 }
 
@@ -150,7 +149,7 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
     })
 }
 
-/// What to take, in words.
+/// Returns a recommendation in words.
 fn recommendation(table: &Table) -> Option<String> {
     let row = |model: &str, poisson: &str| {
         let mut rows = table.rows.iter();
@@ -187,7 +186,7 @@ fn mass_spring(parameters: Parameters) -> Result<MassSpring, InsertionStudyError
     Ok(MassSpring::new(parameters, Box::new(HalfSpace), block::rigid()?)?)
 }
 
-/// The cylinder of the mass-spring model, as it lies when the needle comes to the skin.
+/// Returns the cylinder of the mass-spring model as placed when the needle reaches the skin.
 fn cylinder(parameters: Parameters) -> Result<TetMesh, InsertionStudyError> {
     let mut model = mass_spring(parameters)?;
     model.step(&block::tip_at([0.0; 3]), course::STEP_S)?;
@@ -215,7 +214,7 @@ fn springs(grid: [usize; 2]) -> Result<Contender, InsertionStudyError> {
 fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, InsertionStudyError> {
     let parameters = parameters(grid);
     let mesh = cylinder(parameters)?;
-    // As the cylinder of masses is held: at its side and its far end.
+    // Supported like the mass-spring cylinder: at its side and its far end.
     let [radius, length] = [parameters.radius_mm, parameters.length_mm].map(|it| it * (1.0 - 1e-9));
     let held = (0..).zip(mesh.nodes());
     let held = held.filter(|(_, p)| p[0].hypot(p[1]) >= radius || p[2] >= length);
@@ -247,7 +246,7 @@ impl Contender {
         }
     }
 
-    /// Needle in and out again.
+    /// Inserts and withdraws the needle.
     fn insert(&mut self, depth_mm: f64, found: &mut Found) -> Result<(), InsertionStudyError> {
         let way = (depth_mm / ADVANCE_MM).round() as usize;
         let first = found.steps.is_empty();
@@ -269,7 +268,7 @@ impl Contender {
         Ok(())
     }
 
-    /// How tissue around the needle is displaced now, mm.
+    /// Returns the current displacements of the tissue around the needle, mm.
     fn field(&mut self, depth_mm: f64) -> Result<Vec<Vector3<f64>>, InsertionStudyError> {
         let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
         self.model.snapshot(&mut snapshot);
@@ -289,7 +288,7 @@ impl Contender {
     }
 }
 
-/// Where tissue is compared.
+/// Returns the points at which tissue is compared.
 fn places(depth_mm: f64) -> impl Iterator<Item = [f64; 3]> {
     let (radii, around) = AROUND;
     let layers = (depth_mm / ALONG_MM) as usize;
@@ -304,7 +303,7 @@ fn places(depth_mm: f64) -> impl Iterator<Item = [f64; 3]> {
     })
 }
 
-/// The values of [`AXES`].
+/// Returns the values of [`AXES`].
 fn differences(gold: &Found, other: &Found) -> [f64; 5] {
     let field = |at: usize| {
         let pairs = || gold.fields[at].iter().zip(&other.fields[at]);

@@ -1,4 +1,4 @@
-//! Nodes of the mesh: how near do coarse meshes come to a fine one along an insertion, and what do their steps cost?
+//! Number of mesh nodes: error along an insertion against a fine mesh, and cost of a step.
 
 use super::columns::{TIMES, UNSETTLED, factor, largest, mean_square, points, times, unsettled};
 use super::course::{self, Course, Step};
@@ -7,7 +7,7 @@ use crate::mechanics::needle::Stiffness;
 use crate::study::block;
 use crate::study::tradeoff::{Axis, Beat, FORCE_N, Factor, Goal, Table};
 
-/// Shares of the nodes asked for, the finest last: the others are compared with it.
+/// Factors on the requested number of nodes; the last and finest is the gold standard.
 const SHARES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 
 const FACTORS: [Factor; 1] = [factor("nodes", "nodes")];

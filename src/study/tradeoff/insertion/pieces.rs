@@ -1,5 +1,4 @@
-//! Lengths of the pieces of a needle, links of angular springs or elements of a beam: how near is the shape to that of the finest, and
-//! what does it cost?
+//! Length of a needle's pieces (links of angular springs or beam elements): error of the shape against the finest, and cost.
 
 use super::columns::{TIMES, UNSETTLED, factor, largest, points, times, unsettled};
 use super::course::{self, Course, Step};
@@ -8,12 +7,12 @@ use crate::mechanics::needle::{InvalidNeedleModel, Needle, Shaft, Stiffness};
 use crate::study::block;
 use crate::study::tradeoff::{Axis, Beat, Factor, Goal, SHIFT_MM, Table};
 
-/// A needle in pieces.
+/// Discretisation of a needle.
 pub(super) struct Pieces {
-    /// What the pieces are, as keys of their table and number.
+    /// Name of the pieces, used in the keys of the table and its factor.
     name: &'static str,
     length: Factor,
-    /// Lengths, mm, the finest last: the others are compared with it.
+    /// Lengths, mm; the last and finest is the gold standard.
     lengths_mm: &'static [f64],
     choosing: &'static str,
     figure: [&'static str; 2],

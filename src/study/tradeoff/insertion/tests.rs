@@ -29,7 +29,7 @@ fn value(study: &Study, choices: &[&str], key: &str) -> Option<f64> {
     row.values[table.axis(key).unwrap()]
 }
 
-/// The exact condensed level equals I (or its row would be flagged), III comes nearer than IV.
+/// The exact condensed level agrees with level I (or its row would be flagged), and III is closer than IV.
 #[test]
 fn levels_differ_as_they_must() {
     let study = of(Part::Levels);
@@ -45,7 +45,7 @@ fn levels_differ_as_they_must() {
     assert!(study.tables[1].rows.len() > 8 * 100 && study.tables[1].csv().contains("tip_aside_mm"));
 }
 
-/// More r, more deflection, and more of it deeper; none without a bevel (or rows would be flagged).
+/// Deflection increases with r and with depth; without a bevel there is none (or rows would be flagged).
 #[test]
 fn bevels_deflect_in_proportion() {
     let study = of(Part::Bevel);
@@ -74,7 +74,7 @@ fn masses_and_springs_are_set_against_finite_elements() {
     );
 }
 
-/// Fewer candidates hold less; without thinning nothing differs.
+/// Fewer candidates constrain less; without thinning nothing differs.
 #[test]
 fn thinning_is_a_trade() {
     let study = of(Part::Thinning);
@@ -83,7 +83,7 @@ fn thinning_is_a_trade() {
     assert!(value(&study, &["2"], "candidates") < value(&study, &["1"], "candidates"));
 }
 
-/// Links and elements of a beam come nearer to the finest as they shorten, and end at the same place by the same stiffness.
+/// Shorter links and beam elements converge to the finest, both with the same bending stiffness and end position.
 #[test]
 fn shorter_links_and_elements_come_nearer_and_bend_the_same() {
     let (beam, links) = (of(Part::Elements), of(Part::Links));
@@ -101,7 +101,7 @@ fn shorter_links_and_elements_come_nearer_and_bend_the_same() {
     assert!((a - b).abs() < 0.1 * b, "{a} mm of a beam, {b} mm of links");
 }
 
-/// Finer meshes come nearer to the finest, and every one is compared but that.
+/// Finer meshes converge to the finest, which is the only one not compared.
 #[test]
 fn finer_meshes_come_nearer() {
     let study = of(Part::Mesh);

@@ -1,4 +1,4 @@
-//! Every n-th candidate of the probe (Goksel et al. 2011, end of section VI-C): a looser coupling for less time.
+//! Every n-th probe candidate (Goksel et al. 2011, end of section VI-C): looser coupling for less time.
 
 use super::columns::{TIMES, UNSETTLED, factor, largest, points, times, unsettled};
 use super::course::{self, Course, Step};
@@ -8,7 +8,7 @@ use crate::mechanics::needle::Stiffness;
 use crate::study::block;
 use crate::study::tradeoff::{Axis, Beat, Factor, Goal, SHIFT_MM, Table};
 
-/// Rings of candidates of which one is kept; the first has all.
+/// Strides of the candidate rings; the first retains all of them.
 const EVERY: [usize; 5] = [1, 2, 3, 4, 6];
 
 const FACTORS: [Factor; 1] = [factor("every", "ring stride")];

@@ -1,4 +1,4 @@
-//! How fast memory is copied: what a matrix that is read and written once can be compared with.
+//! Memory bandwidth of copies, the yardstick for a matrix that is read and written once.
 
 use std::time::Instant;
 
@@ -6,14 +6,14 @@ use rayon::prelude::*;
 
 use crate::gpu::{Gpu, GpuError, StorageBuffer};
 
-/// Bytes that are copied at once: more than caches hold, little beside the matrices of a study.
+/// Bytes per copy: more than fits in caches, small beside the matrices of a study.
 pub const BYTES: usize = 128 << 20;
-/// The best of so many runs counts: others were disturbed.
+/// Number of runs, of which the fastest counts: others were disturbed.
 const RUNS: usize = 7;
-/// Copies in one submission, so that the way to the device and back weighs little.
+/// Number of copies per submission, so that the round trip to the device has little weight.
 const COPIES: usize = 8;
 
-/// Bytes read and written a second when this machine copies memory on all threads.
+/// Returns the bytes read and written per second by memory copies on all threads.
 pub fn of_cpu() -> f64 {
     let chunk = 1 << 20;
     let from = vec![1u8; BYTES];
@@ -30,10 +30,10 @@ pub fn of_cpu() -> f64 {
     2.0 * BYTES as f64 / best
 }
 
-/// Bytes read and written a second when a device copies its own memory.
+/// Returns the bytes read and written per second by copies within a device's memory.
 ///
 /// # Errors
-/// [`GpuError`].
+/// [`GpuError`] if the device fails.
 pub fn of_gpu(gpu: &Gpu) -> Result<f64, GpuError> {
     let bytes = (BYTES as u64).min(gpu.limits().max_storage_buffer_binding_size);
     let source = StorageBuffer::zeroed(gpu, "copy source", bytes)?;

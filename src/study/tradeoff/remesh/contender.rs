@@ -1,4 +1,4 @@
-//! The ways to keep K^c in step with a mesh.
+//! Contenders: methods that update K^c as the mesh changes.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,29 +14,29 @@ use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change, Level, Options, Precision, Remesher, Source, make};
 use crate::remesh_gpu::{DeviceLevels, follow};
 
-/// What an update did.
+/// Report of an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Step {
     /// Bytes of large matrices read and written, where known.
     pub bytes: Option<usize>,
-    /// Whether everything was computed anew.
+    /// Whether everything was recomputed.
     pub rebuilt: bool,
 }
 
-/// How near to the truth a contender claims to be.
+/// Accuracy that a contender guarantees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Promise {
-    /// Exact up to rounding: the residual and the error of K^c stay below this.
+    /// Exact up to rounding: the residual and the error of K^c stay below a limit.
     Exact {
-        /// The limit.
+        /// Upper limit of residual and error.
         limit: f64,
     },
-    /// No more than that it is finite.
+    /// Finite values only.
     Approximate,
 }
 
 impl Promise {
-    /// What was found against it, if anything.
+    /// Describes a violation found in the measurements, if any.
     pub fn broken(self, measured: &Measured) -> Option<String> {
         // The error in mm follows from the others.
         const KINDS: [&str; 4] = ["K^-1", "K^c", "displacements", "relative residual"];
@@ -52,77 +52,77 @@ impl Promise {
     }
 }
 
-/// Keeps K^c, and what else of K^-1 is asked for, in step with a mesh.
+/// Method that keeps K^c, and requested blocks of K^-1, up to date with a mesh.
 pub trait Contender {
-    /// How near to the truth it claims to be.
+    /// Returns the guaranteed accuracy.
     fn promise(&self) -> Promise;
 
-    /// Names the degrees of freedom in contact.
+    /// Sets the degrees of freedom in contact.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the contacts cannot be condensed.
     fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError>;
 
-    /// Takes in one change of the mesh; K^c is then ready.
+    /// Applies one change of the mesh; K^c is then up to date.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the update fails.
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<Step, StudyError>;
 
-    /// K^c, mm/N.
+    /// Returns K^c, mm/N.
     fn condensed(&self) -> MatRef<'_, f64>;
 
-    /// A block of K^-1, mm/N.
+    /// Returns a block of K^-1, mm/N.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the block cannot be computed.
     fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, StudyError>;
 
-    /// Displacements (mm) under forces (N) on the contacts.
+    /// Computes displacements (mm) under forces (N) on the contacts.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the displacements cannot be computed.
     fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), StudyError>;
 
-    /// Bytes it holds, the base among them.
+    /// Returns the bytes in use, including the base.
     fn held(&self) -> usize;
 
-    /// Begins to measure the time of updates on a device; false where there is none or it cannot.
+    /// Starts timing updates on a device; returns false without a device or if it cannot time them.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the device fails.
     fn time_device(&mut self) -> Result<bool, StudyError> {
         Ok(false)
     }
 
-    /// Time of the last update on the device, ms.
+    /// Returns the time of the last update on the device, ms.
     fn device_ms(&mut self) -> Option<f64> {
         None
     }
 }
 
-/// Inverses of the base that contenders start from.
+/// Base inverses that contenders start from.
 pub struct Sources {
-    /// In f64.
+    /// Inverse in f64.
     pub double: Source,
-    /// The same, rounded.
+    /// Inverse rounded to f32.
     pub single: Source,
 }
 
-/// A contender that can be made.
+/// Kind of contender, to be created for a subject.
 #[derive(Clone)]
 pub enum Kind {
-    /// A level from a dense inverse on the CPU.
+    /// Level with a dense inverse on the CPU.
     Dense(Level, Precision),
-    /// The exact level from columns solved on demand.
+    /// Exact level with columns solved on demand.
     OnDemand,
-    /// A level on a device.
+    /// Level on a device.
     Device(Level, Box<Gpu>),
-    /// A new factorisation and solutions for the contacts.
+    /// Refactorisation with solutions for the contacts.
     Refactored,
 }
 
-/// All that take part.
+/// Returns all kinds of contenders that take part.
 pub fn kinds(gpus: &[Gpu], options: &RemeshOptions) -> Vec<Kind> {
     use Level::{Exact, I, II, III, IV};
     let mut kinds = Vec::new();
@@ -139,7 +139,7 @@ pub fn kinds(gpus: &[Gpu], options: &RemeshOptions) -> Vec<Kind> {
 }
 
 impl Kind {
-    /// Level, backend and precision, as they are named in tables.
+    /// Returns level, backend and precision as named in tables.
     pub fn choices(&self) -> [String; 3] {
         let cpu = || "CPU".to_owned();
         let double = || Precision::Double.to_string();
@@ -149,7 +149,7 @@ impl Kind {
             Kind::Refactored => ["refactorisation".to_owned(), cpu(), double()],
             Kind::Device(level, gpu) => {
                 let report = gpu.report();
-                // The name ends where the driver's details begin.
+                // Driver details follow the name in parentheses and are omitted.
                 let name = report.name.split(" (").next().unwrap_or(&report.name);
                 let kind = if report.software { "software GPU" } else { "GPU" };
                 [
@@ -161,7 +161,7 @@ impl Kind {
         }
     }
 
-    /// The device it works on.
+    /// Returns the device used, if any.
     pub fn gpu(&self) -> Option<&Gpu> {
         match self {
             Kind::Device(_, gpu) => Some(gpu),
@@ -169,15 +169,15 @@ impl Kind {
         }
     }
 
-    /// Whether it starts from the dense inverse.
+    /// Returns whether the contender starts from the dense inverse.
     pub fn needs_inverse(&self) -> bool {
         matches!(self, Kind::Dense(..) | Kind::Device(..))
     }
 
-    /// Makes it.
+    /// Creates the contender.
     ///
     /// # Errors
-    /// [`StudyError`] where the device has no room, or the precision does not suffice for the material.
+    /// [`StudyError`] if the device lacks memory, or the precision is insufficient for the material.
     pub fn make(&self, subject: &Subject, sources: &Sources) -> Result<Box<dyn Contender>, StudyError> {
         let options = Options::default();
         let mesh = &subject.mesh;
@@ -211,7 +211,7 @@ impl fmt::Display for Kind {
     }
 }
 
-/// What a level promises in a precision.
+/// Returns the accuracy that a level guarantees in a precision.
 fn promise(level: Level, precision: Precision) -> Promise {
     let Options {
         residual_double,
@@ -225,7 +225,7 @@ fn promise(level: Level, precision: Precision) -> Promise {
     }
 }
 
-/// A remesher; one on a device is known as such, so that it can be timed there.
+/// Remesher; one on a device keeps its type, so that it can be timed there.
 enum Follower {
     Cpu(Box<dyn Remesher>),
     Device(Box<DeviceLevels>),
@@ -284,7 +284,7 @@ impl Contender for Follower {
         match self {
             Follower::Cpu(_) => Ok(false),
             Follower::Device(levels) => {
-                // The clock of a software device says no more than the one on the wall.
+                // The clock of a software device gives no more information than wall-clock time.
                 let gpu = levels.store().gpu();
                 let can = gpu.has_timestamps() && !gpu.report().software;
                 levels.store().time_updates(can)?;
@@ -301,7 +301,7 @@ impl Contender for Follower {
     }
 }
 
-/// A new factorisation at each change, with the analysis of the first.
+/// Refactorisation at each change, with the symbolic analysis of the first.
 struct Refactored {
     stiffness: Stiffness,
     factor: Factor,
@@ -381,7 +381,7 @@ impl Contender for Refactored {
         Ok(())
     }
 
-    /// The factor's entries and their rows, and the solutions.
+    /// Returns the bytes of the factor's entries with their row indices, and of the solutions.
     fn held(&self) -> usize {
         let factor = self.factor.entries() * (size_of::<f64>() + size_of::<u32>());
         factor + self.solutions.nrows() * self.solutions.ncols() * size_of::<f64>()

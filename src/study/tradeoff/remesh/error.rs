@@ -1,4 +1,4 @@
-//! Why remeshing cannot be studied.
+//! Errors of the remeshing study.
 
 use crate::gpu::GpuError;
 use crate::mechanics::mesh::locator::NodeCount;
@@ -13,81 +13,81 @@ use crate::mechanics::tissue::remesh::adapted::RefusedMove;
 use crate::mechanics::tissue::rigid::RigidError;
 use crate::mechanics::tissue::switching::SwitchError;
 
-/// Why a mesh cannot be studied.
+/// Error of studying a mesh.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
-    /// The dense inverses are larger than the memory of the machine.
+    /// The dense inverses exceed the memory of the machine.
     #[error(
         "a mesh of {size} degrees of freedom needs {:.1} GiB for its dense inverses, and {:.1} GiB of memory are available; \
          take a coarser mesh",
         gib(*needed), gib(*available)
     )]
     Memory {
-        /// Degrees of freedom.
+        /// Number of degrees of freedom.
         size: usize,
-        /// Bytes that are needed.
+        /// Bytes needed.
         needed: usize,
-        /// Bytes that can be had.
+        /// Bytes available.
         available: usize,
     },
-    /// The line through the mesh crosses too few elements with a corner that can be moved.
+    /// The needle's line crosses too few elements with a movable corner.
     #[error(
         "only {moves} corners can be moved along the needle's line, {} expected: the mesh is too coarse, or lies beside the \
          line down through the middle of its box",
         super::subject::LEAST_MOVES
     )]
     Track {
-        /// Moves found.
+        /// Number of moves found.
         moves: usize,
     },
-    /// There are too few nodes for the contacts.
+    /// The mesh has too few nodes for the contacts.
     #[error("the mesh has {found} free nodes beside the needle, {expected} expected as contacts; take a finer mesh")]
     Contacts {
-        /// Nodes found.
+        /// Number of nodes found.
         found: usize,
-        /// Nodes expected.
+        /// Number of nodes expected.
         expected: usize,
     },
-    /// The material is no material.
+    /// The material parameters are invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// The mesh can move as a whole or in part.
+    /// The mesh, or part of it, can move as a rigid body.
     #[error(transparent)]
     Rigid(#[from] RigidError),
-    /// The mesh cannot be assembled.
+    /// The stiffness cannot be assembled.
     #[error(transparent)]
     Assembly(#[from] AssemblyError),
-    /// Its stiffness cannot be factored.
+    /// The stiffness cannot be factorised.
     #[error(transparent)]
     Factor(#[from] FactorError),
-    /// It has no inverse.
+    /// The inverse cannot be computed.
     #[error(transparent)]
     Inverse(#[from] InverseError),
-    /// Entries of the inverse cannot be had.
+    /// Entries of the inverse cannot be computed.
     #[error(transparent)]
     Compliance(#[from] ComplianceError),
-    /// A move that was possible before is not.
+    /// A move that was possible before is refused.
     #[error(transparent)]
     Move(#[from] RefusedMove),
-    /// A remesher refuses.
+    /// A remesher refuses a change.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
-    /// Contacts cannot be condensed.
+    /// The contacts cannot be condensed.
     #[error(transparent)]
     Condensed(#[from] CondensedError),
-    /// Contacts cannot be solved for.
+    /// The contacts cannot be solved.
     #[error(transparent)]
     Switch(#[from] SwitchError),
-    /// A device fails.
+    /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A locator of another mesh.
+    /// The locator belongs to a mesh with another number of nodes.
     #[error(transparent)]
     Locator(#[from] NodeCount),
 }
 
 impl StudyError {
-    /// Whether the machine is at fault rather than what was asked for.
+    /// Returns whether the machine failed, rather than the input.
     pub fn is_machine(&self) -> bool {
         matches!(self, Self::Gpu(error) if error.is_machine())
     }

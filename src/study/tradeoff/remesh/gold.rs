@@ -1,4 +1,4 @@
-//! The truth: solutions from a factor of the moved mesh, refined.
+//! Gold standard: solutions from a factor of the moved mesh, with iterative refinement.
 
 use faer::{Mat, MatRef};
 
@@ -10,16 +10,16 @@ use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::AdaptedMesh;
 use crate::study::stability::record::largest;
 
-/// Columns of K^-1 that are compared: half of them where the mesh was moved, half spread over it.
+/// Number of compared columns of K^-1: half at the moved part of the mesh, half spread over all of it.
 pub const SAMPLES: usize = 24;
 
-/// The magnitude of the sum of a load, N.
+/// Returns the magnitude of the resultant of a load, N.
 fn resultant_n(load: &[f64]) -> f64 {
     let along = |axis: usize| load.iter().skip(axis).step_by(3).sum::<f64>();
     (0..3).map(|axis| along(axis).powi(2)).sum::<f64>().sqrt()
 }
 
-/// What a contender is compared with in one state of the mesh.
+/// Reference solutions in one state of the mesh.
 pub struct Gold {
     stiffness: Stiffness,
     condensed: Mat<f64>,
@@ -28,7 +28,7 @@ pub struct Gold {
     solution: Vec<f64>,
 }
 
-/// The fixed load, N: one on each contact degree of freedom, of both signs, so that nothing is symmetric.
+/// Returns the fixed load, N: a force on each contact degree of freedom, of both signs, so that there is no symmetry.
 fn load(contacts: usize) -> Vec<f64> {
     (0..contacts)
         .map(|k| [0.3, -0.2, -1.0][k % 3] * (1.0 + k as f64 / contacts as f64))
@@ -36,18 +36,18 @@ fn load(contacts: usize) -> Vec<f64> {
 }
 
 impl Gold {
-    /// K^c alone.
+    /// Computes K^c only.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the moved mesh cannot be solved.
     pub fn of_contacts(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
         Gold::new(subject, mesh, Vec::new())
     }
 
-    /// K^c, displacements under the load, and sampled columns of K^-1.
+    /// Computes K^c, displacements under the load, and sampled columns of K^-1.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the moved mesh cannot be solved.
     pub fn with_samples(subject: &Subject, mesh: &AdaptedMesh) -> Result<Gold, StudyError> {
         let support: Vec<usize> = mesh.support().map(|dof| dof as usize).collect();
         let spread = |count: usize, of: usize| (0..count.min(of)).map(move |k| k * of / count.min(of));
@@ -100,21 +100,21 @@ impl Gold {
         })
     }
 
-    /// How far K^c is from the truth, relative, in the Frobenius norm.
+    /// Returns the relative error of K^c in the Frobenius norm.
     pub fn error_of_contacts(&self, found: MatRef<'_, f64>) -> f64 {
         relative(found, self.condensed.as_ref())
     }
 
-    /// Whether there are columns of K^-1 to compare.
+    /// Returns whether columns of K^-1 were sampled.
     pub fn has_samples(&self) -> bool {
         !self.samples.is_empty()
     }
 
-    /// Relative errors of sampled columns of K^-1, of K^c and of displacements; the relative residual; and
-    /// the largest error of displacements where the load is scaled to one newton in all, mm.
+    /// Returns the relative errors of sampled columns of K^-1, of K^c and of displacements; the relative residual; and the largest error of
+    /// displacements with the load scaled to a resultant of one newton, mm.
     ///
     /// # Errors
-    /// [`StudyError`] where the contender fails.
+    /// [`StudyError`] if the contender fails.
     pub fn errors(&self, subject: &Subject, contender: &mut dyn Contender) -> Result<[f64; 5], StudyError> {
         let every: Vec<usize> = (0..subject.size()).collect();
         let columns = contender.block(&every, &self.samples)?;
@@ -132,8 +132,8 @@ impl Gold {
         ])
     }
 
-    /// The largest |K X e - e| / (|K| |X e|) over the samples, in infinity norms (J. L. Rigal and J. Gaches, "On the compatibility of a
-    /// given solution with the data of a linear system", Journal of the ACM 14, 1967).
+    /// Returns the largest |K X e - e| / (|K| |X e|) over the samples, in infinity norms (J. L. Rigal and J. Gaches, "On the compatibility
+    /// of a given solution with the data of a linear system", Journal of the ACM 14, 1967).
     fn residual(&self, columns: MatRef<'_, f64>) -> f64 {
         let mut product = vec![0.0; columns.nrows()];
         let mut worst = 0.0f64;
@@ -143,7 +143,7 @@ impl Gold {
             product[dof] -= 1.0;
             let scale = self.stiffness.norm_inf() * largest(values.iter().copied());
             for value in &product {
-                // Not `max`, which forgets what is undefined.
+                // Not `max`, which ignores NaN.
                 let value = value.abs() / scale;
                 if value.is_nan() || value > worst {
                     worst = value;
@@ -157,7 +157,7 @@ impl Gold {
     }
 }
 
-/// |found - expected| / |expected| in the Frobenius norm.
+/// Returns |found - expected| / |expected| in the Frobenius norm.
 fn relative(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
     (found - expected).norm_l2() / expected.norm_l2()
 }

@@ -1,4 +1,4 @@
-//! What was measured, as tables and figures.
+//! Tables and figures of the study.
 
 use super::contender::{Kind, Promise};
 use super::subject::Subject;
@@ -98,7 +98,7 @@ const GOLD: &str = "the moved mesh factored anew, solutions refined";
 
 const DRIFT: [Axis; 2] = [Axis::log("updates", "updates", "updates"), ERROR_CONDENSED];
 
-/// A study that is being filled in.
+/// Report under construction.
 pub(super) struct Report {
     study: Study,
     remesh: Table,
@@ -291,7 +291,7 @@ fn megabytes(bytes: usize) -> f64 {
     bytes as f64 * 1e-6
 }
 
-/// The nearest-rank median; none of nothing.
+/// Returns the nearest-rank median; `None` for no values.
 fn median(values: Vec<f64>) -> Option<f64> {
     Spread::of(values).map(|spread| spread.median_ms)
 }

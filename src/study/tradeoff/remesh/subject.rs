@@ -1,4 +1,4 @@
-//! The mesh that is studied: its supports, its contacts, and the moves that a needle makes in it.
+//! Mesh under study: its supports, its contacts, and the moves that a needle causes.
 
 use std::sync::Arc;
 
@@ -13,39 +13,39 @@ use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
 use crate::mechanics::tissue::rigid;
 use crate::random::{hash3, seed_words, unit};
 
-/// Nodes in contact: half of them with the needle, where it has moved that many, the others around its entry.
+/// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.
 const CONTACTS: usize = 20;
-/// Fewer moves make no track.
+/// Least number of moves in a track.
 pub const LEAST_MOVES: usize = 3;
 /// Share of the extent along z whose nodes are fixed.
 const FIXED: f64 = 0.02;
-/// The same, and the share of its nodes, of a mesh that has fewer nodes there, as a round organ has: on a few it would turn nearly
-/// freely, and its compliance would be that of the supports.
+/// Extent share and least node share for a mesh with fewer fixed nodes, such as a round organ: supported by a few nodes it would rotate
+/// almost freely, and its compliance would be that of the supports.
 const FIXED_OF_ROUND: f64 = 0.1;
 const LEAST_FIXED: f64 = 0.03;
-/// Where the needle enters and where it would come to rest, as shares of the box of the mesh.
+/// Entry and final tip position of the needle, as shares of the mesh's bounding box.
 const LINE: [[f64; 3]; 2] = [[0.43, 0.46, 1.0], [0.57, 0.53, 0.12]];
-/// Box of the generated mesh, mm.
+/// Extents of the generated mesh, mm.
 const BOX_MM: [f64; 3] = [120.0, 100.0, 80.0];
-/// By how much its inner nodes are shaken, as a share of the lattice.
+/// Random displacement of its inner nodes, as a share of the lattice spacing.
 const SHAKEN: f64 = 0.12;
 
-/// A mesh on its supports with the moves of one insertion.
+/// Supported mesh with the moves of one insertion.
 pub struct Subject {
-    /// With every node at its base.
+    /// Mesh with every node at its base position.
     pub mesh: AdaptedMesh,
-    /// Of its stiffness.
+    /// Factor of the stiffness at the base.
     pub factor: Arc<Factor>,
     /// Degrees of freedom in contact.
     pub contacts: Vec<usize>,
-    /// A node and where it is moved (mm), in order.
+    /// Nodes and their target positions (mm), in order.
     track: Vec<(u32, [f64; 3])>,
 }
 
-/// A block of about `nodes` nodes, its inner ones shaken so that no two elements are alike.
+/// Generates a block of about `nodes` nodes, with inner nodes perturbed so that no two elements are equal.
 ///
 /// # Errors
-/// [`InvalidMesh`] where that makes no mesh.
+/// [`InvalidMesh`] if the result is not a valid mesh.
 pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
     let regular = TetMesh::over_box([0.0; 3], BOX_MM, nodes)?;
     let edge = (BOX_MM.iter().product::<f64>() / regular.nodes().len() as f64).cbrt();
@@ -64,8 +64,8 @@ pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
     )
 }
 
-/// The degrees of freedom of a mesh whose lowest nodes along z are fixed: those in the lowest 2 % of its height, or where these are
-/// less than 3 % of all, in the lowest 10 % and at least 3 % of all.
+/// Returns the degrees of freedom of a mesh with its lowest nodes along z fixed: those in the lowest 2 % of its height or, if these are
+/// less than 3 % of all nodes, those in the lowest 10 % and at least 3 % of all.
 pub fn supports(mesh: &TetMesh) -> Dofs {
     let mut heights: Vec<f64> = mesh.nodes().iter().map(|node| node[2]).collect();
     heights.sort_by(f64::total_cmp);
@@ -83,7 +83,7 @@ pub fn supports(mesh: &TetMesh) -> Dofs {
     )
 }
 
-/// The place at some shares of the extents of a mesh, mm.
+/// Returns the point at the given shares of a mesh's extents, mm.
 fn place(mesh: &TetMesh, share: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|axis| {
         let along = || mesh.nodes().iter().map(|node| node[axis]);
@@ -96,11 +96,11 @@ fn place(mesh: &TetMesh, share: [f64; 3]) -> [f64; 3] {
 }
 
 impl Subject {
-    /// Fixes the lowest nodes along z, makes everything of one material, and finds out which corners a needle moves that
-    /// goes down through the middle.
+    /// Fixes the lowest nodes along z, assigns one material, and determines the corners moved by a needle that goes down through the
+    /// middle.
     ///
     /// # Errors
-    /// [`StudyError`].
+    /// [`StudyError`] if the mesh is unsuitable or its stiffness cannot be factorised.
     pub fn new(mesh: &TetMesh, options: &RemeshOptions) -> Result<Subject, StudyError> {
         let dofs = supports(mesh);
         rigid::check(mesh, &dofs)?;
@@ -125,27 +125,27 @@ impl Subject {
         })
     }
 
-    /// Nodes of the mesh.
+    /// Returns the number of nodes.
     pub fn nodes(&self) -> usize {
         self.mesh.nodes().len()
     }
 
-    /// Nodes that are fixed.
+    /// Returns the number of fixed nodes.
     pub fn fixed(&self) -> usize {
         self.nodes() - self.size() / 3
     }
 
-    /// Free degrees of freedom.
+    /// Returns the number of free degrees of freedom.
     pub fn size(&self) -> usize {
         self.mesh.dofs().free()
     }
 
-    /// Updates until the needle is in for the first time.
+    /// Returns the number of updates until the needle is fully inserted for the first time.
     pub fn inserted(&self) -> usize {
         self.track.len()
     }
 
-    /// The mean number of degrees of freedom around a moved node (s).
+    /// Returns the mean number of degrees of freedom around a moved node (s).
     pub fn rank(&self) -> f64 {
         let free = |node: &u32| self.mesh.dofs().of(*node).iter().filter(|dof| **dof != NONE).count();
         let ranks = self
@@ -155,10 +155,10 @@ impl Subject {
         ranks.sum::<usize>() as f64 / self.track.len() as f64
     }
 
-    /// Makes the change after `done` of them: the next move in, or the last one undone.
+    /// Makes the change that follows `done` changes: the next inward move, or the undoing of the last one.
     ///
     /// # Errors
-    /// [`StudyError::Move`], which would be a fault of the mesh: all moves have been tried.
+    /// [`StudyError::Move`], which would indicate a fault of the mesh, as all moves have been tried before.
     pub fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, StudyError> {
         let (length, place) = (self.track.len(), done % (2 * self.track.len()));
         let moved = mesh.moves().len();
@@ -170,7 +170,7 @@ impl Subject {
     }
 }
 
-/// The free nodes nearest to a place.
+/// Returns the free nodes nearest to a point.
 fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec<u32>, StudyError> {
     let distance = |node: u32| -> f64 {
         let position = mesh.nodes()[node as usize];
@@ -190,7 +190,7 @@ fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec
     Ok(free)
 }
 
-/// The moves of a needle along a line.
+/// Returns the moves of a needle along a line.
 fn track(
     base: &TetMesh,
     mut mesh: AdaptedMesh,
@@ -201,7 +201,7 @@ fn track(
     let mut locator = Locator::<f64>::new(base);
     let mut track: Vec<(u32, [f64; 3])> = Vec::new();
     let mut last = NONE;
-    // Fine enough that few elements are jumped over.
+    // Fine enough to skip few elements.
     let steps = (20.0 * (base.nodes().len() as f64).cbrt()) as usize;
     for step in 1..=steps {
         let share = step as f64 / steps as f64;

@@ -1,4 +1,4 @@
-//! Contacts that let go and take hold: pivots in a tableau against a new factorisation at every switch.
+//! Contact switching: pivots in a tableau against refactorisation at every switch.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -17,11 +17,11 @@ use crate::study::spread::Spread;
 use crate::study::stability::record::largest;
 use crate::study::tradeoff::{Axis, FORCE_N, Factor, Goal, Table};
 
-/// Contacts, three degrees of freedom each.
+/// Numbers of contacts, with three degrees of freedom each.
 const CONTACTS: [usize; 3] = [20, 60, 120];
-/// Switches, after each of which all forces are wanted.
+/// Number of switches, after each of which all forces are evaluated.
 const SWITCHES: u32 = 300;
-/// Displacements that are prescribed go this far, mm.
+/// Range of the prescribed displacements, mm.
 const PRESSED_MM: f64 = 1.0;
 const PIVOTS: &str = "pivots";
 const FACTORED: &str = "factored anew";
@@ -52,7 +52,7 @@ const AXES: [Axis; 4] = [
     Axis::linear("refused", "refused", "switches refused as dependent on others"),
 ];
 
-/// Measures both on the contacts of one mesh, as many as it has room for.
+/// Measures both methods on the contacts of one mesh, as many as fit.
 pub(super) fn table(subject: &Subject) -> Result<Table, StudyError> {
     let title = format!("Contacts that switch: {SWITCHES} at random, {} nodes", subject.nodes());
     let goal = Goal::new("median_ms", "error_n", FORCE_N).choosing("contacts that switch");
@@ -98,13 +98,13 @@ pub(super) fn table(subject: &Subject) -> Result<Table, StudyError> {
     Ok(table)
 }
 
-/// What one way came to.
+/// Result of one method.
 #[derive(Default)]
 struct Done {
     times_ms: Vec<f64>,
-    /// Of every contact after every switch.
+    /// Forces on all contacts after each switch, N.
     forces_n: Vec<f64>,
-    /// Which switches.
+    /// Indices of the refused switches.
     refused: Vec<u32>,
 }
 

@@ -35,7 +35,7 @@ fn every_level_is_measured_and_keeps_what_it_promises() {
         assert_eq!(value(row, "updates"), Some(30.0));
         let error = value(row, "error_condensed").unwrap();
         let level = row.choices[1].as_str();
-        // II, III and IV leave entries as they were, and the needle moves its own contacts: that shows in the first digits.
+        // Levels II, III and IV leave entries outdated, and the needle moves its own contacts: the error is large.
         if ["II", "III", "IV"].contains(&level) {
             assert!(error > 1e-4, "{row:?}");
         } else {
@@ -44,7 +44,7 @@ fn every_level_is_measured_and_keeps_what_it_promises() {
         }
     }
     assert!(table.best().contains(&true));
-    // Each state of the first insertion, and 10 and 30 updates, of each row.
+    // Each state of the first insertion, and 10 and 30 updates, for each row.
     let drift = &study.tables[1];
     let states = drift.rows.len() / table.rows.len();
     assert!(states >= 3 + 2, "{states} states");
@@ -57,7 +57,7 @@ fn every_level_is_measured_and_keeps_what_it_promises() {
     assert!(study.notes.is_empty(), "{:?}", study.notes);
 }
 
-/// A ball of about so many nodes, 40 mm in radius.
+/// Returns a ball with approximately the given number of nodes, 40 mm in radius.
 fn ball(nodes: usize) -> TetMesh {
     let cube = TetMesh::over_box([-40.0; 3], [40.0; 3], nodes).unwrap();
     let round = cube.nodes().iter().map(|place| {
@@ -68,7 +68,7 @@ fn ball(nodes: usize) -> TetMesh {
     TetMesh::new(round.collect(), cube.elements().to_vec(), cube.regions().to_vec()).unwrap()
 }
 
-/// Held in its lowest 2 % alone it turns nearly freely about a few nodes.
+/// Supported only in its lowest 2 %, it would rotate almost freely about a few nodes.
 #[test]
 fn a_round_mesh_is_held_well_and_followed() {
     let ball = ball(500);
@@ -84,7 +84,7 @@ fn a_round_mesh_is_held_well_and_followed() {
     assert_eq!((flagged, study.notes.len()), (0, 0), "{}", study.text());
 }
 
-/// A rod as long as 50 times its width bends under next to nothing: in f32 the exact level has no base to stand on, and says so.
+/// A rod 50 times as long as wide is extremely compliant: in f32 the exact level lacks an accurate base and reports so.
 #[test]
 fn an_exact_level_refuses_a_base_that_is_barely_held() {
     let rod = TetMesh::over_box([0.0; 3], [30.0, 30.0, 1600.0], 1000).unwrap();
@@ -102,7 +102,7 @@ fn an_exact_level_refuses_a_base_that_is_barely_held() {
     assert!(make(crate::mechanics::tissue::remesh::Precision::Double).is_ok());
 }
 
-/// Follows exactly, but for an error that no rounding explains.
+/// Contender that follows exactly, except for an error too large for rounding.
 struct Wrong {
     truth: Box<dyn Contender>,
     off: f64,
@@ -196,7 +196,7 @@ fn memory_is_checked_first_and_unsuited_meshes_are_errors() {
         Subject::new(&small(), &wrong).err(),
         Some(StudyError::Material(_))
     ));
-    // f32 does not suffice near incompressibility: said, not measured.
+    // f32 is insufficient near incompressibility: reported, not measured.
     let nearly = RemeshOptions {
         poisson: 0.499,
         ..options()
@@ -225,7 +225,7 @@ fn an_insertion_moves_each_node_once_and_a_withdrawal_restores_all() {
     assert_eq!(mesh.nodes(), subject.mesh.nodes());
 }
 
-/// The exact level, with an error that no rounding explains.
+/// Runs the exact level with an error too large for rounding.
 fn offset(off: f64) -> Result<Study, StudyError> {
     let options = options();
     let subjects = [Subject::new(&small(), &options)?];

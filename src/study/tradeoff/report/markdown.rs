@@ -1,4 +1,4 @@
-//! The report in Markdown.
+//! Markdown version of the report.
 
 use std::fmt::Write;
 
@@ -6,9 +6,9 @@ use super::{Report, Section};
 use crate::study::tradeoff::render::number;
 
 impl Report {
-    /// The report in Markdown, every figure in it.
+    /// Returns the report in Markdown, with every figure.
     pub fn markdown(&self) -> String {
-        // Writing to a string does not fail.
+        // Writing to a string cannot fail.
         let mut text = format!("# What accuracy costs in time\n\n{}\n", self.sentence());
         for missing in &self.missing {
             let _ = writeln!(text, "\n**{} could not be measured:** {}", missing.name, missing.reason);
@@ -52,7 +52,7 @@ impl Report {
         text
     }
 
-    /// What to take at the pace that is wanted.
+    /// Adds the recommendations at the required pace.
     fn pace_in_markdown(&self, text: &mut String) {
         if self.in_time().next().is_none() {
             return;
@@ -73,7 +73,7 @@ impl Report {
         }
     }
 
-    /// On what and when it was measured.
+    /// States the machine, the date and the duration of the measurements.
     pub(super) fn sentence(&self) -> String {
         format!(
             "Measured by {} on {} ({}; {} run, {:.0} s). Times are this machine's; errors are against the gold standard of each table, \
@@ -86,7 +86,7 @@ impl Report {
         )
     }
 
-    /// Whether anything breaks what it promises.
+    /// States whether any row violates its guarantee.
     pub(super) fn verdict(&self) -> String {
         match self.wrong().count() {
             0 => "Every row keeps what it promises.".to_owned(),

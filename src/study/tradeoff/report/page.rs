@@ -1,4 +1,4 @@
-//! The report as one page.
+//! HTML page of the report.
 
 use std::time::Duration;
 
@@ -9,14 +9,14 @@ use crate::study::plot::PlotError;
 use crate::study::tradeoff::render::number;
 use crate::study::tradeoff::{Pace, Study};
 
-/// Most rows of a table that stand there at once.
+/// Number of table rows above which a table is folded.
 const ROWS: usize = 40;
 
 impl Report {
-    /// The report as one HTML document that asks for nothing from elsewhere.
+    /// Returns the report as one self-contained HTML document.
     ///
     /// # Errors
-    /// [`PlotError`].
+    /// [`PlotError`] if a plot cannot be drawn.
     pub fn page(&self) -> Result<String, PlotError> {
         let mut page = Page::new("What accuracy costs in time");
         page.paragraph("soft", &self.sentence());
@@ -45,7 +45,7 @@ impl Report {
         Ok(page.finish())
     }
 
-    /// What to take at the pace that is wanted, one line each.
+    /// Adds the recommendations at the required pace, one per line.
     fn in_time_on(&self, page: &mut Page) {
         let rows = self.in_time().map(|found| {
             let cells = vec![
@@ -74,7 +74,7 @@ impl Report {
         page.stacked(&headings, &rows);
     }
 
-    /// What to take, one line each.
+    /// Adds the recommendations, one per line.
     fn in_short(&self, page: &mut Page) {
         let mut rows = Vec::new();
         for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
@@ -116,10 +116,10 @@ impl Report {
 }
 
 impl Study {
-    /// The study as one HTML document that asks for nothing from elsewhere.
+    /// Returns the study as one self-contained HTML document.
     ///
     /// # Errors
-    /// [`PlotError`].
+    /// [`PlotError`] if a plot cannot be drawn.
     pub fn page(&self) -> Result<String, PlotError> {
         let mut page = Page::new(self.title);
         let (version, date) = (env!("CARGO_PKG_VERSION"), machine::today());
@@ -150,7 +150,7 @@ impl Chapter {
         Ok(())
     }
 
-    /// Tables, plots, notes and settings.
+    /// Adds tables, plots, notes and settings.
     fn body(&self, page: &mut Page) -> Result<(), PlotError> {
         for section in &self.sections {
             section.show(page);
@@ -199,7 +199,7 @@ impl Section {
             page.paragraph("advice", &advice.sentence());
         }
         let all: Vec<usize> = (0..self.axes.len()).collect();
-        // Long tables and wide ones are folded; nothing of them is lost.
+        // Long and wide tables are folded but complete.
         let many = self.rows.len() > ROWS;
         if !many {
             self.rows(page, &self.first);

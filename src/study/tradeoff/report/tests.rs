@@ -14,7 +14,7 @@ const AXES: [Axis; 4] = [
     Axis::log("never", "never", "never measured"),
 ];
 
-/// The gold standard, a good way, and one that is off by as much as asked; a trace of it.
+/// Returns a study with the gold standard, a good variant, one with the error `off`, and a trace of it.
 fn study(off: f64) -> Study {
     let goal = Goal::new("ms", "error_mm", (0.1, "a <reason>")).beside(&["p95_ms"]);
     let goal = goal.in_every(Beat::Step, "p95_ms");
@@ -70,7 +70,7 @@ const RIGHT: Entry = entry("right", |_, _, _| Ok(study(0.5)));
 const WRONG: Entry = entry("wrong", |_, _, _| Ok(study(7.0)));
 const BROKEN: Entry = entry("broken", |_, _, _| Err("no memory".into()));
 
-/// A step may take 5 ms.
+/// Pace with 5 ms per step.
 const PACE: Pace = Pace {
     frames: 60.0,
     steps: 200.0,
@@ -89,7 +89,7 @@ fn report(entries: &[Entry]) -> Report {
 fn json_reads_back_as_it_was() {
     let report = report(&[RIGHT, WRONG, BROKEN]);
     let mut back: Report = serde_json::from_str(&report.json().unwrap()).unwrap();
-    // Plots are files of their own.
+    // Plots are separate files.
     for (chapter, own) in back.chapters.iter_mut().zip(&report.chapters) {
         chapter.drawings.clone_from(&own.drawings);
     }
@@ -117,7 +117,7 @@ fn what_keeps_to_the_pace_stands_first() {
     let report = report(&[RIGHT]);
     let found: Vec<&InTime> = report.in_time().collect();
     assert_eq!(found.len(), 1);
-    // 1.5 times 2 ms; the exact way takes 13.5.
+    // 1.5 times 2 ms; the exact variant takes 13.5.
     assert_eq!(
         found[0].sentence(),
         "Ways & means: good, \"or so\": 3.00 ms, error 0.0500 mm"
@@ -145,14 +145,14 @@ fn every_column_mark_and_cell_says_what_it_is() {
         page.contains("<th class=\"n\" title=\"time (95th percentile), ms\">p95</th>"),
         "{page}"
     );
-    // Where rows become blocks there are no headings above.
+    // In block layout there are no headings above.
     for label in ["recommended", "time", "error", "better, but slower"] {
         assert!(page.contains(&format!("data-label=\"{label}\">")), "{label}");
     }
     for text in [&page, &markdown] {
         assert!(text.contains("below 0.1 of the tolerance count as zero"), "{text}");
     }
-    // The gold standard errs by nothing and is among the best; it is shown to be no gap.
+    // The gold standard has no error and is among the best; the report states that it is exact.
     let section = &report.chapters[0].sections[0];
     assert_eq!(section.best, [true, true, true]);
     assert!(
@@ -199,7 +199,7 @@ fn the_page_asks_for_nothing_and_escapes_what_it_shows() {
     for asks in ["<script", "src=", "url(", "@import", "<link rel=\"stylesheet\""] {
         assert!(!page.contains(asks), "{asks}");
     }
-    // A name of the language of the plots, and no address.
+    // A namespace of the plots' format, not an external address.
     let addresses: Vec<_> = page.match_indices("http").map(|(at, _)| &page[at..at + 26]).collect();
     assert!(
         addresses.iter().all(|it| *it == "http://www.w3.org/2000/svg"),

@@ -1,4 +1,4 @@
-//! A block of liver that a plate presses into, and one way through its history.
+//! Block of liver under a plate, and the simulation of its load history.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,23 +10,23 @@ use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use crate::mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Structure, Supports};
 use crate::mechanics::tissue::viscoelastic::Rule;
 
-/// Edges of the block, mm.
+/// Edge lengths of the block, mm.
 const EXTENT_MM: [f64; 3] = [60.0, 40.0, 40.0];
 
-/// The plate comes down in the first half of the time, and stays.
+/// Duration of the history, s. The plate comes down in the first half and then stays.
 const SECONDS: f64 = 4.0;
 
-/// The block and what drives it.
+/// Block and its prescribed motion.
 pub struct Subject {
     stiffening: Arc<Solid>,
     linear: Arc<Solid>,
     supports: Supports<3>,
-    /// Full displacement of each prescribed degree of freedom, mm.
+    /// Final displacement of each prescribed degree of freedom, mm.
     depth: Vec<f64>,
     options: TissueOptions,
 }
 
-/// How tissue answers.
+/// Tissue model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Model {
     Linear,
@@ -34,30 +34,30 @@ pub enum Model {
     Viscous(Memory),
 }
 
-/// One way through the history.
+/// Variant of the simulation.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Way {
+pub struct Variant {
     pub model: Model,
     pub scheme: Scheme,
-    /// Steps until the plate is down.
+    /// Number of steps until the plate is down.
     pub steps: u32,
-    /// Whether the time after that is gone through too.
+    /// Whether the hold phase is simulated too.
     pub hold: bool,
     pub tolerance: f64,
 }
 
-/// What came of it.
+/// Result of a simulation.
 #[derive(Clone, Debug, Default)]
 pub struct Walked {
     /// Time of each step, ms.
     pub times_ms: Vec<f64>,
     pub iterations: usize,
     pub factorisations: usize,
-    /// Displacements at the end, mm.
+    /// Final displacements, mm.
     pub displacement: Vec<f64>,
-    /// Force on the plate when it is down, and at the end, N.
+    /// Force on the plate at the end of loading and at the end of the simulation, N.
     pub force_n: [f64; 2],
-    /// What it did not get over.
+    /// Step that could not be solved, with its error.
     pub flag: Option<String>,
 }
 
@@ -92,7 +92,7 @@ impl Subject {
         })
     }
 
-    /// Nodes, elements, free degrees of freedom.
+    /// Returns the numbers of nodes, elements and free degrees of freedom.
     pub fn sizes(&self) -> [usize; 3] {
         [
             self.linear.nodes().len(),
@@ -101,8 +101,8 @@ impl Subject {
         ]
     }
 
-    /// Goes through the history. What cannot be solved is told, not an error: it is a figure of that way.
-    pub fn walk(&self, way: &Way) -> Result<Walked, TissueError> {
+    /// Simulates the history. A step that cannot be solved is flagged in the result and is not an error.
+    pub fn walk(&self, way: &Variant) -> Result<Walked, TissueError> {
         let body = if way.model == Model::Linear {
             &self.linear
         } else {
@@ -149,7 +149,7 @@ impl Subject {
         Ok(walked)
     }
 
-    /// Force on the plate, N.
+    /// Returns the force on the plate, N.
     fn force(&self, structure: &Structure<3, 4>) -> f64 {
         let driven = self
             .supports

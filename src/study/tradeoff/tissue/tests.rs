@@ -1,4 +1,4 @@
-//! A small block, all the way.
+//! Test of the complete study on a small block.
 
 use super::*;
 
@@ -25,7 +25,7 @@ fn a_small_block_is_studied() {
         assert_eq!(row.flag, None, "{name}");
         row.values[table.axes.iter().position(|axis| axis.key == key).unwrap()].unwrap()
     };
-    // Iterations come to their tolerance, over how much it may be of the displacements; Euler's steps err less the shorter they are.
+    // Iterative schemes reach their tolerance, relative to the displacements; Euler's error decreases with the step.
     for name in ["modified (Kobayashi 2010)", "modified, accelerated", "full Newton"] {
         assert!(value(schemes, name, "8", "error") < 1e-5, "{name}");
     }
@@ -34,7 +34,7 @@ fn a_small_block_is_studied() {
         assert!(fine < coarse && coarse < 0.2, "{name}: {coarse} {fine}");
     }
     assert_eq!(value(schemes, "Euler (Kobayashi 2010)", "8", "iterations"), 1.0);
-    // Linear tissue is softest; elastic tissue does not relax, viscoelastic does.
+    // Linear tissue is softest; elastic tissue does not relax, viscoelastic tissue does.
     let force = |name: &str, key: &str| value(models, name, "8", key);
     assert!(force("linear", "force_n") < force("nonlinear", "force_n"));
     assert!((force("nonlinear", "relaxed_n") / force("nonlinear", "force_n") - 1.0).abs() < 1e-6);

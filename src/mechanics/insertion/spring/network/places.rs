@@ -1,4 +1,4 @@
-//! Where points of the tissue are, and nodes that are moved to other places of rest.
+//! Point location in the tissue, and moves of nodes to other rest positions.
 
 use nalgebra::Vector3;
 
@@ -6,20 +6,20 @@ use super::Network;
 use crate::mechanics::insertion::spring::geometry::{self, Simplex};
 use crate::mechanics::mesh::NONE;
 
-/// A move that leaves an element less than this share of its volume at home is refused.
+/// Share of an element's volume at home below which a move is refused.
 const FLATTEST: f64 = 0.02;
-/// Elements that a walk to a point passes before all of them are tried.
+/// Number of elements that a walk to a point passes before all of them are tried.
 const LONGEST_WALK: usize = 64;
-/// A point that misses an element by less than this is in it.
+/// Barycentric tolerance for a point inside an element.
 const SLACK: f64 = 1e-9;
 
 impl Network {
-    /// Where a node is now, mm.
+    /// Returns the current position of a node, mm.
     pub fn now(&self, node: u32) -> Vector3<f64> {
         self.reference[node as usize] + self.displacement[node as usize]
     }
 
-    /// The corners of an element now.
+    /// Returns the current corners of an element.
     pub fn corners(&self, element: u32) -> [Vector3<f64>; 4] {
         self.elements[element as usize].map(|node| self.now(node))
     }
@@ -28,12 +28,12 @@ impl Network {
         self.elements[element as usize].map(|node| self.reference[node as usize])
     }
 
-    /// The reference place of the point of an element that has these coordinates.
+    /// Returns the reference position of the point of an element with these coordinates.
     pub fn to_reference(&self, element: u32, coordinates: &[f64; 4]) -> Vector3<f64> {
         geometry::mix(coordinates, &self.at_rest(element))
     }
 
-    /// The shortest edge, mm.
+    /// Returns the length of the shortest edge, mm.
     pub fn shortest_edge_mm(&self) -> f64 {
         let lengths = self
             .topology
@@ -43,7 +43,7 @@ impl Network {
         lengths.fold(f64::INFINITY, f64::min)
     }
 
-    /// Elements about these nodes that are inverted now, each counted once.
+    /// Counts the inverted elements around these nodes, each once.
     pub fn crushed(&self, nodes: impl Iterator<Item = u32> + Clone) -> usize {
         let about = |node: u32| self.around(node).iter().map(move |&element| (node, element));
         let inverted = nodes.clone().flat_map(about).filter(|&(node, element)| {
@@ -55,13 +55,13 @@ impl Network {
         inverted.count()
     }
 
-    /// Elements about a node.
+    /// Returns the elements around a node.
     pub fn around(&self, node: u32) -> &[u32] {
         self.topology.elements_of_node.of(node)
     }
 
-    /// The element that holds a point now, and the point's coordinates there. Walks from `start`; where the walk ends without
-    /// it (at the surface, or in a fold), the element that misses it least is taken if it holds it.
+    /// Finds the element that contains a point now, and the point's coordinates there. Walks from `start`; where the walk
+    /// fails (at the surface, or in a fold), takes the element that misses the point least, if it contains it.
     pub fn locate(&self, point: &Vector3<f64>, start: u32) -> Option<(u32, [f64; 4])> {
         let mut element = start;
         for _ in 0..LONGEST_WALK {
@@ -81,7 +81,7 @@ impl Network {
         self.nearest(point, 0..self.elements.len() as u32, Self::corners)
     }
 
-    /// Of some elements the one that holds a point deepest, lowest number first.
+    /// Returns, among some elements, the one that contains a point most deeply, lowest number first.
     fn nearest(
         &self,
         point: &Vector3<f64>,
@@ -104,9 +104,9 @@ impl Network {
         found
     }
 
-    /// Moves the reference place of a node so that the node is now at a point of one of its elements, which has these
-    /// coordinates there: the displacement stays as it is at the node's new place. Refused, without change, where an element
-    /// would become inverted or flat.
+    /// Moves the reference position of a node so that the node is now at a point of one of its elements with these
+    /// coordinates: its displacement becomes that of the tissue at the new position. Refused, without change, where an
+    /// element would become inverted or flat.
     pub fn take_to(&mut self, node: u32, element: u32, coordinates: &[f64; 4], now: &Vector3<f64>) -> bool {
         let before = self.reference[node as usize];
         let to = self.to_reference(element, coordinates);
@@ -127,7 +127,8 @@ impl Network {
         true
     }
 
-    /// Lets a node go home: it takes the displacement that the tissue has there. The nodes moved after it must be home.
+    /// Returns a node to its home position, with the displacement of the tissue there. The nodes moved after it must be
+    /// home.
     pub fn send_home(&mut self, node: u32) {
         let home = self.home[node as usize];
         if self.reference[node as usize] == home {

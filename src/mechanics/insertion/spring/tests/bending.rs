@@ -1,4 +1,4 @@
-//! Needles that bend.
+//! Flexible needles.
 
 use nalgebra::Vector3;
 
@@ -6,7 +6,7 @@ use super::super::testing::*;
 use super::super::*;
 use crate::mechanics::insertion::Interaction;
 
-/// A thousand times softer than usual a needle cannot be pushed against friction: tissue then has none.
+/// A needle a thousand times softer than usual cannot be pushed against friction: tissue then has none.
 fn with_beam(young_kpa: f64, ei: f64) -> MassSpring {
     let parameters = Parameters { young_kpa, ..coarse() };
     let needle = Box::new(Beam { length_mm: 150.0, ei });
@@ -14,7 +14,7 @@ fn with_beam(young_kpa: f64, ei: f64) -> MassSpring {
     MassSpring::new(parameters, Box::new(Layers::one(tissue)), needle).unwrap()
 }
 
-/// How far the nodes are off the shaft, mm.
+/// Returns the largest distance of the nodes from the shaft, mm.
 fn gap(it: &MassSpring) -> f64 {
     let off = it.contacts.stack.iter().map(|contact| {
         let on_shaft = it.body.line.at(contact.arc);
@@ -25,7 +25,7 @@ fn gap(it: &MassSpring) -> f64 {
 }
 
 /// Inserted 50 mm and moved 3 mm aside at the base: needle and tissue come to rest together, where the needle bends just so
-/// that tissue gives the forces that bend it. A needle stiff as against tissue takes tissue along, a soft one stays.
+/// that tissue exerts the forces that bend it. A needle stiff relative to the tissue moves it, a soft one stays.
 #[test]
 fn needle_and_tissue_find_each_other() {
     let mut tips = Vec::new();
@@ -37,7 +37,7 @@ fn needle_and_tissue_find_each_other() {
             it.step(&tip_at(0.3 + 0.03 * step as f64, 0.2, 50.0), 1e-3).unwrap();
             assert!(it.outcome.on_hand.force_n.norm() < 30.0, "{young_kpa} {ei} {step}");
         }
-        // The softest tissue takes a second to lose a third of what is left.
+        // The softest tissue takes a second to lose a third of its remaining motion.
         for _ in 0..60 {
             it.step(&tip_at(3.3, 0.2, 50.0), 0.4).unwrap();
         }
@@ -61,8 +61,8 @@ fn needle_and_tissue_find_each_other() {
     assert!(usual < in_soft && in_soft < stiff, "{tips:?}");
 }
 
-/// The static shape by other means: with the displacement of the tissue at the nodes taken as it is, the force on each node
-/// found from springs alone bends the beam to where the nodes are.
+/// The static shape computed independently: with the displacement of the tissue at the nodes given, the force on each node
+/// from the springs alone bends the beam to where the nodes are.
 #[test]
 fn forces_of_springs_bend_the_needle() {
     let mut it = with_beam(10.0, 6e3);
@@ -76,18 +76,18 @@ fn forces_of_springs_bend_the_needle() {
         for other in &it.contacts.stack {
             let tangent = it.body.line.at(other.arc).tangent;
             let force = it.network.force[other.node as usize];
-            // Across the shaft: what is along it does not bend.
+            // Only the component across the shaft bends it.
             let force = force - tangent.into_inner() * tangent.dot(&force);
             let (near, far) = (contact.arc.min(other.arc), contact.arc.max(other.arc));
             at += Vector3::new(force.x, force.y, 0.0) * (near * near * (3.0 * far - near) / (6.0 * 6e3));
         }
         let now = it.network.now(contact.node);
-        // Chords of 5 mm, and directions along the shaft that turn with it.
+        // Chords of 5 mm, and shaft directions that turn with the needle.
         assert!((now - at).xy().norm() < 0.02, "{now} {at}");
     }
 }
 
-/// A thousand times stiffer and softer needles in tissue of 0.1 kPa to 1 MPa, shaken at the base at every step: bounded.
+/// Needles a thousand times stiffer and softer in tissue of 0.1 kPa to 1 MPa, shaken at the base at every step: bounded.
 #[test]
 fn shaken_needles_do_not_run_away() {
     for young_kpa in [0.1, 10.0, 1e3] {
@@ -101,7 +101,7 @@ fn shaken_needles_do_not_run_away() {
                 assert!(force.is_finite());
                 halves[step / 100] = halves[step / 100].max(force);
             }
-            // What is unstable grows by a factor in every part of a step.
+            // An instability grows by a factor in every substep.
             assert!(halves[1] <= 1.5 * halves[0], "{young_kpa} {ei} {halves:?}");
         }
     }

@@ -1,4 +1,4 @@
-//! Needles going in and out.
+//! Insertion and withdrawal.
 
 use super::super::testing::*;
 use super::super::*;
@@ -24,7 +24,7 @@ fn in_and_out() {
     drive(&mut it, [75.0, 74.0], 40.0, 1e-3, |_| {});
     let mut before = it.outcome.inserted_mm;
     drive(&mut it, [74.0, 20.0], 40.0, 1e-3, |outcome| {
-        // Drawn back, all of the shaft slides, and nothing is cut: friction along what was in the tissue before the step.
+        // On withdrawal the entire shaft slides, and nothing is cut: friction along the inserted length before the step.
         let bound = 0.01 * before;
         before = outcome.inserted_mm;
         assert!(outcome.on_hand.force_n.z <= bound + 1e-9);

@@ -19,7 +19,7 @@ fn events(it: &mut MassSpring, way: [f64; 2], speed: f64) -> Vec<(EventKind, f64
     found
 }
 
-/// The skin is pushed in until the force that breaks it is reached; then less is enough.
+/// The skin is pushed in until its puncture force is reached; then less is enough.
 #[test]
 fn the_skin_breaks_at_its_force() {
     let skin = Interaction {
@@ -46,7 +46,7 @@ fn the_skin_breaks_at_its_force() {
     assert!(-it.outcome.on_hand.force_n.z <= 0.1 + 1e-12);
 }
 
-/// Two layers: the border is met where it is in the reference state, and the friction of each counts where its nodes lie.
+/// Two layers: the boundary is met where it is in the reference state, and the friction of each acts where its nodes lie.
 #[test]
 fn layers_have_their_friction() {
     let of = |friction_n_per_mm| Interaction {
@@ -84,14 +84,13 @@ fn layers_have_their_friction() {
         force <= whole + 1e-3 && force > 0.9 * whole && whole > 0.5,
         "{force} {whole}"
     );
-    // Drawn back the sign changes.
+    // On withdrawal the sign changes.
     drive(&mut it, [60.0, 50.0], 20.0, 1e-3, |_| {});
     assert!(it.outcome.on_hand.force_n.z > 0.4);
 }
 
-/// Bone at 1 and at 10 mm a step: it is met where it lies in the body at rest, however springs are pushed ahead; the tip goes no
-/// deeper than it may, the force is that of this depth, and all is as before when the needle has been
-/// drawn back.
+/// Bone at 1 and at 10 mm a step: it is met where it lies in the body at rest, however the springs are pushed; the depth of
+/// the tip is limited, the force is that of this depth, and everything is as before when the needle has been withdrawn.
 #[test]
 fn bone_stops_the_tip() {
     let bone = Interaction {
@@ -117,7 +116,7 @@ fn bone_stops_the_tip() {
             "{tip} {depth}"
         );
         (0..30).for_each(|_| assert!(it.step(&tip_at(0.3, 0.2, 50.0), 0.1).is_ok()));
-        // The hand is 20 mm too far: 4 N/mm for the depth that the tip may come to.
+        // The hand is 20 mm too far: 4 N/mm times the largest depth of the tip.
         let force = it.outcome.on_hand.force_n.z;
         assert!((force + 2.0).abs() < 1e-9, "{force}");
         let found = events(&mut it, [50.0, 20.0], speed);
@@ -136,7 +135,7 @@ fn a_needle_may_begin_in_the_body() {
     assert!(outcome.events[0].at_mm.z.abs() < 1e-9);
 }
 
-/// Beyond the cylinder there is nothing to be moved to the tip: it is said once, and the needle goes on.
+/// Beyond the cylinder no node can be moved to the tip: reported once, and the needle continues.
 #[test]
 fn out_of_the_far_end() {
     let mut it = model(coarse(), Layers::one(soft()));
@@ -149,7 +148,7 @@ fn out_of_the_far_end() {
     assert_eq!(found.iter().map(|event| event.0).collect::<Vec<_>>(), [EventKind::Out]);
 }
 
-/// Seeds stay in the reference state where they were left, and are where the tissue is.
+/// Seeds keep their positions in the reference state, and move with the tissue.
 #[test]
 fn seeds_go_with_the_tissue() {
     let mut it = model(coarse(), Layers::one(soft()));
@@ -161,14 +160,14 @@ fn seeds_go_with_the_tissue() {
     let mut snapshot = Snapshot::default();
     it.snapshot(&mut snapshot);
     let seed = snapshot.seeds[0];
-    // Tissue was pushed ahead of the tip: at rest the seed lies less deep.
+    // The tip had pushed tissue before it: at rest the seed lies less deep.
     assert!(seed.z < 39.9 && seed.z > 34.0, "{seed}");
     drive(&mut it, [40.0, -1.0], 50.0, 1e-3, |_| {});
     it.snapshot(&mut snapshot);
     assert_eq!(snapshot.seeds, [seed]);
 }
 
-/// The image gets whole nodes; before the needle is in, they show the tissue as it is.
+/// The image gets all nodes; before the needle is in, they show the undeformed tissue.
 #[test]
 fn the_image_gets_nodes() {
     let mut it = model(coarse(), Layers::one(soft()));
@@ -205,7 +204,7 @@ fn steps_that_cannot_be_made_are_refused() {
     }
     let nowhere = tip_at(f64::NAN, 0.0, 0.0);
     assert!(matches!(it.step(&nowhere, 1e-3), Err(StepError::Input { .. })));
-    // Farther than can be resolved: said, not hidden.
+    // Farther than can be resolved: reported, not hidden.
     it.step(&tip_at(0.0, 0.0, -1e6), 1e-3).unwrap();
     let outcome = it.step(&tip_at(0.0, 0.0, -5.0), 1e-3).unwrap();
     assert!(!outcome.converged && outcome.substeps == MOST_PARTS);
@@ -215,7 +214,7 @@ fn steps_that_cannot_be_made_are_refused() {
     );
 }
 
-/// A tip that wanders along a border crosses it once, and its surface holds once.
+/// A tip that wanders along a boundary crosses it once, and its surface resists once.
 #[test]
 fn a_border_is_crossed_once() {
     let of = |puncture_n| Interaction {

@@ -1,4 +1,4 @@
-//! Masses and springs against theory.
+//! Mass-spring network against theory.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
@@ -28,7 +28,7 @@ fn go(network: &mut Network, h: f64) {
     network.advance(h);
 }
 
-/// Displacements without pattern, of up to 1 mm.
+/// Pseudo-random displacements of up to 1 mm.
 fn shake(network: &mut Network) {
     let mut number = 1u64;
     let mut next = || {
@@ -57,7 +57,7 @@ fn the_cylinder_is_whole() {
         };
         let cylinder = Cylinder::new(&parameters).unwrap();
         assert_eq!(cylinder.mesh.nodes().len(), parameters.nodes());
-        // A prism of as many sides as the last ring has nodes.
+        // A prism with as many sides as the last ring has nodes.
         let sides = (rings * sectors) as f64;
         let area = 0.5 * sides * (5.0 * rings as f64).powi(2) * (std::f64::consts::TAU / sides).sin();
         let volumes = cylinder.mesh.volumes(cylinder.mesh.nodes());
@@ -130,8 +130,8 @@ fn rest_stays_at_rest_to_the_bit() {
     assert_eq!(it.energy(), 0.0);
 }
 
-/// Springs act in pairs: whatever the displacements, their forces on all nodes, the fixed ones too, add up to nothing, nor do
-/// they turn the whole.
+/// Springs act in pairs: for any displacements, the sums of their forces and torques on all nodes, the fixed ones included,
+/// vanish.
 #[test]
 fn forces_balance() {
     let mut it = network(&small());
@@ -149,7 +149,7 @@ fn forces_balance() {
     assert!(size > 1.0);
 }
 
-/// The stiffness of the free nodes by unit displacements, divided by their masses: M^-1/2 K M^-1/2.
+/// Computes the stiffness of the free nodes by unit displacements, divided by their masses: M^-1/2 K M^-1/2.
 fn dynamic_matrix(it: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
     let free: Vec<usize> = (0..it.mass.len()).filter(|&node| !it.fixed[node]).collect();
     let mut matrix = DMatrix::zeros(3 * free.len(), 3 * free.len());
@@ -170,8 +170,8 @@ fn dynamic_matrix(it: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
     (free, matrix)
 }
 
-/// Each eigenmode goes the way that the symplectic Euler step gives an oscillator: x_n = x_0 (cos nt - tan(t/2) sin nt) with
-/// cos t = 1 - (h w)^2 / 2; and no frequency is beyond the limit.
+/// Each eigenmode follows the symplectic Euler solution of an oscillator: x_n = x_0 (cos nt - tan(t/2) sin nt) with cos t =
+/// 1 - (h w)^2 / 2; and no frequency is beyond the limit.
 #[test]
 fn free_vibrations_have_their_frequency() {
     let parameters = Parameters {
@@ -213,8 +213,8 @@ fn free_vibrations_have_their_frequency() {
     }
 }
 
-/// Undamped at the limit itself: v M v + u K u - h v K u does not change at all, so energy stays within (1 + a) / (1 - a)
-/// times the first, a being half the step times the highest frequency.
+/// Undamped at the limit itself: v M v + u K u - h v K u is constant, so energy stays within (1 + a) / (1 - a) times the
+/// first, a being half the step times the highest frequency.
 #[test]
 fn undamped_energy_stays_bounded() {
     let mut it = network(&small());
@@ -235,8 +235,8 @@ fn undamped_energy_stays_bounded() {
     assert!(it.energy() > energy * (1.0 - a) / (1.0 + a));
 }
 
-/// With damping of either kind the energy never comes above that bound of any energy before, and goes to nothing, up to the
-/// limit that is stated for that damping.
+/// With damping of either kind the energy never exceeds that bound of any earlier energy, and vanishes, up to the limit
+/// stated for that damping.
 #[test]
 fn damped_energy_never_grows() {
     for (damping_per_s, spring_damping_s) in [(200.0, 0.0), (0.0, 1e-4), (200.0, 1e-4), (20.0, 1e-2), (2e4, 0.0)] {
@@ -252,7 +252,7 @@ fn damped_energy_never_grows() {
         for _ in 0..10_000 {
             go(&mut it, h);
             let energy = it.energy();
-            // (1 + a) / (1 - a) of a = 0.95; the last term is where squares vanish.
+            // (1 + a) / (1 - a) of a = 0.95; the last term is where squares underflow.
             assert!(energy <= 39.0 * least + 1e-290, "{damping_per_s} {spring_damping_s}");
             least = least.min(energy);
         }
@@ -260,7 +260,7 @@ fn damped_energy_never_grows() {
     }
 }
 
-/// Beyond the limit the same springs would burst: the limit is not idle.
+/// Beyond the limit the same springs diverge: the limit is not trivial.
 #[test]
 fn beyond_twice_the_limit_it_bursts() {
     let mut it = network(&small());
@@ -268,7 +268,7 @@ fn beyond_twice_the_limit_it_bursts() {
     let first = it.energy();
     let h = 2.0 * it.limit_s;
     for _ in 0..200 {
-        // Without the mass that stability asks for.
+        // Without the mass increase for stability.
         it.find_forces();
         for node in 0..it.mass.len() {
             if !it.fixed[node] {
@@ -281,8 +281,9 @@ fn beyond_twice_the_limit_it_bursts() {
     assert!(it.energy() > 1e6 * first);
 }
 
-/// A long cylinder held at both ends and drawn out: the modulus that it shows. Its springs are not as many in all directions,
-/// so that it is only about E; with sides kept from drawing in, the bound from above is 1.2 E (both Lame parameters 0.4 E).
+/// A long cylinder fixed at both ends and stretched: its apparent modulus. Its springs are not distributed evenly over
+/// directions, so that it is only about E; with the sides kept from contracting, the upper bound is 1.2 E (both Lame
+/// parameters 0.4 E).
 #[test]
 fn drawn_out_it_shows_its_modulus() {
     let parameters = Parameters {
@@ -337,7 +338,7 @@ fn moved_and_sent_home() {
     assert!(it.take_to(node, element, &coordinates, &(to * 1.01 + Vector3::repeat(0.1))));
     assert_eq!(it.reference[node as usize], to);
     assert!((it.mass.iter().sum::<f64>() / total - 1.0).abs() < 1e-12);
-    // A field that is linear is met exactly wherever the node is.
+    // A linear field is reproduced exactly wherever the node is.
     it.find_forces();
     it.send_home(node);
     assert_eq!(format!("{:?}", it.reference), format!("{:?}", before.reference));

@@ -1,4 +1,4 @@
-//! The rule of penetration on one element.
+//! Penetration rule on one element.
 
 use nalgebra::Vector3;
 
@@ -27,7 +27,7 @@ fn a_tip_node_is_penetrated_within_lambda_circumferences() {
     }
 }
 
-/// The size of the element does not matter.
+/// The rule does not depend on the size of the element.
 #[test]
 fn the_rule_is_the_same_at_any_size() {
     for size in [1e-3, 1.0, 1e3] {
@@ -49,7 +49,7 @@ fn exactly_through_a_corner_an_edge_a_face() {
         (far.at, far.distance, far.nearest_first(&corners)[0]),
         (Vector3::z(), 1.0, 3)
     );
-    // In a face of the element: P_inter is on an edge of the far face, in its middle; the first of the equals is taken.
+    // In a face of the element: P_inter is the midpoint of an edge of the far face; the first of the ties is taken.
     let direction = Vector3::new(1.0, 1.0, 0.0).normalize();
     let far = FarFace::of(&corners, &corners[0], &direction, Some(0)).unwrap();
     assert!((far.at - Vector3::new(0.5, 0.5, 0.0)).norm() < 1e-15);
@@ -61,7 +61,8 @@ fn exactly_through_a_corner_an_edge_a_face() {
     assert_eq!(far.nearest_first(&corners)[0], 1);
 }
 
-/// Without a node at the tip the far face is the one that the needle leaves through; faces that it runs along are none.
+/// Without a node at the tip the far face is the one through which the needle leaves; faces along which it runs do not
+/// count.
 #[test]
 fn without_a_tip_node_the_far_face_is_the_way_out() {
     let corners = element();
@@ -71,7 +72,7 @@ fn without_a_tip_node_the_far_face_is_the_way_out() {
     // Backwards out of the same edge.
     let far = FarFace::of(&corners, &tip, &-Vector3::z(), None).unwrap();
     assert_eq!((far.opposite, far.distance), (3, 0.25));
-    // Away from the face of a held tip node, and in a flat element, there is none.
+    // There is none away from the face of a held tip node, nor in a flat element.
     assert_eq!(FarFace::of(&corners, &corners[0], &-Vector3::z(), Some(0)), None);
     let mut flat = corners;
     flat[3] = Vector3::new(0.5, 0.5, 0.0);

@@ -1,4 +1,4 @@
-//! Hard cases.
+//! Stability in extreme cases.
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 
@@ -6,7 +6,7 @@ use super::super::testing::*;
 use super::super::*;
 use crate::mechanics::insertion::Interaction;
 
-/// Everything is finite, and nothing has gone farther than the needle could push it.
+/// Asserts that everything is finite, and nothing has moved farther than the needle could push it.
 fn sane(it: &MassSpring, farthest: f64) {
     let displaced = it.network.displacement.iter().map(|by| by.norm()).fold(0.0, f64::max);
     assert!(displaced <= farthest, "{displaced}");
@@ -23,7 +23,7 @@ fn sane(it: &MassSpring, farthest: f64) {
 }
 
 /// 40 mm in and out again at steps of 1e-5 to 0.1 s, in usual tissue and in one 1e4 times as stiff. Forces stay within
-/// friction and cutting in every step, since by construction no node takes more.
+/// friction and cutting in every step, since by construction no node exceeds them.
 #[test]
 fn steps_of_any_length_and_stiff_tissue_stay_bounded() {
     for young_kpa in [10.0, 1e5] {
@@ -69,7 +69,7 @@ fn reversal_at_every_step() {
     }
 }
 
-/// A hundred times in and out: the last is the second again, to the bit, for every entry puts the tissue at rest.
+/// A hundred times in and out: the last equals the second to the bit, since every entry puts the tissue at rest.
 #[test]
 fn a_hundred_cycles() {
     let mut it = model(coarse(), Layers::one(soft()));
@@ -97,7 +97,8 @@ fn a_hundred_cycles() {
     assert_eq!(it.energy_nmm(), 0.0);
 }
 
-/// A needle that is torn out faster than tissue follows leaves it hooked to the shaft: it goes back by itself, and all is as before.
+/// A needle that is torn out faster than tissue follows leaves it hooked to the shaft: it springs back by itself, and
+/// everything is as before.
 #[test]
 fn torn_out_in_one_step() {
     let sticky = Interaction {
@@ -112,7 +113,7 @@ fn torn_out_in_one_step() {
         .map(|_| it.step(&out, 1e-3).unwrap().on_hand.force_n.z)
         .collect();
     assert_eq!((it.contacts.stack.len(), it.outcome.on_hand), (0, Wrench::default()));
-    // No more than the friction of 44 mm, of which nothing is cut.
+    // No more than the friction of 44 mm, with nothing cut.
     assert!(forces.iter().all(|force| *force <= 0.5 * 44.0 + 1e-9));
     (0..20).for_each(|_| assert!(it.step(&out, 0.1).is_ok()));
     assert_eq!((it.energy_nmm(), it.network.reference == it.network.home), (0.0, true));
@@ -141,7 +142,7 @@ fn replay_is_exact() {
         assert_eq!(format!("{:?}", it.save()), format!("{saved:?}"));
         assert_eq!(go_on(it), first);
     }
-    // A state of another model, or one that is cut off, changes nothing.
+    // A state of another model, or a truncated one, changes nothing.
     let before = it.save();
     let mut foreign = model(Parameters::default(), Layers::one(soft()));
     assert!(matches!(it.restore(&foreign.save()), Err(StepError::Foreign(_))));
@@ -151,7 +152,7 @@ fn replay_is_exact() {
     assert_eq!(it.save(), before);
 }
 
-/// 10 mm and 50 mm a step: cut into parts, and every layer of nodes is met.
+/// 10 mm and 50 mm a step: cut into substeps, and every layer of nodes is met.
 #[test]
 fn no_element_is_passed_unseen() {
     for steps in [1, 2, 8] {
@@ -173,7 +174,8 @@ fn no_element_is_passed_unseen() {
     }
 }
 
-/// The needle is turned about the skin and moved aside in the tissue: shaft nodes are on it, and it feels a side force.
+/// The needle is turned about the skin and moved sideways in the tissue: shaft nodes are on it, and it feels a lateral
+/// force.
 #[test]
 fn another_direction() {
     let mut it = model(coarse(), Layers::one(soft()));
@@ -194,7 +196,7 @@ fn another_direction() {
     // The shaft presses tissue towards -y: tissue and hand are pushed towards +y.
     assert!(it.outcome.on_hand.force_n.y > 0.05, "{:?}", it.outcome.on_hand);
     sane(&it, 12.0);
-    // Going on in the new direction takes nodes off the old axis.
+    // Advancing in the new direction takes nodes off the old axis.
     let mut base = Translation3::from(skin) * Isometry3::rotation(Vector3::x() * 0.2) * Translation3::from(-skin);
     base *= tip_at(0.3, 0.2, 40.0).base;
     for step in 1..=200 {
@@ -214,7 +216,7 @@ fn another_direction() {
     sane(&it, 15.0);
 }
 
-/// At rest with the needle in it, tissue pulls at the needle with what its fixed surface pulls at it.
+/// At rest with the needle in it, the force of the tissue on the needle equals that on its fixed surface.
 #[test]
 fn what_the_hand_feels_is_what_holds_the_tissue() {
     let mut it = model(coarse(), Layers::one(soft()));

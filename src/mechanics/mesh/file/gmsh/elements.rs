@@ -1,4 +1,4 @@
-//! Tetrahedra and the regions they belong to.
+//! Tetrahedra of a Gmsh file, and their regions.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
@@ -6,12 +6,12 @@ use super::kinds::CORNERS;
 use super::names::Names;
 use super::{Fault, ReadOptions};
 
-/// What regions are taken from.
+/// Source of the regions.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Regions {
-    /// The first physical group, or the volume where there is none.
+    /// First physical group, or the volume where there is none.
     Groups,
-    /// The volume of the geometry.
+    /// Volume of the geometry.
     Volumes,
 }
 
@@ -34,17 +34,17 @@ impl Regions {
     }
 }
 
-/// Where a tetrahedron belongs.
+/// Groups and volume of a tetrahedron.
 #[derive(Clone, Copy)]
 pub(super) struct Membership {
-    /// Its first physical group.
+    /// First physical group.
     group: Option<i32>,
-    /// Its volume.
+    /// Volume of the geometry.
     volume: i32,
 }
 
 impl Membership {
-    /// The sign of a group tells of an orientation and is left out.
+    /// Drops the sign of a group, which denotes an orientation.
     pub fn new(group: Option<i32>, volume: i32) -> Membership {
         let group = group.and_then(i32::checked_abs);
         Membership { group, volume }
@@ -56,11 +56,11 @@ pub(super) struct Elements {
     chosen: Regions,
     pub corners: Vec<[u32; CORNERS]>,
     pub regions: Vec<i32>,
-    /// Vertices, lines and surfaces.
+    /// Number of vertices, lines and surfaces.
     pub skipped: usize,
     groups: BTreeSet<i32>,
     volumes: BTreeSet<i32>,
-    /// How often tetrahedra are in groups beyond their first.
+    /// Number of memberships of tetrahedra in groups beyond their first.
     pub further_groups: usize,
     first_groups: HashMap<[u32; CORNERS], Option<i32>>,
 }
@@ -89,8 +89,8 @@ impl Elements {
         };
     }
 
-    /// As [`Elements::push`], for files that repeat a tetrahedron for each group that it is in: the first stays. One that
-    /// stands twice in the same group is a fault of the mesh and stays, too.
+    /// Adds a tetrahedron as [`Elements::push`] does, for files that repeat it for each of its groups: the first is kept.
+    /// One repeated in the same group is a fault of the mesh and is kept too.
     pub fn push_first(&mut self, corners: [u32; CORNERS], of: Membership) {
         if *self.first_groups.entry(corners).or_insert(of.group) == of.group {
             self.push(corners, of);
@@ -99,7 +99,7 @@ impl Elements {
         }
     }
 
-    /// The names of the groups that are regions.
+    /// Returns the names of the groups that are regions.
     pub fn names(&self, names: Names) -> BTreeMap<i32, String> {
         names
             .into_iter()
@@ -107,7 +107,7 @@ impl Elements {
             .collect()
     }
 
-    /// What a user may not expect of the regions.
+    /// Returns warnings about regions that a user may not expect.
     pub fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.further_groups > 0 && self.chosen == Regions::Groups {

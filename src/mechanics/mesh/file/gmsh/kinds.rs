@@ -1,4 +1,4 @@
-//! The element types of the format.
+//! Element types of the Gmsh format.
 
 use super::Fault;
 
@@ -6,12 +6,12 @@ use super::Fault;
 pub(super) struct Kind {
     code: i32,
     dimension: u8,
-    /// Nodes of an element.
+    /// Number of nodes of an element.
     pub nodes: usize,
     name: &'static str,
 }
 
-/// Corners of the linear tetrahedron.
+/// Number of corners of the linear tetrahedron.
 pub(super) const CORNERS: usize = 4;
 
 const fn kind(code: i32, dimension: u8, nodes: usize, name: &'static str) -> Kind {
@@ -60,7 +60,7 @@ const KINDS: [Kind; 33] = [
 ];
 
 impl Kind {
-    /// The type of a number found at `at`, if meshes can hold it: a linear tetrahedron, or something flat to leave out.
+    /// Returns the type of a number at `at`, if meshes can contain it: a linear tetrahedron, or something flat to ignore.
     pub fn usable(code: i32, at: usize) -> Result<&'static Kind, Fault> {
         const EXPECTED: &str = "linear tetrahedra (type 4) as the only elements with a volume";
         match KINDS.iter().find(|kind| kind.code == code) {

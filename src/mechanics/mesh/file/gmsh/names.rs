@@ -1,4 +1,4 @@
-//! The names of physical groups.
+//! Names of the physical groups of a Gmsh file.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ pub(super) type Names = BTreeMap<i32, String>;
 
 const OF_VOLUMES: i32 = 3;
 
-/// `$PhysicalNames`, which is text in binary files too.
+/// Reads `$PhysicalNames`, which is text in binary files too.
 pub(super) fn read(reader: &mut Reader) -> Result<Names, Fault> {
     let cursor = &mut reader.cursor;
     let mut names = Names::new();

@@ -1,4 +1,4 @@
-//! Nodes by tag.
+//! Nodes of a Gmsh file, by tag.
 
 use super::Fault;
 use super::kinds::CORNERS;
@@ -10,7 +10,7 @@ pub(super) struct Nodes {
 }
 
 impl Nodes {
-    /// From tags and positions in any order; `at` is where they begin.
+    /// Builds the list from tags and positions in any order, which start at `at`.
     pub fn new(mut nodes: Vec<(u64, [f64; 3])>, at: usize) -> Result<Nodes, Fault> {
         nodes.sort_by_key(|node| node.0);
         if let Some(pair) = nodes.windows(2).find(|pair| pair[0].0 == pair[1].0) {
@@ -24,7 +24,7 @@ impl Nodes {
         Ok(Nodes { tags, positions })
     }
 
-    /// The index of a node; `at` is where an element names it.
+    /// Returns the index of a node to which an element at `at` refers.
     pub fn index(&self, tag: u64, at: usize) -> Result<u32, Fault> {
         let first = self.tags.first().copied().unwrap_or_default();
         // Most files number their nodes without gaps.

@@ -1,8 +1,8 @@
-//! Numbers of a Gmsh file, ASCII or binary.
+//! Reader of the numbers of a Gmsh file, ASCII or binary.
 
 use super::{Cursor, Fault, quote};
 
-/// How numbers are stored.
+/// Encoding of the numbers.
 #[derive(Clone, Copy)]
 enum Encoding {
     Ascii,
@@ -13,13 +13,13 @@ enum Encoding {
     },
 }
 
-/// Reads the three number types of the format: `int`, `size_t` and `double`.
+/// Reader of the three number types of the format: `int`, `size_t` and `double`.
 pub(super) struct Reader<'a> {
     pub cursor: Cursor<'a>,
     encoding: Encoding,
 }
 
-/// The numbers that an item consists of, at least.
+/// Least numbers that make up an item.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Item {
     pub ints: usize,
@@ -43,7 +43,7 @@ impl<'a> Reader<'a> {
         matches!(self.encoding, Encoding::Binary { .. })
     }
 
-    /// Passes the end of a line of text, after which binary data begin; nothing in an ASCII file.
+    /// Skips the end of a line of text, after which binary data begin; does nothing in an ASCII file.
     pub fn start_data(&mut self) {
         if self.is_binary() {
             self.cursor.line();
@@ -64,7 +64,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// A size or a tag.
+    /// Reads a size or a tag.
     pub fn size(&mut self) -> Result<u64, Fault> {
         match self.encoding {
             Encoding::Ascii => self.cursor.number(|| "a whole number from 0".to_owned()),
@@ -104,19 +104,19 @@ impl<'a> Reader<'a> {
         }
     }
 
-    /// A size that `item` is repeated by. What is left of the file must have room for that many, so that a count never
-    /// sets more memory aside than the file fills.
+    /// Reads the number of repetitions of `item`. The rest of the file must have room for them, so that a count never
+    /// allocates more memory than the file can fill.
     pub fn count(&mut self, item: Item) -> Result<usize, Fault> {
         let at = self.cursor.at;
         let count = self.size()?;
         self.room(at, count, item)
     }
 
-    /// As [`Reader::count`], for a count found at `at`.
+    /// Checks a count found at `at` as [`Reader::count`] does.
     pub fn room(&self, at: usize, count: u64, item: Item) -> Result<usize, Fault> {
         let left = self.cursor.rest().len();
         let (least, left) = match self.encoding {
-            // A digit and a space each, of which the last number of a file may lack the space.
+            // A digit and a space each; the last number of a file may lack the space.
             Encoding::Ascii => (2 * (item.ints + item.sizes + item.floats), left + 1),
             Encoding::Binary { wide, .. } => {
                 let size = if wide { 8 } else { 4 };
@@ -137,22 +137,22 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Passes over ints.
+    /// Skips ints.
     pub fn skip_ints(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.int().map(drop))
     }
 
-    /// Passes over sizes.
+    /// Skips sizes.
     pub fn skip_sizes(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.size().map(drop))
     }
 
-    /// Passes over floats.
+    /// Skips floats.
     pub fn skip_floats(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.float().map(drop))
     }
 
-    /// Three coordinates.
+    /// Reads three coordinates.
     pub fn position(&mut self, tag: u64) -> Result<[f64; 3], Fault> {
         let mut position = [0.0; 3];
         for x in &mut position {
@@ -178,7 +178,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// A name in quotes to the end of the line.
+/// Reads a name in quotes to the end of the line.
 pub(super) fn quoted(cursor: &mut Cursor) -> Result<String, Fault> {
     let at = cursor.at;
     let line = cursor.line().trim_ascii();

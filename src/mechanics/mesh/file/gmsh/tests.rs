@@ -26,7 +26,7 @@ fn every_version_and_encoding_gives_the_same_mesh() {
     assert_eq!(names, [(7, "left \"half\" & more")]);
     for encoding in &ALL[1..] {
         let mut file = read(&encoding.write(&model)).unwrap_or_else(|error| panic!("{encoding:?}: {error}"));
-        // Only version 4.1 tells of further groups without repeating the element.
+        // Only version 4.1 lists further groups without repeating the element.
         file.warnings.clone_from(&first.warnings);
         assert_eq!(file, first, "{encoding:?}");
     }

@@ -1,4 +1,4 @@
-//! Nodes and elements as version 2.2 has them.
+//! Nodes and elements of Gmsh version 2.2.
 
 use super::elements::{Elements, Membership, Regions};
 use super::kinds::{CORNERS, Kind};
@@ -6,7 +6,7 @@ use super::nodes::Nodes;
 use super::reader::{Item, Reader};
 use super::{Fault, quote};
 
-/// A count in text, which binary data follow.
+/// Reads a count in text, which binary data follow.
 fn count(reader: &mut Reader, item: Item) -> Result<usize, Fault> {
     let (at, word) = reader.cursor.peek();
     let count = reader.cursor.count()?;
@@ -15,14 +15,14 @@ fn count(reader: &mut Reader, item: Item) -> Result<usize, Fault> {
     reader.room(at, count, item)
 }
 
-/// A tag: a whole number from 0.
+/// Reads a tag: a whole number from 0.
 fn tag(reader: &mut Reader) -> Result<u64, Fault> {
     let at = reader.cursor.at;
     let tag = reader.int()?;
     u64::try_from(tag).map_err(|_| Fault::at(at, format!("the tag {tag}"), "a whole number from 0"))
 }
 
-/// `$Nodes`, which stands at `section`.
+/// Reads `$Nodes`, which starts at `section`.
 pub(super) fn nodes(reader: &mut Reader, section: usize) -> Result<Nodes, Fault> {
     let count = count(
         reader,
@@ -40,7 +40,7 @@ pub(super) fn nodes(reader: &mut Reader, section: usize) -> Result<Nodes, Fault>
     Nodes::new(nodes, section)
 }
 
-/// `$Elements`.
+/// Reads `$Elements`.
 pub(super) fn elements(reader: &mut Reader, nodes: &Nodes, regions: Regions) -> Result<Elements, Fault> {
     // At least a tag and a node each.
     let count = count(
@@ -113,7 +113,7 @@ impl Block {
         Kind::usable(reader.int()?, at)
     }
 
-    /// A count of what has so many ints.
+    /// Reads a count of items with so many ints.
     fn length(reader: &mut Reader, ints: usize) -> Result<usize, Fault> {
         let at = reader.cursor.at;
         let count = tag(reader)?;
@@ -148,7 +148,7 @@ impl Block {
         Ok(())
     }
 
-    /// The tags of an element: physical group (0: none), volume, and what else there may be.
+    /// Reads the tags of an element: physical group (0: none), volume, and any others.
     fn membership(&self, reader: &mut Reader) -> Result<Membership, Fault> {
         let mut tags = [0; 2];
         for place in 0..self.tags {

@@ -1,4 +1,4 @@
-//! Entities, nodes and elements as version 4.1 has them.
+//! Entities, nodes and elements of Gmsh version 4.1.
 
 use std::collections::HashMap;
 
@@ -10,23 +10,23 @@ use super::reader::{Item, Reader};
 
 const OF_VOLUMES: i32 = 3;
 
-/// A volume of the geometry, or the part of one that a partition holds.
+/// A volume of the geometry, or its part in a partition.
 pub(super) struct Volume {
     membership: Membership,
-    /// Physical groups that it is in.
+    /// Number of its physical groups.
     groups: usize,
 }
 
 /// Volumes by their tags.
 pub(super) type Volumes = HashMap<i32, Volume>;
 
-/// `$Entities`.
+/// Reads `$Entities`.
 pub(super) fn entities(reader: &mut Reader, volumes: &mut Volumes) -> Result<(), Fault> {
     reader.start_data();
     each_entity(reader, volumes, |_, tag| Ok(tag))
 }
 
-/// `$PartitionedEntities`: as the others, each with the entity that it is part of and its partitions.
+/// Reads `$PartitionedEntities`: entities, each with its parent entity and its partitions.
 pub(super) fn partitioned(reader: &mut Reader, volumes: &mut Volumes) -> Result<(), Fault> {
     reader.start_data();
     reader.size()?;
@@ -46,8 +46,8 @@ const INT: Item = Item {
 };
 const INT_PAIR: Item = Item { ints: 2, ..INT };
 
-/// Counts of points, curves, surfaces and volumes, and those. `volume` reads what follows a tag and says which volume of the
-/// geometry the entity belongs to.
+/// Reads the counts of points, curves, surfaces and volumes, and the entities. `volume` reads what follows a tag and returns
+/// the volume of the geometry to which the entity belongs.
 fn each_entity(
     reader: &mut Reader,
     volumes: &mut Volumes,
@@ -85,13 +85,13 @@ fn each_entity(
     Ok(())
 }
 
-/// A count and that many ints.
+/// Reads a count and that many ints.
 fn ints(reader: &mut Reader) -> Result<Vec<i32>, Fault> {
     let count = reader.count(INT)?;
     (0..count).map(|_| reader.int()).collect()
 }
 
-/// `$Nodes`, which stands at `section`.
+/// Reads `$Nodes`, which starts at `section`.
 pub(super) fn nodes(reader: &mut Reader, section: usize) -> Result<Nodes, Fault> {
     const NODE: Item = Item {
         ints: 0,
@@ -126,7 +126,7 @@ pub(super) fn nodes(reader: &mut Reader, section: usize) -> Result<Nodes, Fault>
     Nodes::new(nodes, section)
 }
 
-/// `$Elements`.
+/// Reads `$Elements`.
 pub(super) fn elements(
     reader: &mut Reader,
     nodes: &Nodes,
@@ -179,7 +179,7 @@ pub(super) fn elements(
     Ok(elements)
 }
 
-/// The items of the blocks must add up to the number told before them, at `at`.
+/// Checks that the items of the blocks add up to the total given before them, at `at`.
 fn sum(at: usize, what: &str, found: usize, told: usize) -> Result<(), Fault> {
     match found == told {
         true => Ok(()),

@@ -1,15 +1,15 @@
-//! An unstructured grid as files hold it, and the tetrahedral mesh in it.
+//! Unstructured grid of a VTK file, and the tetrahedral mesh in it.
 
 use std::collections::BTreeMap;
 
 use super::{Fault, Parts, ReadOptions};
 use crate::mechanics::mesh::file::DISPLACEMENT;
 
-/// VTK's cell type of the linear tetrahedron.
+/// VTK cell type of the linear tetrahedron.
 pub(super) const TETRA: i64 = 10;
-/// VTK's cell types of dimension 0 to 2, linear and quadratic: they carry no volume.
+/// VTK cell types of dimension 0 to 2, linear and quadratic: they have no volume.
 const FLAT_TYPES: [i64; 17] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 21, 22, 23, 28, 30, 34, 35];
-/// Names of cell arrays that are taken for region numbers, in this order.
+/// Names of cell arrays that are accepted as region numbers, in this order.
 const REGION_NAMES: [&str; 6] = [
     "region",
     "label",
@@ -24,7 +24,7 @@ const REGION_NAMES: [&str; 6] = [
 pub(super) struct Array {
     pub name: String,
     pub components: usize,
-    /// Empty where it is not wanted.
+    /// Values; empty if the array is not wanted.
     pub values: Vec<f64>,
 }
 
@@ -41,7 +41,7 @@ pub(super) struct Grid {
     pub region_names: BTreeMap<i32, String>,
 }
 
-/// Whether [`Grid::select`] looks at the values of an array of points or cells.
+/// Returns whether [`Grid::select`] uses the values of an array of points or cells.
 pub(super) fn is_wanted(of_points: bool, name: &str, options: &ReadOptions) -> bool {
     match of_points {
         true => name == options.displacement.unwrap_or(DISPLACEMENT),
@@ -146,7 +146,7 @@ impl Grid {
     }
 }
 
-/// Turns counts and indices that were read as numbers into integers.
+/// Converts counts and indices that were read as floats into integers.
 pub(super) fn integers(values: Vec<f64>) -> Vec<i64> {
     values.into_iter().map(|value| value as i64).collect()
 }

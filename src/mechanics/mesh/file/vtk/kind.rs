@@ -1,6 +1,6 @@
-//! The number types of VTK files.
+//! Number types of VTK files.
 
-/// How a number is stored.
+/// Number type.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Kind {
     F32,
@@ -16,7 +16,7 @@ pub(super) enum Kind {
 }
 
 impl Kind {
-    /// Bytes of a value.
+    /// Returns the size of a value, bytes.
     pub fn size(self) -> usize {
         match self {
             Kind::I8 | Kind::U8 => 1,
@@ -26,7 +26,7 @@ impl Kind {
         }
     }
 
-    /// The value whose bytes are the low ones of `word`.
+    /// Returns the value whose bytes are the low ones of `word`.
     pub fn value(self, word: u64) -> f64 {
         match self {
             Kind::F32 => f64::from(f32::from_bits(word as u32)),
@@ -40,7 +40,7 @@ impl Kind {
     }
 }
 
-/// An unsigned word of up to eight bytes.
+/// Reads an unsigned word of up to eight bytes.
 pub(super) fn word(bytes: &[u8], big_endian: bool) -> u64 {
     let shift = |word: u64, byte: &u8| word << 8 | u64::from(*byte);
     if big_endian {

@@ -1,4 +1,4 @@
-//! The legacy VTK format, ASCII and binary (big-endian).
+//! Legacy VTK format, ASCII and binary (big-endian).
 
 mod reader;
 
@@ -53,7 +53,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Grid, Fault> {
     }
 }
 
-/// `CELLS n size` with a count before each cell, or (version 5) `CELLS n+1 size` with OFFSETS and CONNECTIVITY.
+/// Reads `CELLS n size` with a count before each cell, or (version 5) `CELLS n+1 size` with OFFSETS and CONNECTIVITY.
 fn cells(reader: &mut Reader, grid: &mut Grid) -> Result<(), Fault> {
     let (first, size) = (reader.cursor.count()?, reader.cursor.count()?);
     let at = reader.cursor.peek().0;
@@ -87,7 +87,7 @@ fn cells(reader: &mut Reader, grid: &mut Grid) -> Result<(), Fault> {
     Ok(())
 }
 
-/// One attribute of the current section; false where the keyword is none.
+/// Reads one attribute of the current section; returns false for other keywords.
 fn attribute(
     reader: &mut Reader,
     keyword: &[u8],
@@ -95,7 +95,7 @@ fn attribute(
     grid: &mut Grid,
 ) -> Result<bool, Fault> {
     let at = reader.cursor.at;
-    // A FIELD may stand before any section and then belongs to the file.
+    // A FIELD may precede any section and then belongs to the file.
     let (of_points, tuples) = section.unwrap_or((true, 0));
     let mut arrays = Vec::new();
     match keyword {

@@ -1,4 +1,4 @@
-//! ParaView's list of the files of a time series (`.pvd`).
+//! Writer of ParaView's time series of files (`.pvd`).
 
 use std::io::Write;
 use std::path::Path;

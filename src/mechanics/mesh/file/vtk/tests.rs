@@ -1,4 +1,4 @@
-//! What the tests of the formats share.
+//! Sample mesh common to the format tests.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<MeshFile, MeshFileError> {
     read_mesh_bytes(bytes, Path::new("mesh.vtk"), &ReadOptions::default())
 }
 
-/// A box of tetrahedra in three regions, with displacements that no decimal of few digits holds.
+/// Returns a box of tetrahedra in three regions, with displacements that no short decimal represents.
 pub(super) fn sample() -> (TetMesh, Vec<[f64; 3]>) {
     let lattice = TetMesh::over_box([-1.0, 0.1, 7.0], [4.0, 3.0, 9.5], 30).unwrap();
     let regions = (0..lattice.elements().len() as i32).map(|n| n % 3 - 1).collect();
@@ -18,7 +18,7 @@ pub(super) fn sample() -> (TetMesh, Vec<[f64; 3]>) {
     (mesh, displacements)
 }
 
-/// What reading the sample should give.
+/// Returns the expected result of reading the sample.
 pub(super) fn expected() -> MeshFile {
     let (mesh, displacements) = sample();
     MeshFile {

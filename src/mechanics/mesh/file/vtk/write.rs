@@ -1,8 +1,8 @@
-//! XML VTK out (`.vtu`): a mesh with its regions, displacements and any other arrays.
+//! Writer of XML VTK files (`.vtu`): a mesh with its regions, displacements and any other arrays.
 //!
-//! Arrays are inline, base64 over zlib blocks. Raw appended data would be faster to write, but makes a file that is no XML
-//! and that several readers refuse; inline, ParaView, VTK, meshio and vtkio all read it, and the blocks make up for the
-//! third that base64 adds.
+//! Arrays are inline, base64 over zlib blocks. Raw appended data would be faster to write, but produces a file that is not
+//! XML and that several readers reject; inline arrays are read by ParaView, VTK, meshio and vtkio, and compression
+//! compensates for the third that base64 adds.
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
@@ -19,24 +19,24 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::DISPLACEMENT;
 use crate::output::atomic;
 
-/// The cell array that is written with the region numbers.
+/// Name of the cell array of region numbers.
 pub const REGION: &str = "region";
-/// The field array of the names of regions: strings such as `5 liver`.
+/// Name of the field array of region names: strings such as `5 liver`.
 pub(super) const REGION_NAMES: &str = "region_names";
 
 /// VTK's own size of uncompressed blocks, bytes.
 const BLOCK: usize = 32_768;
 
-/// The values of a named array, one entry a node or an element.
+/// Values of a named array, one entry per node or element.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Values<'a> {
-    /// One number each.
+    /// One number per entry.
     Scalars(&'a [f64]),
-    /// A vector each.
+    /// One vector per entry.
     Vectors(&'a [[f64; 3]]),
-    /// A symmetric tensor each: xx, yy, zz, xy, yz and xz, the order of ParaView.
+    /// One symmetric tensor per entry: xx, yy, zz, xy, yz and xz, the order of ParaView.
     Symmetric(&'a [[f64; 6]]),
-    /// One whole number each.
+    /// One whole number per entry.
     Integers(&'a [i32]),
 }
 
@@ -51,9 +51,8 @@ impl Values<'_> {
     }
 }
 
-/// Writes a mesh as a `.vtu` file, whole or not at all: reference nodes, tetrahedra, the cell array [`REGION`] and, if
-/// given, the point array [`DISPLACEMENT`] (mm, one vector a node). [`read_mesh`](super::super::read_mesh) gives back the
-/// same bits.
+/// Writes a mesh as a `.vtu` file, atomically: reference nodes, tetrahedra, the cell array [`REGION`] and, if given, the
+/// point array [`DISPLACEMENT`] (mm, one vector per node). [`read_mesh`](super::super::read_mesh) restores the same bits.
 ///
 /// # Errors
 /// As [`write_vtu_with`].
@@ -62,11 +61,11 @@ pub fn write_vtu(path: &Path, mesh: &TetMesh, displacements: Option<&[[f64; 3]]>
     write_vtu_with(path, mesh, &BTreeMap::new(), displacements.as_slice(), &[])
 }
 
-/// As [`write_vtu`], with names of regions and any named arrays: `point_arrays` hold an entry for each node, `cell_arrays` for each
-/// element.
+/// Writes a mesh as [`write_vtu`] does, with names of regions and any named arrays: `point_arrays` have an entry for each
+/// node, `cell_arrays` for each element.
 ///
 /// # Errors
-/// [`MeshFileError::Array`] where an array has another length, no name or that of another; [`MeshFileError::Write`].
+/// [`MeshFileError::Array`] where an array has the wrong length, no name or a name in use; [`MeshFileError::Write`].
 pub fn write_vtu_with(
     path: &Path,
     mesh: &TetMesh,
@@ -86,7 +85,7 @@ pub fn write_vtu_with(
 fn check(path: &Path, of: &'static str, expected: usize, arrays: &[(&str, Values)]) -> Result<(), MeshFileError> {
     for (place, (name, values)) in arrays.iter().enumerate() {
         let taken = arrays[..place].iter().any(|(other, _)| other == name);
-        // XML cannot hold control characters at all.
+        // XML cannot contain control characters at all.
         let problem = if taken {
             "its name is taken".to_owned()
         } else if name.is_empty() || name.chars().any(char::is_control) {
@@ -170,8 +169,8 @@ fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, each: impl Fn(T) ->
     values.flat_map(each).collect()
 }
 
-/// One array: in base64 the number of blocks, their size, that of the last where it is another, and their compressed
-/// sizes; then, in base64 by themselves, the blocks.
+/// Writes one array: in base64 the number of blocks, their size, that of the last where it differs, and their compressed
+/// sizes; then, in a separate base64 string, the blocks.
 fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: Vec<u8>) -> io::Result<()> {
     let mut packed = Vec::new();
     let mut header = [data.len().div_ceil(BLOCK), BLOCK, data.len() % BLOCK].to_vec();
@@ -183,7 +182,7 @@ fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: 
         header.push(packed.len() - start);
     }
     let header = bytes(header.into_iter(), |word| (word as u64).to_le_bytes());
-    // One component is the default, and readers tell a list of numbers from a matrix of one column by its absence.
+    // One component is the default, and readers distinguish a list of numbers from a matrix of one column by its absence.
     let components = match components {
         1 => String::new(),
         6 => (0..)
@@ -202,7 +201,7 @@ fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: 
     )
 }
 
-/// Text as an attribute holds it.
+/// Escapes text for an attribute.
 pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")

@@ -1,4 +1,4 @@
-//! The XML format of VTK for unstructured grids (`.vtu`).
+//! XML format of VTK for unstructured grids (`.vtu`).
 
 mod data;
 mod packed;
@@ -66,7 +66,8 @@ pub(super) fn parse(bytes: &[u8], wanted: impl Fn(bool, &str) -> bool) -> Result
     })
 }
 
-/// Names of regions from strings such as `5 liver`, as codes of characters that end in 0; strings without a number are passed over.
+/// Parses names of regions from strings such as `5 liver`, given as character codes that end in 0; strings without a number
+/// are skipped.
 fn region_names((at, text): (usize, &[u8])) -> Result<BTreeMap<i32, String>, Fault> {
     let mut codes = Vec::new();
     for word in text.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
@@ -82,13 +83,13 @@ fn region_names((at, text): (usize, &[u8])) -> Result<BTreeMap<i32, String>, Fau
     Ok(named.collect())
 }
 
-/// An array as the file has it.
+/// An array as text.
 struct Raw<'a> {
     tag: Tag,
     text: (usize, &'a [u8]),
 }
 
-/// The arrays of a piece, not yet decoded.
+/// Arrays of a piece, not yet decoded.
 #[derive(Default)]
 struct Piece<'a> {
     points: Option<Raw<'a>>,
@@ -127,7 +128,7 @@ impl<'a> Piece<'a> {
                     true => &mut self.point_arrays,
                     false => &mut self.cell_arrays,
                 };
-                // Of several with one name the first counts.
+                // Of several arrays with one name the first counts.
                 let new = wanted(of_points, name) && arrays.iter().all(|(other, _)| other.name != name);
                 arrays.push((array, new.then_some(Raw { tag, text })));
                 return Ok(());
@@ -145,7 +146,7 @@ impl<'a> Piece<'a> {
         Ok(())
     }
 
-    /// The arrays decoded by `decode`, each to so many values.
+    /// Returns the grid, with each array decoded by `decode` to its number of values.
     fn grid(
         self,
         points: usize,

@@ -12,7 +12,7 @@ fn cubes(cells: [usize; 3]) -> Bisection {
     })
 }
 
-/// Halves elements drawn at random, most of them near the first node, so that the levels differ.
+/// Bisects random elements, most of them near the first node, so that the levels differ.
 fn refined(seed: u32, halvings: i32) -> Bisection {
     let mut mesh = cubes([2, 3, 2]);
     let mut changed = Vec::new();

@@ -1,4 +1,4 @@
-//! Meshes that are finer along a path.
+//! Meshes with finer elements along a path.
 
 use super::*;
 
@@ -30,7 +30,8 @@ fn along(volume: &Volume, path: &[[[f64; 3]; 2]], along_path: bool, nodes: usize
     generated
 }
 
-/// Mean edge of the elements whose centroid lies within a range of distances from the path, mm: that of a cell of six as large.
+/// Mean edge of the elements whose centroid lies within a range of distances from the path, mm: that of a cell six times as
+/// large.
 fn edge(generated: &Generated, from: f64, to: f64) -> f64 {
     let mesh = &generated.mesh;
     let within = |corners: &[u32; 4]| {
@@ -64,7 +65,7 @@ fn elements_are_finer_along_the_path() {
         let [even, finer] = [even, finer].map(|generated| generated.report);
         assert!(finer.nodes as f64 >= 0.85 * nodes as f64, "{finer:?}");
         let near = [&even, &finer].map(|report| report.near_mislabelled_percent.expect("the path lies in tissue"));
-        // With many nodes an even mesh follows such thick layers as well.
+        // With many nodes a uniform mesh follows such thick layers as well.
         let most = if nodes < 1000 { 0.9 * near[0] } else { near[0] };
         assert!(near[1] < most, "{near:?} %");
         assert!(
@@ -74,7 +75,7 @@ fn elements_are_finer_along_the_path() {
     }
 }
 
-/// More nodes than it takes for [`PATH_EDGE_MM`] go where elements are longer.
+/// Nodes beyond those needed for [`PATH_EDGE_MM`] are spent where elements are longer.
 #[test]
 fn elements_on_the_path_are_no_finer_than_they_should_be() {
     let volume = Volume::new([60; 3], [2.0; 3], |_| 1);
@@ -84,8 +85,8 @@ fn elements_on_the_path_are_no_finer_than_they_should_be() {
         let volumes = mesh.volumes(mesh.nodes()).fold(f64::INFINITY, f64::min);
         (6.0 * volumes).cbrt()
     });
-    // An edge is halved in three steps, from above the longest that is fine enough to above half of it; cells of edge a have
-    // diagonals of 1.7 a.
+    // An edge is halved in three steps, from above the target length to above half of it; cells of edge a have diagonals of
+    // 1.7 a.
     assert!(
         shortest.iter().all(|edge| *edge > PATH_EDGE_MM / 4.0),
         "{shortest:?} mm"

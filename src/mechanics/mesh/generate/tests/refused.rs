@@ -1,4 +1,4 @@
-//! What is refused, and with what words.
+//! Rejected input and its error messages.
 
 use super::*;
 

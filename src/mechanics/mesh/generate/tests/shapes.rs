@@ -1,10 +1,10 @@
-//! How near meshes come to what was meshed.
+//! Agreement of meshes with the volumes from which they are made.
 
 use nalgebra::{Matrix3, Matrix4, Rotation3, Vector3};
 
 use super::*;
 
-/// 1 within `radius` mm of a point, else 0.
+/// Returns 1 within `radius` mm of a point, else 0.
 fn ball(centre: [f64; 3], radius: f64) -> impl Fn([f64; 3]) -> u8 {
     move |at| u8::from((Vector3::from(at) - Vector3::from(centre)).norm() < radius)
 }
@@ -15,7 +15,7 @@ fn inclusion() -> Volume {
     Volume::new([40; 3], [1.0; 3], move |at| 2 - within(at))
 }
 
-/// By how much the volume of a region is off, per cent.
+/// Returns the volume error of a region, per cent.
 fn off(generated: &Generated, number: i32) -> f64 {
     region(generated, number).error_percent.abs()
 }
@@ -25,8 +25,8 @@ fn a_block_is_filled_exactly() {
     for nodes in [8, 30, 200, 1500] {
         let volume = Volume::new([20, 12, 9], [1.0, 1.5, 2.0], |_| 3);
         let generated = volume.mesh(nodes);
-        // Nodes of the surface stay in the faces of the block, so volume and area are off by rounding only, and a crack
-        // along a hanging node would add to the area.
+        // Nodes of the surface stay in the faces of the block, so volume and area are exact to rounding, and a crack along a
+        // hanging node would add to the area.
         assert!(off(&generated, 30) < 1e-9, "{:?}", generated.report);
         let area = area(&generated.mesh);
         assert!(
@@ -55,7 +55,7 @@ fn the_budget_is_kept_and_used() {
     for volume in &volumes {
         for nodes in [300, 1000, 3000] {
             let generated = volume.mesh(nodes);
-            // As `generate` promises: never more, and 15 % fewer at the most.
+            // As `generate` documents: never more, and 15 % fewer at the most.
             let found = generated.report.nodes as f64 / nodes as f64;
             assert!(found >= 0.85, "{} nodes for {nodes}", generated.report.nodes);
         }
@@ -69,7 +69,7 @@ fn balls_keep_their_volume_and_stay_balls() {
         let generated = volume.mesh(nodes);
         assert!(off(&generated, 10) <= 1.0, "{:?}", generated.report);
         assert_eq!((euler(&generated.mesh), generated.report.parts), (1, 1));
-        // The staircase of the voxels has 6/4 of the area of the ball: a surface without teeth stays below the mean of both.
+        // The staircase of the voxels has 6/4 of the area of the ball: a smooth surface stays below the mean of both.
         let share = area(&generated.mesh) / (4.0 * std::f64::consts::PI * 20.0 * 20.0);
         assert!((0.9..1.25).contains(&share), "{share} of the area at {nodes} nodes");
     }
@@ -84,7 +84,7 @@ fn inclusions_share_their_nodes_with_the_block() {
         "{:?}",
         generated.report
     );
-    // One part and one piece without holes: the ball and the block have the nodes between them in common.
+    // One part and one piece without holes: the ball and the block share the nodes between them.
     assert_eq!((euler(&generated.mesh), generated.report.parts), (1, 1));
     let area = area(&generated.mesh);
     assert!((area - 6.0 * 40.0 * 40.0).abs() < 1e-8, "{area}");
@@ -151,7 +151,7 @@ fn sheets_and_rods_of_one_voxel_are_meshed() {
         let volume = Volume::new(size, [1.0, 1.0, 1.0], |_| 1);
         let generated = volume.mesh(3000);
         assert_eq!(generated.report.parts, 1, "{size:?}");
-        // What is far thinner than a cell lies inside it: then a volume within a tenth is asked for, no more.
+        // Tissue far thinner than a cell lies inside it: then only a volume within a tenth is required.
         assert!(off(&generated, 10) < 10.0, "{size:?}: {:?}", generated.report);
     }
 }
@@ -169,7 +169,7 @@ fn a_label_of_one_voxel_does_no_harm() {
             "{:?}",
             generated.report
         );
-        // It may be lost, which the report tells, or a few elements; not more than its surroundings' elements.
+        // It may be lost, which the report shows, or become a few elements; not more than the elements around it.
         let tiny = region(&generated, 50);
         assert_eq!(tiny.voxel_ml, 0.008);
         assert!(tiny.mesh_ml < 0.1, "{tiny:?}");
@@ -215,7 +215,7 @@ fn where_the_volume_lies_does_not_matter() {
         index_to_world: place * straight.index_to_world,
         regions: straight.regions.clone(),
     };
-    // A quarter turn and a whole number of millimetres are exact, so nothing may change but where the nodes are.
+    // A quarter turn and a whole number of millimetres are exact, so only the node positions may change.
     let quarter = Matrix3::new(0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0).to_homogeneous();
     let place = Matrix4::new_translation(&Vector3::new(-130.0, 45.5, 800.25)) * quarter;
     let moved = at(place).mesh(900);
@@ -228,7 +228,7 @@ fn where_the_volume_lies_does_not_matter() {
             "{found:?}, {expected}"
         );
     }
-    // Other turns change which side of a voxel's face a sample on it is counted to, and no more than that.
+    // Other turns change the side of a voxel's face to which a sample on it is counted, and no more than that.
     let turn = Rotation3::from_euler_angles(0.4, -0.7, 2.1).to_homogeneous();
     let turned = at(place * turn).mesh(900);
     assert!(
@@ -311,7 +311,7 @@ fn edges_are_as_short_as_asked() {
         });
         edges.fold(0.0, f64::max)
     };
-    // Nodes of a pure block move within tissue only, to the middle of their neighbours, by less than half an edge.
+    // Nodes of a pure block move within tissue only, to the mean of their neighbours, by less than half an edge.
     assert!(longest(Some(4.0)) < 1.5 * 4.0);
     let error = generate(
         &volume.grid(),

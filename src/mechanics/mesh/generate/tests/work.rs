@@ -1,14 +1,14 @@
-//! Bounded work, whatever the shape of the voxels: counted, not timed.
+//! Bounded work for any shape of the voxels: counted, not timed.
 
 use nalgebra::Matrix3;
 use proptest::prelude::*;
 
 use super::*;
 
-/// Most work for each node that is asked for, where a mesh of so many or none is found; shapes here take a third of it.
+/// Maximum work per requested node, where a mesh of so many or none is found; shapes here take a third of it.
 const PER_NODE: u64 = 3_000_000;
 
-/// Result and work.
+/// Returns result and work.
 fn counted(volume: &Volume, nodes: usize) -> (Result<Generated, GenerateError>, u64) {
     let sampler = Sampler::new();
     let found = generate_with(&sampler, &volume.grid(), nodes, &GenerateOptions::default(), |_| {});
@@ -40,7 +40,7 @@ fn elements_without_volume_where_they_lie_are_refused() {
     assert_eq!(counted(&volume, 60).0.unwrap_err(), GenerateError::Far);
 }
 
-/// Tissue in an ellipsoid, `radius` of which 1 reaches the corners of the box, in sheared voxels.
+/// Returns tissue in an ellipsoid, `radius` of which 1 reaches the corners of the box, in sheared voxels.
 fn sheared(size: [usize; 3], spacing: [f64; 3], [x, y, z]: [f64; 3], radius: f64, around: u8) -> Volume {
     let extent = [0, 1, 2].map(|axis| size[axis] as f64 * spacing[axis]);
     let mut volume = Volume::new(size, spacing, |at| {

@@ -1,11 +1,11 @@
-//! Whole meshes: one answer from every start, that of a search over all elements, in both precisions.
+//! Queries over entire meshes: one answer from every start, that of an exhaustive search, in both precisions.
 
 use proptest::prelude::*;
 
 use super::*;
 
-/// Every point of a lattice of quarter cells, all on faces, edges or vertices or at exact places inside: the lowest element
-/// that holds it, in exact arithmetic.
+/// Every point of a lattice of quarter cells, all on faces, edges or vertices or at exact positions inside: the lowest
+/// element that contains it, in exact arithmetic.
 fn exact_ties<T: Real>(shift: f64) {
     let mesh = lattice(2, shift);
     let locator = Locator::<T>::new(&mesh);
@@ -29,7 +29,7 @@ fn shared_faces_edges_and_vertices_go_to_the_lowest_element() {
     exact_ties::<f64>(-256.0);
 }
 
-/// Agreement with a search over all elements, from any start, for points anywhere and points on faces, edges and vertices.
+/// Agreement with an exhaustive search, from any start, for points anywhere and points on faces, edges and vertices.
 fn agrees_with_brute_force<T: Real>(seed: u64, amount: f64, shift: f64, tolerance: f64) {
     let mesh = lattice(3, shift);
     let nodes: Vec<[f64; 3]> = jitter(&mesh, amount, seed)
@@ -62,7 +62,7 @@ fn agrees_with_brute_force<T: Real>(seed: u64, amount: f64, shift: f64, toleranc
                 );
             }
         }
-        // A point on a face, an edge or a vertex, as near as `T` comes to it.
+        // A point on a face, an edge or a vertex, to the precision of `T`.
         let chosen = query as usize * 7 % mesh.elements().len();
         let kept = 1 + query as usize % 3;
         let weights: [f64; 4] = std::array::from_fn(|c| {
@@ -101,7 +101,7 @@ proptest! {
 
     #[test]
     fn equals_brute_force_on_random_meshes_f32(seed: u64, shift in -300.0..300.0f64) {
-        // 256 mm is held to 3e-5 mm; element heights are above 0.1 mm.
+        // 256 mm is resolved to 3e-5 mm; element heights are above 0.1 mm.
         agrees_with_brute_force::<f32>(seed, 0.19, shift, 1e-3);
     }
 
@@ -129,8 +129,8 @@ proptest! {
                 (0..4).map(|c| weights[c] / sum * nodes[corners[c] as usize][axis]).sum::<f64>() as f32
             });
             let hit = located.locate(p, NONE);
-            // Rounding p can carry it out of the mesh only through the surface, and rounding the nodes can turn an element
-            // about only when it is thinner than the rounding.
+            // Rounding p can carry it out of the mesh only through the surface, and rounding the nodes can invert an element
+            // only when it is thinner than the rounding.
             if report.inverted == 0 {
                 prop_assert_eq!(from_all_starts(&located, p, query), hit);
             }
@@ -172,7 +172,7 @@ fn affine_fields_are_undone_exactly() {
             (0..3).all(|axis| (found[axis] - reference[axis]).abs() < 1e-11),
             "{found:?} for {reference:?}"
         );
-        // f32 holds 150 mm to 1e-5 mm; the inverse field magnifies by less than 2.
+        // f32 resolves 150 mm to 1e-5 mm; the inverse field magnifies by less than 2.
         let rounded = p.map(|x| x as f32);
         let hit = twin.locate(rounded, hit.element);
         let found = twin.to_reference(hit.element, rounded);
@@ -220,7 +220,7 @@ fn both_precisions_agree() {
         let (a, b) = (gold.locate(wide, NONE), twin.locate(p, NONE));
         if a.element != b.element {
             differing += 1;
-            // Only a point within rounding of a face may change hands.
+            // Only a point within rounding of a face may change its element.
             let near = |e: u32| e == NONE || depth(&mesh, &nodes, e as usize, wide).abs() < 1e-4;
             assert!(near(a.element) && near(b.element), "{wide:?}: {a:?}, {b:?}");
         }

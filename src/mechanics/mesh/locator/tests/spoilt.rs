@@ -46,7 +46,7 @@ fn elements_without_volume_are_never_hit_and_leave_no_hole() {
     let mesh = lattice(4, 10.0);
     let mut nodes = mesh.nodes().to_vec();
     for node in &mut nodes {
-        // The cells between 11 and 12 mm vanish; the rest stays whole.
+        // The cells between 11 and 12 mm vanish; the rest stays intact.
         node[0] = if node[0] >= 12.0 { node[0] - 1.0 } else { node[0] };
     }
     let (located, report) = locator::<f32>(&mesh, &nodes);

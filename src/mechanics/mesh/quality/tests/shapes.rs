@@ -125,7 +125,7 @@ fn corners() -> impl Strategy<Value = [[f64; 3]; 4]> {
 proptest! {
     #[test]
     fn the_closed_form_is_the_definition(corners in corners()) {
-        // Both lose digits in step with the condition.
+        // Both lose digits in proportion to the condition.
         let (found, expected) = (jacobian_condition(&corners), defined(&corners));
         prop_assert!((found / expected - 1.0).abs() < 1e-14 * expected.max(10.0), "{found} {expected}");
         prop_assert!(found >= 1.0 - 1e-14);

@@ -53,7 +53,7 @@ fn what_made_the_data_is_found() {
     }
 }
 
-/// Least squares: no parameter moved a little fits better.
+/// Least squares: no small change of a parameter fits better.
 #[test]
 fn fits_are_the_best_of_their_model() {
     let mut data = samples(
@@ -112,7 +112,7 @@ fn fits_are_the_best_of_their_model() {
     }
 }
 
-/// As in Wang et al. 2023: of data from a phantom down to 0.8, Neo-Hooke's model leaves the others first.
+/// As in Wang et al. 2023: for data from a phantom down to 0.8, the neo-Hookean model diverges from the others first.
 #[test]
 fn models_that_part_beyond_the_data_are_named() {
     let phantom = Material::Ogden {

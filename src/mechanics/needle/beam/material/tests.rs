@@ -24,7 +24,7 @@ const MATERIALS: [Material; 6] = [
     },
 ];
 
-/// Stress from the energy itself, by differences along the path that the constraint leaves.
+/// Stress from the energy itself, by differences along the path permitted by the constraint.
 #[test]
 fn stress_is_the_slope_of_the_energy() {
     for material in MATERIALS {
@@ -51,7 +51,7 @@ fn stress_is_the_slope_of_the_energy() {
                     Compression::UEng => engineering,
                     _ => engineering * ratio,
                 };
-                // Differences of second order: (step^2/6) W''' is 1e-10 of W' / ratio^2 times a few powers of alpha.
+                // Second-order differences: (step^2/6) W''' is 1e-10 of W' / ratio^2 times a few powers of alpha.
                 let found = law.at(ratio).stress_kpa;
                 let near = 1e-6 * expected.abs();
                 assert!(
@@ -73,7 +73,7 @@ fn moduli_are_the_slopes_of_stress() {
                 let [more, less] = [law.at(ratio + step), law.at(ratio - step)];
                 let here = law.at(ratio);
                 let of = |part: fn(&Response) -> f64| (part(&more) - part(&less)) / (2.0 * step);
-                // As above; rounding of differences adds 1e-11 of the largest term, which may cancel in the sum.
+                // The same tolerance; rounding of differences adds 1e-11 of the largest term, which may cancel in the sum.
                 for (found, expected) in [
                     (here.tangent_kpa, of(|r| r.stress_kpa)),
                     (here.rate_kpa, of(|r| r.tangent_kpa)),
@@ -89,7 +89,7 @@ fn moduli_are_the_slopes_of_stress() {
     }
 }
 
-/// At rest 3 mu, or 4 mu where tissue cannot widen along the needle, whatever the material.
+/// At rest 3 mu, or 4 mu where tissue cannot widen along the needle, for every material.
 #[test]
 fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
     for material in MATERIALS {
@@ -109,7 +109,7 @@ fn at_rest_all_materials_of_a_shear_modulus_are_alike() {
     }
 }
 
-/// The law as Wang et al.'s section III-A and the moduli at rest give it.
+/// The law from section III-A of Wang et al. and the moduli at rest.
 #[test]
 fn ogden_is_as_published() {
     let (mu, alpha, l) = (3.63, 8.74, 0.7f64);

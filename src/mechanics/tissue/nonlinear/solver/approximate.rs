@@ -1,17 +1,17 @@
-//! A factor that iterations lean on: as precise as it has to be, and no more.
+//! Cholesky factor for iterations, in the lowest sufficient precision.
 
 use crate::mechanics::tissue::factor::{Factor, FactorError, Symmetric};
 use crate::random::pcg_step;
 
-/// What a factor in single precision may leave of a vector that it should give back, as a part of its length. The vector holds
-/// every mode of n degrees of freedom alike; one that is off for a single mode, by as much as that mode, leaves 1 / sqrt(n): 0.01
-/// at the 10,000 of a mesh of tissue.
+/// Largest relative error with which a factor in single precision may reproduce a test vector. The vector contains all
+/// modes of n degrees of freedom equally; an error in a single mode, as large as that mode, leaves 1 / sqrt(n): 0.01 at
+/// the 10,000 of a tissue mesh.
 const TELLING: f64 = 0.01;
 
-/// A Cholesky factor in single precision, or in double where single does not do.
+/// Cholesky factor in single precision, or in double where single does not suffice.
 ///
-/// An iteration that computes its residual in double precision comes as near to balance by either; the one in single precision
-/// takes half the time.
+/// An iteration that computes its residual in double precision converges to the same balance with either; single
+/// precision takes half the time.
 #[derive(Clone, Debug)]
 pub struct Approximate {
     factor: Either,
@@ -30,7 +30,7 @@ impl Approximate {
     /// Analyses and factors a matrix.
     ///
     /// # Errors
-    /// [`FactorError`].
+    /// [`FactorError`] where the matrix cannot be factored.
     pub fn new(matrix: &impl Symmetric) -> Result<Self, FactorError> {
         let factor = match Factor::single(matrix) {
             Ok(factor) => Either::Single(factor),
@@ -50,10 +50,10 @@ impl Approximate {
         Ok(approximate)
     }
 
-    /// Factors a matrix of the same pattern. Once single precision did not do, it is double from there on.
+    /// Factors a matrix of the same pattern. Once single precision has failed, double precision is kept.
     ///
     /// # Errors
-    /// [`FactorError`]; the factor is then that of some matrix before.
+    /// [`FactorError`]; the factor is then that of an earlier matrix.
     pub fn refactor(&mut self, matrix: &impl Symmetric) -> Result<(), FactorError> {
         let single = match &mut self.factor {
             Either::Double(factor) => return factor.refactor(matrix),
@@ -68,12 +68,12 @@ impl Approximate {
         Ok(())
     }
 
-    /// Turns forces into about the displacements that they cause.
+    /// Replaces forces by the approximate displacements that they cause.
     pub fn solve_in_place(&mut self, rhs: &mut [f64]) {
         match &self.factor {
             Either::Double(factor) => factor.solve_in_place(rhs),
             Either::Single(factor) => {
-                // Forces may be smaller than single precision tells from none.
+                // Scaled, as forces may underflow in single precision.
                 let size = rhs.iter().fold(0.0, |a: f64, x| a.max(x.abs()));
                 if size == 0.0 {
                     return;
@@ -90,7 +90,7 @@ impl Approximate {
         }
     }
 
-    /// Whether the factor, if it is in single precision, gives back a vector that the matrix was applied to.
+    /// Whether the factor, if in single precision, reproduces a vector from its product with the matrix.
     fn tells(&mut self, matrix: &impl Symmetric) -> bool {
         if matches!(self.factor, Either::Double(_)) {
             return true;
@@ -108,7 +108,7 @@ impl Approximate {
         tells
     }
 
-    /// Whether it is in single precision.
+    /// Whether the factor is in single precision.
     #[cfg(test)]
     pub fn is_single(&self) -> bool {
         matches!(self.factor, Either::Single(_))

@@ -1,4 +1,4 @@
-//! One change of the displacements, and how far from balance it leaves them.
+//! One iteration: change of the displacements, and its residual.
 
 use super::super::error::NonlinearError;
 use super::super::tangent::Kind;
@@ -6,8 +6,8 @@ use super::linear::Equations;
 use super::{Contact, Progress, Solver, State, Target};
 
 impl<const D: usize, const N: usize> Solver<D, N> {
-    /// A change of the displacements, and at its end of the contact force, by linear equations: what is prescribed
-    /// and the contact arrive where they shall.
+    /// Computes a change of the displacements, with that of the contact force at its end, from linear equations:
+    /// prescribed displacements and the contact reach their targets.
     pub(super) fn propose(&mut self, target: &Target<'_>, equations: Equations) -> Result<(), NonlinearError> {
         self.progress.iterations += 1;
         self.change.fill(0.0);
@@ -47,7 +47,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         Ok(())
     }
 
-    /// Makes the change proposed.
+    /// Applies the computed change.
     pub(super) fn change(&mut self, target: &Target<'_>) {
         let State {
             displacement, contact, ..
@@ -74,8 +74,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.linear.factor(&self.body, &self.state.responses, kind)
     }
 
-    /// Writes the free forces out of balance into `rest`; how large they are, relative to the largest force so far. A body that is
-    /// let go has no forces but rounding to compare with.
+    /// Writes the unbalanced free forces to `rest`, and returns the largest relative to the largest force so far. The
+    /// current forces would not do as a reference: those of an unloaded body are only rounding.
     pub(super) fn residual(&mut self, target: &Target<'_>) -> f64 {
         let largest = |all: &[f64]| {
             all.iter().fold(0.0, |a: f64, x| {
@@ -99,7 +99,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         left / self.peak.max(largest(&self.state.forces)).max(largest(target.loads))
     }
 
-    /// Whether something prescribed is not yet where it shall be.
+    /// Whether a prescribed displacement or the contact has yet to reach its target.
     pub(super) fn pending(&self, target: &Target<'_>) -> bool {
         let displacement = &self.state.displacement;
         let mut prescribed = self.supports.prescribed().iter().zip(target.prescribed);

@@ -1,4 +1,4 @@
-//! The linear equations of an iteration.
+//! Linear equations of an iteration.
 
 use super::super::body::{Body, Response};
 use super::super::error::NonlinearError;
@@ -9,30 +9,30 @@ use super::Contact;
 use super::approximate::Approximate;
 use crate::mechanics::tissue::factor::FactorError;
 
-/// Which linear equations are solved, and how closely.
+/// Linear equations to solve, and the accuracy required.
 #[derive(Clone, Copy, Debug)]
 pub enum Equations {
-    /// Those that the factor is of, by the factor alone.
+    /// The equations of the kept factor, solved by it alone.
     Kept,
-    /// Those of a tangent at the state given, with as many products as it takes.
+    /// The equations of a tangent at the given state, solved iteratively.
     Tangent {
-        /// Which.
+        /// Kind of tangent.
         kind: Kind,
-        /// What may be left of the right-hand side, relative to it.
+        /// Largest residual relative to the right-hand side.
         closeness: f64,
     },
 }
 
-/// A tangent, its factor, and what solving with it needs.
+/// Tangent with its factor and the workspace of solves.
 #[derive(Clone, Debug)]
 pub struct Linear<const D: usize> {
     matrix: Tangent<D>,
-    /// What the factor is of.
+    /// Kind of tangent factored.
     kind: Kind,
     responses: Vec<Response<D>>,
     factor: Approximate,
     gmres: Gmres,
-    /// How the free displacements answer a unit force of the contact, and of which contact.
+    /// Response of the free displacements to a unit contact force; `contact` is the contact it belongs to.
     way: Vec<f64>,
     contact: Option<Contact>,
     /// A change of all displacements, and its product with the tangent.
@@ -82,7 +82,7 @@ impl<const D: usize> Linear<D> {
         }
     }
 
-    /// As when new, but at a state.
+    /// Replaces the factor by a new one at a state.
     pub fn renew<const N: usize>(
         &mut self,
         body: &Body<D, N>,
@@ -100,7 +100,7 @@ impl<const D: usize> Linear<D> {
         self.responses.copy_from_slice(responses);
     }
 
-    /// Takes the product of the tangent with a change of all displacements from free forces.
+    /// Subtracts the product of the tangent and a change of all displacements from free forces.
     pub fn subtract<const N: usize>(
         &mut self,
         body: &Body<D, N>,
@@ -120,7 +120,7 @@ impl<const D: usize> Linear<D> {
         }
     }
 
-    /// Free forces become free displacements.
+    /// Replaces free forces by free displacements.
     pub fn solve<const N: usize>(
         &mut self,
         body: &Body<D, N>,
@@ -144,7 +144,7 @@ impl<const D: usize> Linear<D> {
         self.gmres.solve(rest, closeness, apply, |x| factor.solve_in_place(x));
     }
 
-    /// How the free displacements answer a unit force of the contact; with a kept factor it is kept too.
+    /// Returns the response of the free displacements to a unit contact force; it is cached with a kept factor.
     pub fn way<const N: usize>(
         &mut self,
         body: &Body<D, N>,

@@ -1,49 +1,50 @@
-//! How increments are solved, and what one took.
+//! Solver options, and the convergence record of an increment.
 
-/// Which tangent an Euler step takes.
+/// Tangent of an Euler step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Slope {
-    /// Kobayashi et al.'s: element stiffness times 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r.
+    /// Kobayashi et al.'s tangent: element stiffness times 1 + a (e_r - e0)^2 + 2 a (e_r - e0) e_r.
     #[default]
     Scalar,
     /// The derivative of the law.
     Consistent,
 }
 
-/// How an increment is solved.
+/// Solution scheme of an increment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Scheme {
-    /// One solve with the tangent at its start; what is out of balance is told, not iterated upon.
+    /// One solve with the tangent at the start; the remaining imbalance is reported, not iterated on.
     Euler {
-        /// The tangent.
+        /// Tangent of the step.
         slope: Slope,
-        /// Whether what the last increments left out of balance is added to this one; Kobayashi et al.'s is not. With an offset of
-        /// displacements it always is.
+        /// Whether to add the imbalance of earlier increments to this one, which Kobayashi et al. do not. With an
+        /// offset of displacements it is always added.
         corrected: bool,
     },
-    /// Iterations with a factor of the scalar tangent that is kept as long as it serves.
+    /// Iterations with a factor of the scalar tangent that is kept while it converges.
     Modified {
-        /// Iterations that the next is improved by (Anderson's acceleration): 0 for the plain method, which is Kobayashi et al.'s.
+        /// Number of iterations used in Anderson's acceleration; 0 for the plain method of Kobayashi et al.
         memory: usize,
     },
-    /// Iterations with the consistent tangent, factored at each.
+    /// Iterations with the consistent tangent, factored in each.
     #[default]
     Newton,
 }
 
 impl Scheme {
-    /// Modified Newton-Raphson with the memory that it gains most by.
+    /// Modified Newton-Raphson with the most effective memory.
     pub const MODIFIED: Scheme = Scheme::Modified { memory: 6 };
 }
 
-/// When an increment is solved.
+/// Options of a solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Options {
-    /// How.
+    /// Solution scheme.
     pub scheme: Scheme,
-    /// The largest force out of balance over the largest force at a node so far. Default 1e-9.
+    /// Largest unbalanced force relative to the largest nodal force so far. Default 1e-9.
     pub tolerance: f64,
-    /// Iterations of an increment at most. Default 60; full Newton needs no more than ten where modified needs all.
+    /// Largest number of iterations in an increment. Default 60; full Newton needs no more than ten where modified
+    /// needs all.
     pub iterations: usize,
 }
 
@@ -57,19 +58,19 @@ impl Default for Options {
     }
 }
 
-/// What an increment took.
+/// Convergence record of an increment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Progress {
-    /// Iterations: changes of the displacements.
+    /// Number of iterations (changes of the displacements).
     pub iterations: usize,
-    /// Factorisations among them.
+    /// Number of factorisations.
     pub factorisations: usize,
-    /// Largest force out of balance over the largest force at a node, before each iteration and at the end.
+    /// Largest unbalanced force relative to the largest nodal force, before each iteration and at the end.
     pub residuals: Vec<f64>,
 }
 
 impl Progress {
-    /// The residual at the end.
+    /// Residual at the end.
     pub fn residual(&self) -> f64 {
         self.residuals.last().copied().unwrap_or(0.0)
     }

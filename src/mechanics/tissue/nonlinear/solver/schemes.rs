@@ -1,21 +1,21 @@
-//! The three ways to go through an increment.
+//! Solution schemes of an increment.
 
 use super::super::error::NonlinearError;
 use super::super::tangent::Kind;
 use super::linear::Equations;
 use super::{Slope, Solver, Target};
 
-/// Iterations that leave more than this of the residual, each on average, have modified Newton-Raphson factor anew: a
-/// factorisation costs as much as some twenty solves, and twenty solves at this rate gain six digits.
+/// Average ratio of successive residuals above which modified Newton-Raphson refactors: a factorisation costs
+/// as much as some twenty solves, and twenty solves at this rate gain six digits.
 const SLOW: f64 = 0.5;
 
-/// Iterations with a factor before it is judged slow.
+/// Iterations with a factor before its convergence is judged.
 const TRIAL: usize = 4;
 
-/// How closely the linear equations of an increment that is not iterated upon are solved: near what rounding leaves.
+/// Relative residual of the linear equations in an increment without iterations: near rounding.
 pub(super) const CLOSEST: f64 = 1e-12;
 
-/// How often a full Newton step is halved at most.
+/// Largest number of halvings of a full Newton step.
 const HALVINGS: usize = 8;
 
 impl<const D: usize, const N: usize> Solver<D, N> {
@@ -28,7 +28,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.progress.residuals.push(residual);
         self.factor(kind)?;
         if !corrected && target.offset.is_none() {
-            // Only what the loads gain: the body is taken to balance those before.
+            // Only the increase of the loads: the body is assumed to balance those before.
             for (rest, &dof) in self.rest.iter_mut().zip(self.supports.free()) {
                 *rest = target.loads[dof as usize] - self.applied[dof as usize];
             }
@@ -49,10 +49,10 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         self.finite(residual)
     }
 
-    /// Kobayashi et al.'s method where `memory` is 0. Else what earlier iterations and increments missed improves the next.
+    /// Method of Kobayashi et al. if `memory` is 0; otherwise accelerated by earlier iterations and increments.
     pub(super) fn modified(&mut self, target: &Target<'_>, memory: usize) -> Result<(), NonlinearError> {
         let learns = memory > 0;
-        // Whether the factor is that of this very state.
+        // Whether the factor is that of exactly this state.
         let mut own = learns && self.upkeep.is_due();
         if own {
             self.factor(Kind::Scalar)?;
@@ -83,7 +83,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             let lost = next.is_nan();
             let worse = next >= residual || lost;
             let balanced = next <= self.options.tolerance;
-            // What is prescribed arrives at once, and may throw forces out of balance that were in it: by the largest there are.
+            // Prescribed displacements arrive at once and may unbalance forces, by as much as the largest force.
             let misled = if pending {
                 next > 1.0 || lost
             } else {
@@ -108,7 +108,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
                     self.state.take(&self.before);
                 }
                 if stuck && own {
-                    // Its own factor leads nowhere from here; the derivative does.
+                    // Even its own factor makes no progress from here; the derivative does.
                     return self.newton(target);
                 }
                 let slow = tried >= TRIAL && next > SLOW.powi(tried as i32) * first;
@@ -125,7 +125,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         }
     }
 
-    /// What a balanced increment tells of the next.
+    /// Records a balanced increment for use in the next.
     fn learn(&mut self) {
         if self.progress.iterations > 0 {
             self.upkeep.took(self.progress.iterations);
@@ -147,7 +147,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.more(residual)?;
             self.factor(Kind::Consistent)?;
             self.before.take(&self.state);
-            // The linear equations need not be closer than Newton's error, which is squared by this iteration.
+            // The linear equations need not be more accurate than Newton's error, which this iteration squares.
             let tangent = Equations::Tangent {
                 kind: Kind::Consistent,
                 closeness: residual.clamp(1e-10, 1e-3),
@@ -163,7 +163,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         }
     }
 
-    /// Half the way from the state before, as long as the whole way leads no nearer; the residual there.
+    /// Halves the step from the previous state while it does not reduce the residual; returns the final residual.
     fn backtrack(&mut self, target: &Target<'_>, residual: f64, mut next: f64) -> f64 {
         for _ in 0..HALVINGS {
             if next < residual || next <= self.options.tolerance {

@@ -1,32 +1,32 @@
-//! What an increment goes to.
+//! Target of an increment.
 
 use super::super::error::NonlinearError;
 use super::super::supports::{NONE, Supports};
 
-/// Where an increment goes to: everything as it is at its end.
+/// Target of an increment: all values at its end.
 #[derive(Clone, Copy, Debug)]
 pub struct Target<'a> {
-    /// Force on each degree of freedom, N; on a prescribed one it changes the reaction only.
+    /// Force on each degree of freedom, N; at a prescribed one it changes only the reaction.
     pub loads: &'a [f64],
     /// Displacement of each prescribed degree of freedom, in the order of [`Supports::prescribed`], mm.
     pub prescribed: &'a [f64],
-    /// A point that is held along a direction.
+    /// Point with a prescribed displacement along a direction.
     pub contact: Option<&'a Contact>,
-    /// Displacements (mm) that stress does not count: it is E(e_r(u)) D epsilon(u - offset).
+    /// Displacements (mm) without stress, which is E(e_r(u)) D epsilon(u - offset).
     pub offset: Option<&'a [f64]>,
 }
 
-/// A point of the body that something pushes to a place: sum of weights times displacements.
+/// Point of the body that is pushed to a place: sum of weights times displacements.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Contact {
     /// Degrees of freedom and their weights: barycentric weights of the point times the direction.
     pub weights: Vec<(u32, f64)>,
-    /// The displacement of the point along the direction, mm.
+    /// Displacement of the point along the direction, mm.
     pub place_mm: f64,
 }
 
 impl Contact {
-    /// The displacement along the direction, mm.
+    /// Returns the displacement along the direction, mm.
     pub fn along(&self, displacement: &[f64]) -> f64 {
         self.weights
             .iter()

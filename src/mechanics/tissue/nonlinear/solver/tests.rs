@@ -1,4 +1,4 @@
-//! Derivatives by finite differences, and sums against element by element.
+//! Tangents against finite differences, and assembled matrices against element-wise products.
 
 use super::super::body::{Body, Response, Sheet};
 use super::super::law::Stiffening;
@@ -24,12 +24,12 @@ fn sheet() -> Body<2, 3> {
     Sheet::plane_strain(nodes, triangles, &[law(); 4], 1.5).unwrap()
 }
 
-/// Displacements that strain every element past the knee, an offset, and a direction.
+/// Returns displacements that strain every element past the knee, an offset, and a direction.
 fn fields(length: usize) -> [Vec<f64>; 3] {
     [(2, 0.6), (3, 0.2), (4, 1.0)].map(|(salt, size)| (0..length).map(|i| size * value(i, 0, salt)).collect())
 }
 
-/// Central differences of forces: their error is h^2 times the third derivative, and rounding over h.
+/// Compares with central differences of forces, whose error is h^2 times the third derivative plus rounding over h.
 fn derivative_is_consistent<const D: usize, const N: usize>(body: &Body<D, N>, with_offset: bool) {
     let length = D * body.nodes().len();
     let [u, offset, direction] = fields(length);
@@ -52,7 +52,7 @@ fn derivative_is_consistent<const D: usize, const N: usize>(body: &Body<D, N>, w
             "{exact} but {difference} at {at} of {D} dimensions"
         );
     }
-    // Kobayashi et al.'s tangent is no derivative of this.
+    // Kobayashi et al.'s tangent is not a derivative of this.
     body.scalar(&responses, &direction, &mut product);
     let off = product
         .iter()
@@ -69,7 +69,8 @@ fn the_consistent_tangent_is_the_derivative() {
     }
 }
 
-/// The matrix times a vector is the product element by element; for the consistent tangent, the mean of both ways round.
+/// The matrix times a vector equals the element-wise product; for the consistent tangent, the mean of product and
+/// transpose.
 fn matrix_is_the_product<const D: usize, const N: usize>(body: &Body<D, N>) {
     let nodes = body.nodes().len();
     let supports = Supports::<D>::new(nodes, [(0, 0), (0, 1), (1, 1), (nodes as u32 - 1, 0)]);
@@ -109,7 +110,7 @@ fn matrix_is_the_product<const D: usize, const N: usize>(body: &Body<D, N>) {
             .flat_map(|i| (0..i).map(move |j| (i, j)))
             .map(|(i, j)| (columns[i][j] - columns[j][i]).abs());
         let skew = skew.fold(0.0, f64::max) / scale;
-        // Tissue that is compressed and sheared is not symmetric, by far more than rounding.
+        // For tissue that is compressed and sheared, the asymmetry far exceeds rounding.
         assert_eq!(skew > 1e-3, kind == Kind::Consistent, "{skew} of {kind:?}");
     }
 }

@@ -19,7 +19,7 @@ fn go(adaptation: &mut Adaptation, node: u32, salt: u32) -> Result<RemeshReport,
     adaptation.move_node(node, to)
 }
 
-/// K^c as it should be.
+/// Computes the expected K^c and its rounding.
 fn expected(adaptation: &Adaptation) -> (Mat<f64>, f64) {
     let gold = gold(adaptation.mesh());
     let contacts = adaptation.remesher().contacts();
@@ -31,7 +31,7 @@ fn a_refused_request_changes_neither_mesh_nor_remesher() {
     for level in [Level::I, Level::II, Level::III, Level::Exact] {
         let mut adaptation = adaptation(level, Options::default());
         let inner = inner_nodes(adaptation.mesh());
-        // A remesher that refuses everything.
+        // Install a remesher that refuses everything.
         let source = adaptation.source.clone();
         let strict = Options {
             reciprocal_limit: 0.9,
@@ -85,13 +85,13 @@ fn refused_restores_and_undos_leave_the_moves_listed() {
         reciprocal_limit: 0.9,
         ..Options::default()
     };
-    // Level IV refuses nothing, so it can be brought to where level I would.
+    // Level IV refuses nothing, so it can reach a state where level I would.
     let (moves, nodes) = (adaptation.mesh().moves().to_vec(), adaptation.mesh().nodes().to_vec());
     let mut remesher =
         make(Level::IV, Precision::Double, &adaptation.source, &adapted(0.45), strict).expect("a remesher");
     remesher.set_level(&adapted(0.45), Level::I).expect("current");
     adaptation.remesher = remesher;
-    // It is two changes behind.
+    // The remesher is two changes behind.
     let behind = |result: Result<(), AdaptError>| {
         assert!(
             matches!(result, Err(AdaptError::Remesh(RemeshError::OutOfStep { .. }))),
@@ -122,7 +122,7 @@ fn levels_change_while_running_and_contacts_stay() {
                 adaptation.switch(to, precision).expect("a switch");
                 assert_eq!(adaptation.remesher().level(), to);
                 assert_eq!(adaptation.remesher().contacts(), contacts);
-                // Upward, or of another kind or precision, it is current.
+                // To a higher level, or one of another kind or precision, it is current.
                 if from == to || (to > from && to != Level::Exact && from != Level::I && precision == Precision::Double)
                 {
                     continue;

@@ -1,14 +1,14 @@
-//! What lies around each node of a mesh.
+//! Elements and neighbours of each node of a mesh.
 
 use crate::mechanics::tissue::assembly::corners_by_node;
 
-/// For every node its elements and its neighbours. Depends on the elements alone, so moves leave it as it is.
+/// Elements and neighbours of every node. They depend only on the elements, so moves do not change them.
 #[derive(Clone, Debug)]
 pub(super) struct Around {
-    /// Where each node's corners begin; a corner is four times its element plus its place there.
+    /// Start of each node's corners; a corner is four times its element plus its place there.
     corner_firsts: Vec<u32>,
     corners: Vec<u32>,
-    /// Where each node's neighbours begin.
+    /// Start of each node's neighbours.
     neighbour_firsts: Vec<u32>,
     neighbours: Vec<u32>,
 }
@@ -36,13 +36,13 @@ impl Around {
         }
     }
 
-    /// All nodes of the elements of `node`, itself among them, ascending.
+    /// Nodes of the elements of `node`, including itself, ascending.
     pub fn neighbours(&self, node: u32) -> &[u32] {
         let node = node as usize;
         &self.neighbours[self.neighbour_firsts[node] as usize..self.neighbour_firsts[node + 1] as usize]
     }
 
-    /// The elements of a node and its place in each.
+    /// Elements of a node, with its place in each.
     pub fn elements(&self, node: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
         let node = node as usize;
         let corners = &self.corners[self.corner_firsts[node] as usize..self.corner_firsts[node + 1] as usize];

@@ -1,30 +1,30 @@
-//! What the move of one node changes in the stiffness.
+//! Stiffness change due to the move of one node.
 
 use faer::Mat;
 
 use super::{AdaptedMesh, RefusedMove};
 use crate::mechanics::tissue::element::Shape;
 
-/// What the move of one node changes.
+/// Effects of the move of one node.
 #[derive(Clone, Debug)]
 pub struct Change {
-    /// The node.
+    /// Moved node.
     pub node: u32,
-    /// Where it was, mm.
+    /// Position before the move, mm.
     pub from: [f64; 3],
-    /// Where it is now, mm.
+    /// Position after the move, mm.
     pub to: [f64; 3],
-    /// Free degrees of freedom of the node and its neighbours, ascending: outside these rows and columns the stiffness
-    /// stays.
+    /// Free degrees of freedom of the node and its neighbours, ascending; the stiffness changes only in these rows and
+    /// columns.
     pub support: Vec<u32>,
-    /// K(now) - K(before) at the rows and columns of the support, N/mm; symmetric bit for bit.
+    /// K(now) - K(before) at the rows and columns of the support, N/mm; exactly symmetric.
     pub stiffness: Mat<f64>,
-    /// The number of this change: steps of the mesh up to it.
+    /// Number of this change: steps of the mesh up to it.
     pub step: u64,
 }
 
 impl Change {
-    /// No change, and no memory yet.
+    /// Returns an empty change without memory.
     pub(super) fn none() -> Change {
         Change {
             node: 0,
@@ -36,7 +36,7 @@ impl Change {
         }
     }
 
-    /// What moving `node` to `to` would change, assembled from the elements around it. Uses the memory of `self`.
+    /// Computes the effects of moving `node` to `to` from the elements around it, reusing the memory of `self`.
     pub(super) fn fill(mut self, mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
         let dofs = mesh.dofs();
         self.support.clear();

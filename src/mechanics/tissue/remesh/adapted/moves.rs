@@ -1,26 +1,26 @@
-//! Moving nodes, and taking moves back.
+//! Moves of nodes, and their reversal.
 
 use super::{AdaptedMesh, Change, RefusedMove};
 use crate::mechanics::mesh::quality::jacobian_condition;
 use crate::mechanics::tissue::element::Shape;
 
-/// What a change does to the list of moves.
+/// Effect of a change on the list of moves.
 #[derive(Clone, Copy, Debug)]
 pub(in super::super) enum Record {
-    /// It is one more.
+    /// The change is appended as a move.
     Moved,
-    /// Those of its node are forgotten.
+    /// All moves of the node are removed.
     Restored,
-    /// It takes back the last.
+    /// The last move is removed.
     Undone,
 }
 
 impl AdaptedMesh {
-    /// The worst Jacobian condition among the tetrahedra around `node` after it were moved to `to` (mm): what the choice of a
-    /// corner goes by. Nothing is moved.
+    /// Returns the worst Jacobian condition that the tetrahedra around `node` would have with it at `to` (mm), the
+    /// criterion for the choice of a corner. Nothing is moved.
     ///
     /// # Errors
-    /// [`RefusedMove`], as [`move_node`](Self::move_node) would refuse.
+    /// Those of [`move_node`](Self::move_node).
     pub fn assess(&self, node: u32, to: [f64; 3]) -> Result<f64, RefusedMove> {
         let nodes = self.nodes.len();
         if node as usize >= nodes {
@@ -49,7 +49,7 @@ impl AdaptedMesh {
                 (worst, thinnest) = (condition, element);
             }
         }
-        // A move that betters elements which were too thin from the start is welcome.
+        // A move is accepted if it improves elements that were too thin from the start.
         if worst > self.condition_limit && worst > before {
             return Err(RefusedMove::Condition {
                 node,
@@ -65,15 +65,15 @@ impl AdaptedMesh {
     /// Moves a node to `to` (mm).
     ///
     /// # Errors
-    /// [`RefusedMove`] when an element would be inverted or flat, or thinner than the limit allows and thinner than any
-    /// around the node was before.
+    /// [`RefusedMove`] when an element would be inverted or flat, or thinner than both the limit and the thinnest
+    /// element around the node before.
     pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
         let change = self.begin_move(node, to)?;
         self.record(Record::Moved, &change);
         Ok(change)
     }
 
-    /// Moves a node back to its original position and forgets its moves.
+    /// Moves a node back to its original position and removes its moves from the list.
     ///
     /// # Errors
     /// [`RefusedMove`] when that would invert or flatten an element, as other nodes have moved since.
@@ -83,7 +83,7 @@ impl AdaptedMesh {
         Ok(change)
     }
 
-    /// Takes back the last move; `None` when there is none. In the reverse order of the moves this is never refused.
+    /// Undoes the last move; `None` if there is none. In the reverse order of the moves this is never refused.
     ///
     /// # Errors
     /// [`RefusedMove`] when that would invert or flatten an element, as nodes have been restored in another order.
@@ -95,25 +95,25 @@ impl AdaptedMesh {
         Ok(change)
     }
 
-    /// Takes the memory of a change that is done with, for the next one: moves then allocate nothing.
+    /// Takes the memory of a finished change for the next one, so that moves allocate nothing.
     pub fn reclaim(&mut self, change: Change) {
         self.spare = Some(change);
     }
 
-    /// As [`move_node`](Self::move_node), except that the move is not listed until it is [recorded](Self::record).
+    /// Performs [`move_node`](Self::move_node), but does not list the move until it is [recorded](Self::record).
     pub(in super::super) fn begin_move(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
         self.assess(node, to)?;
         self.shift(node, to)
     }
 
-    /// As [`restore`](Self::restore), with the list of moves as before.
+    /// Performs [`restore`](Self::restore) without updating the list of moves.
     pub(in super::super) fn begin_restore(&mut self, node: u32) -> Result<Change, RefusedMove> {
         let nodes = self.nodes.len();
         let home = self.original.get(node as usize).copied();
         self.shift(node, home.ok_or(RefusedMove::Node { node, nodes })?)
     }
 
-    /// As [`undo`](Self::undo), with the list of moves as before.
+    /// Performs [`undo`](Self::undo) without updating the list of moves.
     pub(in super::super) fn begin_undo(&mut self) -> Result<Option<Change>, RefusedMove> {
         match self.moves.last() {
             Some(&(node, before)) => self.shift(node, before).map(Some),
@@ -121,7 +121,7 @@ impl AdaptedMesh {
         }
     }
 
-    /// Notes a change that was begun in the list of moves.
+    /// Records a change that was begun in the list of moves.
     pub(in super::super) fn record(&mut self, record: Record, change: &Change) {
         match record {
             Record::Moved => self.moves.push((change.node, change.from)),
@@ -130,13 +130,13 @@ impl AdaptedMesh {
         }
     }
 
-    /// Takes back a change that was begun, the last one, as if it had never been.
+    /// Reverts the last change, which was begun but not recorded.
     pub(in super::super) fn take_back(&mut self, change: &Change) {
         self.place(change.node, change.from);
         self.step -= 1;
     }
 
-    /// Moves a node wherever its elements stay usable.
+    /// Moves a node if its elements stay usable.
     fn shift(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
         let spare = self.spare.take().unwrap_or_else(Change::none);
         let change = spare.fill(self, node, to)?;
@@ -150,7 +150,7 @@ impl AdaptedMesh {
         self.note(node);
     }
 
-    /// Keeps account of whether a node is away from its base.
+    /// Updates the record of whether a node is away from its base.
     pub(super) fn note(&mut self, node: u32) {
         let is_away = self.nodes[node as usize] != self.base[node as usize];
         let place = self.away.binary_search(&node);

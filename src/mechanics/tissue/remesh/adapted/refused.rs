@@ -1,55 +1,55 @@
-//! Why a node cannot be moved.
+//! Reasons for refusing a move.
 
 use crate::mechanics::tissue::element::DegenerateElement;
 
-/// Why a node cannot be moved. The mesh is then as it was.
+/// Why a node cannot be moved. The mesh is then unchanged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RefusedMove {
-    /// There is no such node.
+    /// The node does not exist.
     #[error("node {node}, but there are only {nodes} nodes (numbered from 0)")]
     Node {
-        /// The node given.
+        /// Node given.
         node: u32,
-        /// How many there are.
+        /// Number of nodes.
         nodes: usize,
     },
     /// The position is NaN or infinite.
     #[error("node {node} cannot move to {to:?}: positions must be finite")]
     Position {
-        /// The node.
+        /// Node to move.
         node: u32,
-        /// The position given, mm.
+        /// Position given, mm.
         to: [f64; 3],
     },
-    /// A tetrahedron would be inverted or flat.
+    /// A tetrahedron would become inverted or flat.
     #[error("moving node {node} to {to:?} mm spoils tetrahedron {element} (nodes {corners:?}): {cause}")]
     Element {
-        /// The node.
+        /// Node to move.
         node: u32,
-        /// The position given, mm.
+        /// Position given, mm.
         to: [f64; 3],
-        /// The tetrahedron.
+        /// Index of the tetrahedron.
         element: u32,
-        /// Its nodes.
+        /// Node indices of the tetrahedron.
         corners: [u32; 4],
-        /// What would be wrong with it.
+        /// Defect of the tetrahedron after the move.
         cause: DegenerateElement,
     },
-    /// A tetrahedron would be too thin.
+    /// A tetrahedron would become too thin.
     #[error(
         "moving node {node} to {to:?} mm makes tetrahedron {element} too thin: Jacobian condition {condition:.3e}, at most \
          {limit:.3e} expected (a regular one has 1)"
     )]
     Condition {
-        /// The node.
+        /// Node to move.
         node: u32,
-        /// The position given, mm.
+        /// Position given, mm.
         to: [f64; 3],
-        /// The tetrahedron.
+        /// Index of the tetrahedron.
         element: u32,
-        /// Its Jacobian condition after the move.
+        /// Jacobian condition of the tetrahedron after the move.
         condition: f64,
-        /// The limit.
+        /// Largest condition allowed.
         limit: f64,
     },
 }

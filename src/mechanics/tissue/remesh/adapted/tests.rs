@@ -1,7 +1,7 @@
 use super::*;
 use crate::mechanics::tissue::remesh::testing::{adapted, current, free_nodes, inner_nodes, nearby};
 
-/// What a refused move must leave as it is.
+/// Returns the state that a refused move must not change.
 fn state(mesh: &AdaptedMesh) -> (Vec<[f64; 3]>, u64, Vec<u32>, Vec<u32>, usize) {
     let support = mesh.support().collect();
     (
@@ -46,7 +46,8 @@ fn a_change_is_the_difference_of_the_assembled_stiffnesses() {
         let to = nearby(&mesh, node, 1);
         let change = mesh.move_node(node, to).expect("a small move");
         let after = current(&mesh);
-        // Each entry is a sum over at most all elements around a node of differences of terms not larger than the largest.
+        // Each entry is a sum over at most all elements around a node of differences of terms no larger than the
+        // largest.
         let bound = 4.0 * 32.0 * f64::EPSILON * after.norm_max().max(before.norm_max());
         let place = |dof: usize| change.support.binary_search(&(dof as u32)).ok();
         for (i, j) in (0..after.nrows()).flat_map(|i| (0..after.ncols()).map(move |j| (i, j))) {
@@ -127,13 +128,13 @@ fn unusable_moves_are_refused_and_change_nothing() {
     for to in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 0.0]] {
         assert!(matches!(mesh.move_node(node, to), Err(RefusedMove::Position { .. })));
     }
-    // Beyond the far face of one of its tetrahedra, that one is inverted.
+    // Beyond the far face of one of its tetrahedra, that tetrahedron is inverted.
     let (element, place) = mesh.elements_around(node).next().expect("an element");
     let mut outside = [1.0; 4];
     outside[place] = -2.0;
     let inverted = mesh.move_node(node, mesh.point(element, outside));
     assert!(matches!(inverted, Err(RefusedMove::Element { .. })), "{inverted:?}");
-    // Almost on that face, it is too thin.
+    // Almost on that face, the tetrahedron is too thin.
     let mut close = [(1.0 - 1e-6) / 3.0; 4];
     close[place] = 1e-6;
     let to = mesh.point(element, close);
@@ -142,10 +143,10 @@ fn unusable_moves_are_refused_and_change_nothing() {
         other => panic!("{other:?}"),
     }
     assert_eq!(state(&mesh), before);
-    // With another limit it passes.
+    // With a larger limit the move passes.
     let mut lenient = mesh.clone().with_condition_limit(1e9);
     lenient.move_node(node, to).expect("within the limit");
-    // And from there, what is thinner than the usual limit but better than before.
+    // From there, a move passes that exceeds the usual limit but improves the mesh.
     let mut better = lenient.with_condition_limit(CONDITION_LIMIT);
     close = [(1.0 - 2e-6) / 3.0; 4];
     close[place] = 2e-6;

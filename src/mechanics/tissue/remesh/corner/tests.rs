@@ -1,7 +1,7 @@
 use super::*;
 use crate::mechanics::tissue::remesh::testing::{adapted, inner_nodes};
 
-/// An element of which all corners are free, and a point in it.
+/// Returns an element whose corners are all free, and a point in it.
 fn inside(mesh: &AdaptedMesh) -> (u32, [f64; 3]) {
     let (element, _) = mesh.elements_around(inner_nodes(mesh)[0]).next().expect("an element");
     (element, mesh.point(element, [0.4, 0.3, 0.2, 0.1]))
@@ -17,7 +17,7 @@ fn the_corner_with_the_best_elements_after_the_move_wins() {
     let best = conditions.into_iter().fold(f64::INFINITY, f64::min);
     assert_eq!(corner.condition, best);
     assert_eq!(mesh.assess(corner.node, tip), Ok(best));
-    // The next best when that one is taken.
+    // The next best is chosen when that one is taken.
     let next = best_corner(&mesh, element, tip, |node| node == corner.node).expect("a corner");
     assert!(next.node != corner.node && next.condition >= corner.condition);
 }

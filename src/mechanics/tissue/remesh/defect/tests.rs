@@ -16,13 +16,13 @@ fn it_is_what_is_missing_to_hold_the_forces() {
         let terms = || (0..size).map(|j| k[(i, j)] * u[j]);
         let magnitude: f64 = f[i].abs() + terms().map(f64::abs).sum::<f64>();
         let expected = f[i] - terms().sum::<f64>();
-        // The base and the difference, which cancel in part, are added one after the other.
+        // The base and the difference, which partly cancel, are added in turn.
         assert!(
             (found[i] - expected).abs() <= 4.0 * size as f64 * f64::EPSILON * magnitude,
             "row {i}"
         );
     }
-    // Displacements that are right to rounding leave a backward error of rounding's size; others do not.
+    // Displacements correct to rounding leave a backward error of the size of rounding; others do not.
     let right: Vec<f64> = (gold(&mesh) * faer::MatRef::from_column_major_slice(&f, size, 1))
         .col(0)
         .iter()

@@ -25,7 +25,7 @@ fn it_is_the_assembled_stiffness_less_that_of_the_base() {
     for (row, column, value) in mesh.difference().entries() {
         found[(row as usize, column as usize)] += value;
     }
-    // Sums over the elements around a pair of nodes, at most 32, of terms not larger than the largest entry.
+    // Sums over at most 32 elements around a pair of nodes, of terms no larger than the largest entry.
     let bound = 4.0 * 32.0 * f64::EPSILON * current(&mesh).norm_max();
     assert!((&found - &expected).norm_max() <= bound);
     assert_eq!(found, found.transpose().to_owned());
@@ -77,7 +77,7 @@ fn a_mesh_at_its_base_has_none_and_memory_is_used_again() {
     assert_eq!(difference.nodes(), mesh.neighbours(node));
     let fresh = mesh.difference();
     assert!(difference.blocks().eq(fresh.blocks()));
-    // Nothing of the first is left in the second.
+    // Nothing of the first difference is left in the second.
     mesh.move_node(node, nearby(&mesh, node, 2)).expect("a small move");
     mesh.difference_into(&mut difference);
     assert!(difference.blocks().eq(mesh.difference().blocks()));

@@ -1,34 +1,34 @@
-//! The compliance at the contacts.
+//! Compliance at the contacts.
 
 use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatRef};
 
-use super::held::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM, Held};
+use super::support::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM, Support};
 use super::update::{Work, product};
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs};
-use crate::mechanics::tissue::remesh::grown::Grown;
+use crate::mechanics::tissue::remesh::growable::Growable;
 
 #[derive(Debug)]
 pub(super) struct Contacts {
     dofs: Vec<usize>,
     /// K0^-1[c, c], symmetric.
-    bare: Grown,
+    bare: Growable,
     /// K^-1[c, c], symmetric.
-    pub condensed: Grown,
-    /// Memory for the next of either.
-    spare: Grown,
-    /// Memory for columns of B.
-    columns: Grown,
+    pub condensed: Growable,
+    /// Buffer for the next value of either matrix.
+    spare: Growable,
+    /// Buffer for columns of B.
+    columns: Growable,
 }
 
 impl Contacts {
     pub fn none() -> Contacts {
         Contacts {
             dofs: Vec::new(),
-            bare: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
-            condensed: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
-            spare: Grown::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
-            columns: Grown::with_room(HELD_ROOM, CHANGE_ROOM),
+            bare: Growable::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
+            condensed: Growable::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
+            spare: Growable::with_room(CONTACTS_ROOM, CONTACTS_ROOM),
+            columns: Growable::with_room(HELD_ROOM, CHANGE_ROOM),
         }
     }
 
@@ -41,17 +41,17 @@ impl Contacts {
         self.bare.get()
     }
 
-    /// The compliance at the contacts is that of the base.
+    /// Resets the compliance at the contacts to that of the base.
     pub fn forget_correction(&mut self) {
         self.condensed.get_mut().copy_from(self.bare.get());
     }
 
-    /// Names the contacts anew: rows of B and entries of both matrices are kept where their degrees of freedom stay.
+    /// Sets the contacts; rows of B and entries of both matrices are kept for contacts that remain.
     pub fn set(
         &mut self,
         dofs: &[usize],
         source: &mut dyn Compliance,
-        held: &mut Held,
+        held: &mut Support,
         work: &mut Work,
     ) -> Result<(), ComplianceError> {
         check_dofs(dofs, source.size())?;
@@ -66,7 +66,7 @@ impl Contacts {
         let own = source.entries(dofs, &new_dofs)?;
         let coupling = source.entries(held.dofs(), &new_dofs)?;
 
-        // Those before it stay where they are.
+        // Contacts in this prefix keep their places.
         let prefix = before
             .iter()
             .enumerate()
@@ -100,7 +100,7 @@ impl Contacts {
         );
         let (mut bare, mut condensed) = (self.bare.get_mut(), self.condensed.get_mut());
         for (from, &j) in new.iter().enumerate() {
-            // Pairs of new contacts once, so that both matrices stay symmetric.
+            // Each pair of new contacts is read once, so that both matrices stay symmetric.
             for i in (0..dofs.len()).filter(|i| before[*i].is_some() || *i <= j) {
                 bare[(i, j)] = own[(i, from)];
                 bare[(j, i)] = own[(i, from)];
@@ -114,8 +114,8 @@ impl Contacts {
     }
 }
 
-/// Brings the entries of contacts that stay to where they are now; those of new ones are left to be written.
-fn rearrange(matrix: &mut Grown, next: &mut Grown, before: &[Option<usize>], prefix: usize) {
+/// Moves the entries of remaining contacts to their new places; those of new contacts are not set.
+fn rearrange(matrix: &mut Growable, next: &mut Growable, before: &[Option<usize>], prefix: usize) {
     let size = before.len();
     let (from, mut to) = (matrix.get(), next.shape(size, size));
     for (j, old) in before.iter().enumerate() {

@@ -8,20 +8,20 @@ use crate::mechanics::tissue::testing::value;
 mod ahead;
 mod watch;
 
-/// A remesher at the base of a mesh, with contacts at some nodes.
+/// Creates a remesher at the base of a mesh, with contacts at some nodes.
 fn exact(mesh: &AdaptedMesh, nodes: &[u32], options: Options) -> Exact {
     let mut exact = Exact::new(mesh, Box::new(inverse(mesh)), Precision::Double, options).expect("a remesher");
     exact.set_contacts(&dofs_of(mesh, nodes)).expect("contacts");
     exact
 }
 
-/// Moves a node of both.
+/// Moves a node of the mesh and updates the remesher.
 fn go(mesh: &mut AdaptedMesh, exact: &mut Exact, node: u32, salt: u32) -> RemeshReport {
     let change = mesh.move_node(node, nearby(mesh, node, salt)).expect("a small move");
     exact.remesh(mesh, &change).expect("a remesh")
 }
 
-/// K^c and other entries against the inverse computed anew.
+/// Checks K^c and other entries against the recomputed inverse.
 fn check(mesh: &AdaptedMesh, exact: &mut Exact) {
     let gold = gold(mesh);
     let bound = rounding(mesh, &gold);
@@ -52,10 +52,10 @@ fn each_move_is_followed_and_s_is_what_is_touched() {
         assert_eq!(report.rebuilt, None);
         check(&mesh, &mut exact);
     }
-    // C is (I + dK G)^-1 dK: what an LU from scratch gives.
+    // C is (I + dK G)^-1 dK, as an LU factorisation from scratch gives.
     let updated = exact.correction().to_owned();
     mesh.difference_into(&mut exact.difference);
-    exact.compute_anew().expect("well conditioned");
+    exact.recompute().expect("well conditioned");
     let k = mesh.stiffness().norm_inf() + exact.difference.norm_inf();
     let g = exact.held.g.get().norm_l1();
     let bound = f64::EPSILON * k * g;
@@ -73,7 +73,7 @@ fn nodes_that_return_give_the_base_back_bit_for_bit() {
         go(&mut mesh, &mut exact, *node, salt as u32);
     }
     assert_ne!(exact.condensed(), before.as_ref());
-    // In another order than they went.
+    // Restored in another order than moved.
     for node in &inner {
         let change = mesh.restore(*node).expect("home");
         exact.remesh(&mesh, &change).expect("a remesh");

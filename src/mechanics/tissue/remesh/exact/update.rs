@@ -1,4 +1,4 @@
-//! The update of C and K^c by one change.
+//! Update of C and K^c for one change.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
@@ -6,54 +6,54 @@ use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::Exact;
-use super::held::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM};
+use super::support::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM};
 use crate::mechanics::tissue::remesh::adapted::Change;
-use crate::mechanics::tissue::remesh::grown::{Grown, mirror, symmetrise};
+use crate::mechanics::tissue::remesh::growable::{Growable, mirror, symmetrise};
 use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
 
-/// Memory of an update, named after what it holds.
+/// Buffers of an update, named after their contents.
 #[derive(Default)]
 pub(super) struct Work {
     /// Places of P in S.
     pub at: Vec<usize>,
-    /// G[S, P], also of a change that is expected.
-    pub g_sp: Grown,
+    /// G[S, P], also for an expected change.
+    pub g_sp: Growable,
     /// H = K^-1[P, P].
-    pub h: Grown,
-    /// D.
-    pub d: Grown,
+    pub h: Growable,
+    /// D = (I + d H)^-1 d.
+    pub d: Growable,
     /// W^T = K^-1[P, c].
-    pub w: Grown,
+    pub w: Growable,
     /// D W^T.
-    pub dw: Grown,
-    /// -V; before that, C G[S, P], also of a change that is expected.
-    pub v: Grown,
+    pub dw: Growable,
+    /// -V; before that, C G[S, P], also for an expected change.
+    pub v: Growable,
     /// -V D.
-    pub vd: Grown,
-    /// Whether V D V^T is not yet in C.
+    pub vd: Growable,
+    /// Whether V D V^T has yet to be added to C.
     pub left: bool,
     /// A few columns.
-    pub columns: Grown,
-    /// V^T of a few columns.
-    pub across: Grown,
-    /// D V^T of them.
-    pub turned: Grown,
-    /// The next C while it is computed anew.
-    pub next: Grown,
+    pub columns: Growable,
+    /// V^T times a few columns.
+    pub across: Growable,
+    /// D V^T times a few columns.
+    pub turned: Growable,
+    /// Next C during a recomputation.
+    pub next: Growable,
     pub lu: Lu,
 }
 
 impl Work {
     pub fn new(size: usize) -> Work {
         let room = size.min(HELD_ROOM);
-        let tall = || Grown::with_room(room, CHANGE_ROOM);
+        let tall = || Growable::with_room(room, CHANGE_ROOM);
         Work {
             g_sp: tall(),
             v: tall(),
             vd: tall(),
-            w: Grown::with_room(CHANGE_ROOM, CONTACTS_ROOM),
-            dw: Grown::with_room(CHANGE_ROOM, CONTACTS_ROOM),
-            next: Grown::with_room(room, room),
+            w: Growable::with_room(CHANGE_ROOM, CONTACTS_ROOM),
+            dw: Growable::with_room(CHANGE_ROOM, CONTACTS_ROOM),
+            next: Growable::with_room(room, room),
             ..Work::default()
         }
     }
@@ -81,9 +81,9 @@ impl Work {
 }
 
 impl Exact {
-    /// Brings C and K^c up to date, the last product of C at once or [later](Self::complete); S holds the support of the change, and
-    /// of C G[S, P] so many columns are `done`. The reciprocal condition of I + d H; as an error, where it is too small, and then C and
-    /// K^c are as they were.
+    /// Updates C and K^c, with the last product of C at once or [later](Self::complete). S must contain the support of
+    /// the change; the first `done` columns of C G[S, P] are already computed. Returns the reciprocal condition of I +
+    /// d H; as an error where it is too small, which leaves C and K^c unchanged.
     pub(super) fn update(&mut self, change: &Change, done: usize) -> Result<f64, f64> {
         let Exact { held, work, .. } = self;
         let (len, rank) = (held.len(), change.support.len());
@@ -122,7 +122,7 @@ impl Exact {
         product(dw.rb_mut(), Accum::Replace, d, w.rb(), 1.0);
         symmetric_product(self.contacts.condensed.get_mut(), w.rb().transpose(), dw.rb(), -1.0);
 
-        // x becomes -V; the sign falls out of V D V^T.
+        // x becomes -V; the sign cancels in V D V^T.
         for (column, &at) in work.at.iter().enumerate() {
             x[(at, column)] -= 1.0;
         }
@@ -133,7 +133,7 @@ impl Exact {
         Ok(condition)
     }
 
-    /// Adds what is left of the last update to C.
+    /// Adds the pending part of the last update to C.
     pub(super) fn complete(&mut self) {
         if std::mem::take(&mut self.work.left) {
             let Work { v, d, vd, .. } = &mut self.work;
@@ -146,7 +146,7 @@ impl Exact {
 }
 
 impl Work {
-    /// `out += alpha V D V^T y` where that is not yet in C.
+    /// Computes `out += alpha V D V^T y` where that is not yet in C.
     pub fn add_left(&mut self, y: MatRef<'_, f64>, out: MatMut<'_, f64>, alpha: f64) {
         if self.left {
             let Work {
@@ -161,7 +161,7 @@ impl Work {
     }
 }
 
-/// Rows `at` of a matrix.
+/// Copies rows `at` of a matrix.
 fn pick_rows(mut out: MatMut<'_, f64>, from: MatRef<'_, f64>, at: &[usize]) {
     for (mut out, from) in out.rb_mut().col_iter_mut().zip(from.col_iter()) {
         for (row, &at) in at.iter().enumerate() {
@@ -170,12 +170,12 @@ fn pick_rows(mut out: MatMut<'_, f64>, from: MatRef<'_, f64>, at: &[usize]) {
     }
 }
 
-/// `out = alpha A B` or `out += alpha A B`, on this thread.
+/// Computes `out = alpha A B` or `out += alpha A B` on this thread.
 pub(super) fn product(out: MatMut<'_, f64>, accumulate: Accum, a: MatRef<'_, f64>, b: MatRef<'_, f64>, alpha: f64) {
     matmul(out, accumulate, a, b, alpha, Par::Seq);
 }
 
-/// `out += alpha A B` where both `out` and the product are symmetric: computed below the diagonal and copied above.
+/// Computes `out += alpha A B` where both `out` and the product are symmetric, below the diagonal only, and mirrors it.
 pub(super) fn symmetric_product(mut out: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>, alpha: f64) {
     triangular::matmul(
         out.rb_mut(),

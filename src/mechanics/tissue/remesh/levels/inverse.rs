@@ -1,4 +1,4 @@
-//! What the levels compute from a dense inverse, wherever that is kept.
+//! Operations on a dense inverse, independent of its store.
 
 use faer::Mat;
 
@@ -8,7 +8,7 @@ use crate::mechanics::tissue::remesh::RemeshError;
 use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
 use crate::mechanics::tissue::remesh::defect::{backward_error, defect, largest};
 use crate::mechanics::tissue::remesh::difference::Difference;
-use crate::mechanics::tissue::remesh::grown::symmetrise;
+use crate::mechanics::tissue::remesh::growable::symmetrise;
 use crate::mechanics::tissue::remesh::lu::{Lu, capacitance};
 
 pub(super) struct Inverse<S> {
@@ -34,8 +34,8 @@ impl<S: Store> Inverse<S> {
         }
     }
 
-    /// Y C Y^T is taken off all entries, or those of some rows and columns. The reciprocal condition of I + dK G; as an inner
-    /// error, where it is below `limit`, and then nothing has changed.
+    /// Subtracts Y C Y^T from all entries, or from those of some rows and columns. Returns the reciprocal condition of
+    /// I + dK G; as an inner error where it is below `limit`, and then nothing changes.
     pub fn update(
         &mut self,
         change: &Change,
@@ -53,7 +53,7 @@ impl<S: Store> Inverse<S> {
         Ok(Ok(condition))
     }
 
-    /// The inverse of the current mesh from that of the base, all moves taken as one change. Results as for
+    /// Rebuilds the inverse of the current mesh from that of the base, with all moves as one change. Results are as for
     /// [`update`](Self::update).
     pub fn rebuild(&mut self, mesh: &AdaptedMesh, limit: f64) -> Result<Result<f64, f64>, RemeshError> {
         mesh.difference_into(&mut self.difference);
@@ -74,7 +74,7 @@ impl<S: Store> Inverse<S> {
         Ok(Ok(condition))
     }
 
-    /// The largest |K X e - e| over unit forces on these degrees of freedom.
+    /// Returns the largest |K X e - e| over unit forces e on these degrees of freedom.
     pub fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {
         mesh.difference_into(&mut self.difference);
         let mut unit = vec![0.0; self.store.size()];
@@ -92,14 +92,15 @@ impl<S: Store> Inverse<S> {
         Ok(worst)
     }
 
-    /// Displacements under forces on some degrees of freedom.
+    /// Computes displacements under forces on some degrees of freedom.
     pub fn displacement(&mut self, contacts: &[usize], forces: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
         check_shape("forces", forces.len(), contacts.len())?;
         check_shape("displacements", out.len(), self.store.size())?;
         self.store.combine(contacts, forces, out)
     }
 
-    /// One step of iterative refinement of displacements under forces on some degrees of freedom; the backward error left.
+    /// Performs one step of iterative refinement of displacements under forces on some degrees of freedom; returns the
+    /// remaining backward error.
     pub fn refine(
         &mut self,
         mesh: &AdaptedMesh,
@@ -120,7 +121,7 @@ impl<S: Store> Inverse<S> {
         Ok(backward_error(mesh, &self.difference, out, &all))
     }
 
-    /// Bytes of this many columns.
+    /// Size of this many columns, bytes.
     pub fn columns_bytes(&self, columns: usize) -> usize {
         let entry = match self.store.precision() {
             super::Precision::Single => size_of::<f32>(),

@@ -1,11 +1,11 @@
-//! The inverse from its base, all moves taken as one change.
+//! Rebuild of the inverse from its base, with all moves as one change.
 
 use super::{Following, Store};
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::{Rebuilt, RemeshError, RemeshReport};
 
 impl<S: Store> Following<S> {
-    /// Rebuilds the inverse; the reciprocal condition of what was solved for it.
+    /// Rebuilds the inverse; returns the reciprocal condition of I + dK G.
     pub(super) fn rebuild(&mut self, mesh: &AdaptedMesh) -> Result<f64, RemeshError> {
         let limit = self.options.reciprocal_limit;
         let condition = self.inverse.rebuild(mesh, limit)?;
@@ -15,7 +15,7 @@ impl<S: Store> Following<S> {
         })
     }
 
-    /// What a rebuild did.
+    /// Returns the report of a rebuild.
     pub(super) fn rebuilt(&self, mesh: &AdaptedMesh, condition: f64, reason: Rebuilt) -> RemeshReport {
         let rank = mesh.support().count();
         RemeshReport {

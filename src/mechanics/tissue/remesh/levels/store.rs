@@ -1,4 +1,4 @@
-//! Where a dense inverse is kept, and what is done to it there.
+//! Storage of a dense inverse, and its operations.
 
 use std::sync::Arc;
 
@@ -7,81 +7,73 @@ use rayon::prelude::*;
 
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_shape};
 use crate::mechanics::tissue::remesh::make::Entry;
-use crate::mechanics::tissue::remesh::{Precision, RemeshError, Source};
+use crate::mechanics::tissue::remesh::{Precision, RemeshError};
 use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Scalar, Symmetric};
 
-/// The inverse of which a store reads columns.
+/// Inverse from which a store reads columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Which {
-    /// The one that follows the moves.
+    /// The inverse that follows the moves.
     Current,
-    /// The one it started from.
+    /// The inverse of the base.
     Base,
 }
 
-/// A dense inverse that follows the moves, and the base that it started from, in the memory of this or another processor.
+/// Dense inverse that follows the moves, and that of its base, in the memory of the CPU or of a device.
 ///
-/// An error of [`RemeshError::Device`] leaves the contents undefined; after any other they are as before.
+/// [`RemeshError::Device`] leaves the contents undefined; any other error leaves them unchanged.
 pub trait Store: Send {
-    /// Rows, and columns.
+    /// Number of rows and columns.
     fn size(&self) -> usize;
 
-    /// Of the entries.
+    /// Precision of the entries.
     fn precision(&self) -> Precision;
 
-    /// Bytes that one inverse takes.
+    /// Size of one inverse, bytes.
     fn bytes(&self) -> usize;
 
-    /// Bytes held, the base among them.
+    /// Memory in use, including the base, bytes.
     fn memory(&self) -> usize;
 
-    /// Sets columns Y aside for the update that follows, and returns their rows of the same numbers, G.
+    /// Sets columns Y aside for the following update, and returns their rows of the same indices, G.
     ///
     /// # Errors
     /// [`RemeshError`].
     fn take(&mut self, which: Which, columns: &[usize]) -> Result<Mat<f64>, RemeshError>;
 
-    /// Takes Y C Y^T (C in N/mm, symmetric) off all entries of the current inverse, or off those in some rows and columns. Y is
-    /// what was set aside of it.
+    /// Subtracts Y C Y^T (C in N/mm, symmetric) from all entries of the current inverse, or from those in some rows and
+    /// columns. Y are the columns set aside from it.
     ///
     /// # Errors
     /// [`RemeshError`].
     fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>) -> Result<(), RemeshError>;
 
-    /// Makes the base less Y C Y^T the current inverse. Y is what was set aside of the base.
+    /// Replaces the current inverse by the base minus Y C Y^T. Y are the columns set aside from the base.
     ///
     /// # Errors
     /// [`RemeshError`].
     fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError>;
 
-    /// A block of the current inverse, mm/N.
+    /// Returns a block of the current inverse, mm/N.
     ///
     /// # Errors
     /// [`RemeshError`].
     fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError>;
 
-    /// `out` (mm) becomes the sum of columns of the current inverse, each times its weight (N).
+    /// Writes the sum of columns of the current inverse, each times its weight (N), to `out` (mm).
     ///
     /// # Errors
     /// [`RemeshError`].
     fn combine(&mut self, columns: &[usize], weights: &[f64], out: &mut [f64]) -> Result<(), RemeshError>;
 
-    /// `out` (mm) becomes the current inverse times `x` (N).
+    /// Writes the product of the current inverse and `x` (N) to `out` (mm).
     ///
     /// # Errors
     /// [`RemeshError`].
     fn multiply(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), RemeshError>;
-
-    /// The same kind of store, begun anew from another base.
-    ///
-    /// # Errors
-    /// [`RemeshError::Unsuited`] where the source has no dense inverse in this precision.
-    fn restarted(&self, source: &Source) -> Result<Self, RemeshError>
-    where
-        Self: Sized;
 }
 
-/// A store in the memory of this processor.
+/// Store in CPU memory.
 pub struct Host<T> {
     base: Arc<Symmetric<T>>,
     pub(super) current: Symmetric<T>,
@@ -168,17 +160,9 @@ impl<T: Entry> Store for Host<T> {
     fn multiply(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
         self.current.multiply_into(x, out).map_err(RemeshError::from)
     }
-
-    fn restarted(&self, source: &Source) -> Result<Self, RemeshError> {
-        T::dense(source).map(Host::new).ok_or_else(|| RemeshError::Unsuited {
-            level: super::Level::I,
-            precision: T::PRECISION,
-            reason: "the new base needs a dense inverse in the precision of the old one".to_owned(),
-        })
-    }
 }
 
-/// Columns of a symmetric matrix.
+/// Reads columns of a symmetric matrix.
 fn read_columns<T: Scalar>(matrix: &Symmetric<T>, columns: &[usize]) -> Result<Mat<T>, ComplianceError> {
     let mut y = Mat::<T>::zeros(matrix.size(), columns.len());
     let read = y
@@ -192,7 +176,7 @@ fn read_columns<T: Scalar>(matrix: &Symmetric<T>, columns: &[usize]) -> Result<M
     Ok(y)
 }
 
-/// A matrix rounded to the precision of the inverse.
+/// Rounds a matrix to the precision of the inverse.
 fn rounded<T: Scalar>(matrix: MatRef<'_, f64>) -> Mat<T> {
     Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| T::of(matrix[(i, j)]))
 }

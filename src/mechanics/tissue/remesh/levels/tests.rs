@@ -89,7 +89,7 @@ fn a_higher_level_begins_with_a_rebuild() {
     assert_eq!(report.rebuilt, Some(Rebuilt::Switched));
     let gold_now = gold(&mesh);
     assert!(error(&whole(&levels), &gold_now) <= rounding(&mesh, &gold_now));
-    // Down, nothing is lost until the next move; and with nothing lost up again is free.
+    // Lowering the level loses nothing until the next move; raising it again is then free.
     assert_eq!(levels.set_level(&mesh, Level::III), Ok(None));
     assert_eq!(levels.set_level(&mesh, Level::I), Ok(None));
     let exact = levels.set_level(&mesh, Level::Exact);
@@ -138,7 +138,7 @@ fn contacts_that_are_not_positive_definite_are_mended() {
     let inner = inner_nodes(&mesh);
     let mut levels = levels(&mesh, Level::III, Options::default());
     let size = mesh.dofs().free();
-    // Takes the first contact's compliance far below zero.
+    // Makes the first contact's compliance strongly negative.
     let dof = levels.contacts()[0];
     let unit = Mat::from_fn(size, 1, |i, _| if i == dof { 1.0 } else { 0.0 });
     let large = Mat::from_fn(1, 1, |_, _| 2.0 * levels.condensed()[(0, 0)]);

@@ -22,7 +22,7 @@ fn norm(matrix: MatRef<'_, f64>) -> f64 {
 #[test]
 fn it_solves_with_a_matrix_and_with_its_transpose() {
     let mut lu = Lu::default();
-    // The memory serves larger and smaller ones in turn.
+    // The memory is reused by larger and smaller matrices in turn.
     for size in [1, 45, 7, 90] {
         let matrix = random(size, 1);
         lu.space(size).copy_from(&matrix);
@@ -51,7 +51,7 @@ fn the_condition_is_never_underestimated_much_and_never_overestimated() {
             let (_, reciprocal) = factored(&matrix);
             let inverse = PartialPivLu::new(matrix.as_ref()).inverse();
             let truth = 1.0 / (norm(matrix.as_ref()) * norm(inverse.as_ref()));
-            // The estimate is a lower bound of the condition, seldom off by more than three times.
+            // The estimate is a lower bound of the condition, seldom off by more than a factor of three.
             let rounding = 1.0 + 8.0 * size as f64 * f64::EPSILON / truth;
             assert!(
                 reciprocal * rounding >= truth && reciprocal <= 3.0 * truth,
@@ -79,7 +79,7 @@ fn singular_and_undefined_matrices_have_no_digits() {
 #[test]
 fn the_capacitance_is_that_of_the_matrix_inversion_lemma() {
     let size = 12;
-    // d of low rank and any sign, h symmetric and positive definite.
+    // d has low rank and any sign, h is symmetric and positive definite.
     let half = Mat::from_fn(size, 4, |i, j| value(i, j, 1));
     let signs = Mat::from_fn(4, 4, |i, j| {
         if i != j {

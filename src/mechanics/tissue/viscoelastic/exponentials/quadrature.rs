@@ -1,4 +1,4 @@
-//! The kernel as a sum of exponentials, with its error bounded from theory.
+//! Approximation of the kernel by a sum of exponentials, with a theoretical error bound.
 //!
 //! With `a = 1 - k` and `c = 1 / (Gamma(k) Gamma(a))`,
 //!
@@ -6,15 +6,17 @@
 //! t^(k-1) / Gamma(k) = c * integral over all x of e^(a x) exp(-t e^x) dx
 //! ```
 //!
-//! and the trapezoidal rule in x converges exponentially (G. Beylkin and L. Monzon, "Approximation by exponential sums revisited",
-//! 2010). Rates below 1 / (2 longest) are geometric without end; a Gauss rule for that measure replaces them by [`TAIL`].
+//! and the trapezoidal rule in x converges exponentially (G. Beylkin and L. Monzon, "Approximation by exponential sums
+//! revisited", 2010). Rates below 1 / (2 longest) form an infinite geometric sequence; a Gauss rule for that measure
+//! replaces them by [`TAIL`].
 //!
 //! Relative to the kernel, the error is at most the sum of
 //!
-//! - the rule's: twice the sum of `|Gamma(a + 2 pi i m / spacing)| / Gamma(a)`, by Poisson's formula. Log-convexity of `|Gamma|` along
-//!   the real axis gives `|Gamma(a + iy)| <= sqrt(pi / sinh(pi y)) y^(a - 1/2)`;
-//! - what is left out above the fastest rate Z / shortest: `Z^(a-1) e^-Z / Gamma(a)`;
-//! - the Gauss rule's: `4 (z/4)^(2n) / (2n)!` of its share, with `z` of up to 1/2 its fastest rate times the longest time: under 1e-14.
+//! - that of the rule: twice the sum of `|Gamma(a + 2 pi i m / spacing)| / Gamma(a)`, by Poisson's formula.
+//!   Log-convexity of `|Gamma|` along the real axis gives `|Gamma(a + iy)| <= sqrt(pi / sinh(pi y)) y^(a - 1/2)`;
+//! - that of omitting rates above the fastest, Z / shortest: `Z^(a-1) e^-Z / Gamma(a)`;
+//! - that of the Gauss rule: `4 (z/4)^(2n) / (2n)!` of its share, with `z` of up to 1/2 its fastest rate times the
+//!   longest time: under 1e-14.
 
 use std::f64::consts::PI;
 
@@ -26,21 +28,21 @@ use super::super::history::{HistoryError, Span};
 /// Exponentials and their weights.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Quadrature {
-    /// 1/s.
+    /// Rates, 1/s.
     pub rates: Vec<f64>,
     pub weights: Vec<f64>,
 }
 
 /// Points of the Gauss rule for slow rates.
 const TAIL: usize = 5;
-/// Share of the tolerance for each of the two errors that it decides.
+/// Share of the tolerance for each of the two errors that depend on it.
 const SHARE: f64 = 0.45;
 
 impl Quadrature {
-    /// Exponentials for the kernel of an order from 0 to 1.
+    /// Computes the exponentials for the kernel of an order from 0 to 1.
     ///
     /// # Errors
-    /// [`HistoryError::Span`].
+    /// [`HistoryError::Span`] for an invalid span.
     pub(super) fn new(order: f64, span: Span) -> Result<Self, HistoryError> {
         let Span {
             shortest_s,
@@ -52,7 +54,7 @@ impl Quadrature {
             return Err(HistoryError::Span(span));
         }
         if order == 0.0 {
-            // The newest value alone counts.
+            // Only the newest value counts.
             let (rates, weights) = (Vec::new(), Vec::new());
             return Ok(Quadrature { rates, weights });
         }
@@ -71,7 +73,7 @@ impl Quadrature {
             rate = fastest * (-spacing * rates.len() as f64).exp();
         }
         let mut weights: Vec<f64> = rates.iter().map(|rate| scale * rate.powf(a)).collect();
-        // The weights of the slow rates sum up to this: a geometric series.
+        // Sum of the weights of the slow rates, a geometric series.
         let rest = scale * rate.powf(a) / -(-a * spacing).exp_m1();
         for [node, weight] in gauss(a, spacing) {
             rates.push(rate * node);
@@ -81,10 +83,10 @@ impl Quadrature {
     }
 }
 
-/// The widest spacing of ln(rate) whose error stays under a bound.
+/// Returns the widest spacing of ln(rate) whose error stays below a bound.
 fn spacing(a: f64, bound: f64) -> f64 {
     let error = |y: f64| {
-        // The terms fall faster than a geometric series of ratio e^(-pi y / 2) does.
+        // The terms decrease faster than a geometric series of ratio e^(-pi y / 2).
         let first = 2.0 * (PI / (PI * y).sinh()).sqrt() * y.powf(a - 0.5) / tgamma(a);
         first / (1.0 - (-0.5 * PI * y).exp())
     };
@@ -100,7 +102,7 @@ fn spacing(a: f64, bound: f64) -> f64 {
     2.0 * PI / high
 }
 
-/// The product of fastest rate and shortest step from which on exponentials can be left out.
+/// Returns the product of fastest rate and shortest step above which exponentials can be omitted.
 fn cut(a: f64, bound: f64) -> f64 {
     let error = |z: f64| z.powf(a - 1.0) * (-z).exp() / tgamma(a);
     let (mut low, mut high) = (1.0, 100.0);
@@ -115,9 +117,10 @@ fn cut(a: f64, bound: f64) -> f64 {
     high
 }
 
-/// Nodes and weights of the Gauss rule for the measure with `q^(a i)` at `q^i`, i = 0, 1, ..., and `q = e^-spacing`, in sum 1: the zeros
-/// of little q-Jacobi polynomials, whose recurrence is known in closed form (R. Koekoek, P. Lesky and R. Swarttouw, "Hypergeometric
-/// Orthogonal Polynomials and Their q-Analogues", section 14.12, there with b = 1).
+/// Returns nodes and weights of the Gauss rule for the measure with `q^(a i)` at `q^i`, i = 0, 1, ..., and `q =
+/// e^-spacing`, of sum 1: the zeros of little q-Jacobi polynomials, whose recurrence has a closed form (R. Koekoek, P.
+/// Lesky and R. Swarttouw, "Hypergeometric Orthogonal Polynomials and Their q-Analogues", section 14.12, there with b =
+/// 1).
 fn gauss(a: f64, spacing: f64) -> [[f64; 2]; TAIL] {
     // 1 - q^x without cancellation.
     let gap = |x: f64| -(-spacing * x).exp_m1();
@@ -140,7 +143,7 @@ fn gauss(a: f64, spacing: f64) -> [[f64; 2]; TAIL] {
         }
     }
     let eigen = SymmetricEigen::new(jacobi);
-    // A node may come out below 0 by rounding when a is tiny.
+    // Rounding may put a node below 0 when a is tiny.
     std::array::from_fn(|at| [eigen.eigenvalues[at].max(0.0), eigen.eigenvectors[(0, at)].powi(2)])
 }
 

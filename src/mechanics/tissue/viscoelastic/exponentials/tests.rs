@@ -2,7 +2,7 @@ use super::*;
 
 #[test]
 fn a_step_is_integrated_exactly() {
-    // Simpson's rule on the integral itself.
+    // Simpson's rule applied to the integral itself.
     let by_simpson = |z: f64, of: &dyn Fn(f64) -> f64| {
         let n = 2000;
         let term = |at: usize| {
@@ -19,7 +19,7 @@ fn a_step_is_integrated_exactly() {
     for z in [0.0, 1e-12, 1e-3, 0.1, 0.4999, 0.5001, 1.0, 3.0, 20.0] {
         let [start, end] = ends(z, (-z).exp());
         let (one, other) = (by_simpson(z, &|q| 1.0 - q), by_simpson(z, &|q| q));
-        // Simpson's own error: h^4 z^4 / 180.
+        // Error of Simpson's rule: h^4 z^4 / 180.
         let bound = 1e-14 + (z / 2000.0).powi(4) / 100.0;
         assert!((start - one).abs() < bound && (end - other).abs() < bound, "{z}");
         assert!((mean(z) - start - end).abs() < 1e-15);

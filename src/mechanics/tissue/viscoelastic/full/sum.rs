@@ -2,12 +2,12 @@
 
 use crate::simd::{Kernel, vectorised};
 
-/// Values summed at a time; the sums of such blocks are then added up, which keeps rounding small in long histories.
+/// Values summed in a block; block sums are then added up, which keeps rounding small in long histories.
 const BLOCK: usize = 512;
 const LANES: usize = 32;
 
-/// Adds to each component the sum of weight times value over the history. `values` holds the components of one time after those of
-/// another; the first weight is that of the first time, or of the last where `BACKWARDS`.
+/// Adds to each component the sum of weight times value over the history. `values` holds the components of one time
+/// after those of another; the first weight is that of the first time, or of the last if `BACKWARDS`.
 pub(in super::super) fn add_weighted<const BACKWARDS: bool>(weights: &[f64], values: &[f64], sums: &mut [f64]) {
     vectorised(Sum::<BACKWARDS> { weights, values, sums });
 }

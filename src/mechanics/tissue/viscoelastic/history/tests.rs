@@ -15,7 +15,7 @@ const RULES: [Rule; 4] = [
 const ORDERS: [f64; 6] = [0.0, 1e-3, 0.1, 0.5, 0.999, 1.0];
 const OPERATORS: [fn(f64) -> Operator; 2] = [Operator::Integral, Operator::Derivative];
 
-/// What comes of a function with values `of(t)` after each of some steps.
+/// Returns the results for a function with values `of(t)` after each of some steps.
 fn follow(history: &mut dyn History, steps: &[f64], of: impl Fn(f64) -> f64) -> Vec<f64> {
     let mut t = 0.0;
     let mut results = Vec::new();
@@ -51,7 +51,7 @@ fn a_jump_at_the_start_is_exact_under_every_rule() {
                 for (result, step) in results.iter().zip(steps) {
                     t += step;
                     let exact = 2.0 * of_jump(exponent, t);
-                    // A value known to rounding has a derivative known to rounding times the weight of a step.
+                    // A value accurate to rounding has a derivative accurate to rounding times the weight of a step.
                     let bound = 1e-9 * exact + 32.0 * f64::EPSILON * step.powf(exponent);
                     assert!(
                         (result - exact).abs() <= bound,
@@ -80,7 +80,7 @@ fn ends_of_the_order_are_the_function_its_integral_and_its_derivative() {
             let mut history = rule.start(operator, &[1.0]).unwrap();
             for (at, result) in follow(history.as_mut(), &steps, of).iter().enumerate() {
                 let t = 0.5 * (at + 1) as f64;
-                // The first-order rules take the value at the end of a step for all of it.
+                // The first-order rules use the value at the end of a step for all of it.
                 let first = matches!(rule, Rule::Rectangle | Rule::GruenwaldLetnikov);
                 let late = if first && operator == Operator::Integral(1.0) {
                     0.5 * 1.5 * t
@@ -103,7 +103,7 @@ fn components_are_kept_apart_and_predictions_change_nothing() {
             let mut three = rule.start(operator, &[1.0, 0.0, -2.0]).unwrap();
             let mut third = rule.start(operator, &[-2.0]).unwrap();
             for at in 0..70 {
-                // Another length of step in between throws away what was prepared.
+                // A step of another length in between discards the cached weights.
                 if !matches!(rule, Rule::GruenwaldLetnikov) {
                     three.predict(0.7, &mut [0.0; 3]).unwrap();
                 }
@@ -120,7 +120,7 @@ fn components_are_kept_apart_and_predictions_change_nothing() {
                 third.commit(0.1, &[value]).unwrap();
             }
             assert!((three.time_s() - 7.0).abs() < 1e-12 && three.components() == 3);
-            // A copy goes on alike, and a new start forgets all.
+            // A copy continues identically, and a restart clears everything.
             let mut copy = three.clone();
             let (mut all, mut same) = ([0.0; 3], [0.0; 3]);
             three.predict(0.1, &mut all).unwrap();
@@ -201,7 +201,8 @@ fn exponentials_take_the_same_memory_however_long() {
     assert!(full.bytes() > 1000 * 4 * 8);
 }
 
-/// A history that recalls what another remembered goes on with the same bits; numbers that none remembers change nothing.
+/// A history that restores the state of another continues with the same bits; numbers that are not a state change
+/// nothing.
 #[test]
 fn what_is_remembered_is_recalled() {
     let value = |t: f64| [(3.0 * t).sin(), 1.0 + t];

@@ -1,6 +1,6 @@
 use super::*;
 
-/// Weights by quadrature: with u = lag - v^(1/k) no singularity is left; Simpson's rule on many points.
+/// Computes weights by quadrature: u = lag - v^(1/k) removes the singularity; Simpson's rule on many points.
 fn by_quadrature(k: f64, lag: f64, step: f64) -> [f64; 2] {
     const N: usize = 20_000;
     let near = lag - step;
@@ -27,7 +27,7 @@ fn moments_are_those_of_quadrature() {
             let [start, end] = by_quadrature(k, lag, step);
             let linear = Moments::new(Basis::Linear, k).of(lag - step, step);
             let constant = Moments::new(Basis::Constant, k).of(lag - step, step);
-            // The quadrature itself errs where its integrand has a kink, at the newest interval.
+            // The quadrature itself is inaccurate where its integrand has a kink, at the newest interval.
             let bound = 1e-6 * (start + end);
             assert!(
                 (linear.start - start).abs() < bound,
@@ -42,7 +42,7 @@ fn moments_are_those_of_quadrature() {
 #[test]
 fn series_meets_powers() {
     for k in [1e-3, 0.1, 0.5, 0.999, 1.0] {
-        // Powers lose 1/x^2 of their digits here, and those of small orders more.
+        // Powers lose 1/x^2 of their digits here, those of small orders more.
         for x in [0.2, 0.25, 0.3] {
             let (one, other) = (series(k, x), closed(k, x, 1.0 - x, (-x).ln_1p()));
             for (one, other) in one.iter().zip(other) {
@@ -61,7 +61,7 @@ fn halves_make_up_the_whole_at_any_lag() {
             let (ends, whole) = (linear.of(lag - 1.0, 1.0), constant.of(lag - 1.0, 1.0).end);
             assert!(ends.start > 0.0 && ends.end > 0.0);
             assert!(((ends.start + ends.end) / whole - 1.0).abs() < 1e-14, "{k} {lag}");
-            // Far away the kernel is flat: both ends count the same.
+            // Far away the kernel is flat: both ends have equal weight.
             if exponent > 8 {
                 let flat = 0.5 * k * inverse_gamma(1.0 + k) * lag.powf(k - 1.0);
                 assert!((ends.start / flat - 1.0).abs() < 1e-8 && (ends.end / flat - 1.0).abs() < 1e-8);
@@ -83,7 +83,7 @@ fn limits_of_the_order() {
 
 #[test]
 fn a_short_lag_before_a_long_step_counts() {
-    // All but 1e-12 of the step: the weights are those of the newest step, less what the short lag holds.
+    // All but 1e-12 of the step: the weights are those of the newest step minus the part in the short lag.
     for k in [1e-3, 0.1, 0.5, 0.999] {
         let (near, step) = (1e-9, 1e3);
         let (linear, constant) = (Moments::new(Basis::Linear, k), Moments::new(Basis::Constant, k));

@@ -1,25 +1,25 @@
-//! The strain of a stiffening body under a given stress: one equation with one unknown.
+//! Strain of a stiffening body under a given stress: one equation with one unknown.
 
 use super::body::Line;
 use super::{Knee, Structure};
 
-/// A strain, and how many times Newton's method was applied to find it.
+/// Strain, and the number of Newton iterations that found it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Found {
     pub strain: f64,
     pub iterations: usize,
 }
 
-/// Newton's method ends here at the latest; where it is not sure to converge by itself, bisection does so by then.
+/// Largest number of Newton iterations; where they may not converge, bisection does by then.
 const MOST: usize = 120;
 
-/// The strain at which the body bears the stress.
+/// Returns the strain at which the body bears the stress.
 ///
-/// Under `rate` it solves `(strain - offset) s(strain) = slope stress`, under `load-integral` `strain s(strain) = slope stress +
-/// offset`. Both are `(x - c) s(x) = r`, whose root lies between c and c + r, for s is 1 or more.
+/// Under `rate` it solves `(strain - offset) s(strain) = slope stress`, under `load-integral` `strain s(strain) = slope
+/// stress + offset`. Both are `(x - c) s(x) = r`, whose root lies between c and c + r, as s is 1 or more.
 ///
-/// Where the strain is driven back against its past (c and r of opposite signs, c beyond the knee) there may be three roots: then
-/// the one next to c is taken that Newton's method meets from there.
+/// Where the strain is driven back against its past (c and r of opposite signs, c beyond the knee) there may be three
+/// roots: the result is then the one next to c that Newton's method reaches from there.
 pub(super) fn strain(knee: &Knee, structure: Structure, line: &Line, stress: f64) -> Found {
     match structure {
         Structure::Rate => root(knee, line.offset, line.slope * stress),
@@ -36,10 +36,11 @@ fn root(knee: &Knee, c: f64, r: f64) -> Found {
     let whole = c + r;
     let found = |strain, iterations| Found { strain, iterations };
     if knee.stiffening == 0.0 || r == 0.0 || whole.abs() <= knee.strain {
-        // Below the knee the whole of r is strain.
+        // Below the knee all of r is strain.
         return found(whole, 0);
     }
-    // Above the knee s is more than a times the square of what is above it, and so is x - c above the cube root of r / a.
+    // Above the knee s is at least a times the square of the strain above it, so x exceeds both knee and c by at most
+    // the cube root of r / a.
     let from = knee.strain.max(c);
     let high = whole.min((from + (r / knee.stiffening).cbrt()).max(c));
     if c >= -knee.strain {
@@ -49,19 +50,19 @@ fn root(knee: &Knee, c: f64, r: f64) -> Found {
     }
 }
 
-/// Newton's step from `x`, and whether the root is to the left.
+/// Returns Newton's step from `x`, and whether the root is to the left.
 fn newton(knee: &Knee, c: f64, r: f64, x: f64) -> (f64, bool) {
     let factor = knee.factor(x);
     let value = (x - c) * factor - r;
     (value / (factor + (x - c) * knee.slope(x)), value > 0.0)
 }
 
-/// What rounding leaves open.
+/// Returns the uncertainty of the root due to rounding.
 fn grain(x: f64, c: f64) -> f64 {
     4.0 * f64::EPSILON * x.abs().max(c.abs())
 }
 
-/// Newton's method where the function is convex and rises: from the right it comes down to the root without a detour.
+/// Newton's method where the function is convex and increasing: from the right it descends monotonically to the root.
 fn descend(knee: &Knee, c: f64, r: f64, mut x: f64) -> Found {
     for iterations in 1..=MOST {
         let (step, left) = newton(knee, c, r, x);
@@ -75,7 +76,7 @@ fn descend(knee: &Knee, c: f64, r: f64, mut x: f64) -> Found {
     Found { strain, iterations }
 }
 
-/// Newton's method from c, with bisection where it leaves the interval that holds the root or does not halve its step.
+/// Newton's method from c, with bisection where it leaves the bracketing interval or does not halve its step.
 fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
     let mut low = c;
     let mut x = c;
@@ -87,14 +88,14 @@ fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
         } else {
             low = x
         }
-        // A root at an end of the interval may be met from beyond it by rounding.
+        // Rounding may place a root at an end of the interval slightly beyond it.
         let slack = grain(x, c);
         let mut next = x - step;
         if step.abs() <= slack {
             let strain = next;
             return Found { strain, iterations };
         }
-        // Not a number where the slope is 0.
+        // Also taken for NaN, where the slope is 0.
         if !(next >= low - slack && next <= high + slack && step.abs() <= 0.5 * last) {
             next = low + 0.5 * (high - low);
         }

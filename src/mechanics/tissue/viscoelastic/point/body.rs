@@ -1,30 +1,30 @@
-//! Linear bodies: springs and spring-pots.
+//! Linear bodies of springs and spring-pots.
 
 use std::f64::consts::FRAC_PI_2;
 
 use super::{Control, PointError, check};
 use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
 
-/// A linear viscoelastic body in shear.
+/// Linear viscoelastic body in shear.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Body {
-    /// `modulus D^k strain = stress`. Creeps as `t^k / (G Gamma(1+k))`, relaxes as `G t^-k / Gamma(1-k)`.
+    /// Spring-pot: `modulus D^k strain = stress`. Creeps as `t^k / (G Gamma(1+k))`, relaxes as `G t^-k / Gamma(1-k)`.
     SpringPot {
-        /// k, 0 to 1.
+        /// Order k, 0 to 1.
         order: f64,
-        /// G, kPa s^k, above 0.
+        /// Modulus G, kPa s^k, above 0.
         modulus_kpa: f64,
     },
-    /// A spring beside a branch of a spring in series with a spring-pot: relaxes as `G_inf + G E_k(-(t/tau)^k)`, with the function
-    /// of Mittag-Leffler.
+    /// Spring parallel to a branch of a spring in series with a spring-pot: relaxes as `G_inf + G E_k(-(t/tau)^k)`,
+    /// with the Mittag-Leffler function.
     Zener {
-        /// k, 0 to 1.
+        /// Order k, 0 to 1.
         order: f64,
-        /// G of the branch, kPa, above 0.
+        /// Modulus G of the branch, kPa, above 0.
         modulus_kpa: f64,
-        /// G_inf of the spring beside it, kPa, 0 or more.
+        /// Modulus G_inf of the parallel spring, kPa, 0 or more.
         modulus_inf_kpa: f64,
-        /// tau of the spring-pot, whose modulus is G tau^k, s, above 0.
+        /// Relaxation time tau of the spring-pot, whose modulus is G tau^k, s, above 0.
         tau_s: f64,
     },
 }
@@ -57,7 +57,7 @@ impl Body {
         Ok(())
     }
 
-    /// Storage and loss modulus `[G', G'']` at an angular frequency (rad/s), kPa.
+    /// Returns storage and loss modulus `[G', G'']` at an angular frequency (rad/s), kPa.
     pub fn dynamic_kpa(&self, frequency: f64) -> [f64; 2] {
         match *self {
             Body::SpringPot { order, modulus_kpa } => {
@@ -82,7 +82,7 @@ impl Body {
         }
     }
 
-    /// What it does at the very start, when strain jumps.
+    /// Returns the response at the very start, when strain jumps.
     pub(super) fn at_start(&self) -> Line {
         let slope = match *self {
             Body::SpringPot { order, modulus_kpa } => {
@@ -98,7 +98,7 @@ impl Body {
                 modulus_inf_kpa,
                 ..
             } => {
-                // A spring-pot of order 0 is a spring as stiff as the one that it is in series with.
+                // A spring-pot of order 0 is a spring as stiff as the one in series with it.
                 let branch = if order == 0.0 { 0.5 * modulus_kpa } else { modulus_kpa };
                 1.0 / (modulus_inf_kpa + branch)
             }
@@ -107,10 +107,10 @@ impl Body {
     }
 }
 
-/// All that a body lets strain and stress be at some time: `strain = slope * stress + offset`.
+/// Line of admissible strain and stress of a body at some time: `strain = slope * stress + offset`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Line {
-    /// 1/kPa, 0 or more.
+    /// Slope, 1/kPa, 0 or more.
     pub slope: f64,
     pub offset: f64,
 }
@@ -120,32 +120,32 @@ impl Line {
         self.slope * stress + self.offset
     }
 
-    /// Infinite where strain jumps and the body cannot.
+    /// Returns the stress; infinite where strain jumps and the body cannot.
     pub(super) fn stress(&self, strain: f64) -> f64 {
         let elastic = strain - self.offset;
         if elastic == 0.0 { 0.0 } else { elastic / self.slope }
     }
 }
 
-/// A body under way.
+/// State of a linear body during a history.
 #[derive(Debug)]
 pub(super) enum Memory {
-    /// A spring-pot whose stress is given: the integral of it.
+    /// Spring-pot with prescribed stress, of which it keeps the integral.
     Creep { modulus: f64, integral: Box<dyn History> },
-    /// A spring-pot whose strain is given: the derivative of it.
+    /// Spring-pot with prescribed strain, of which it keeps the derivative.
     Relaxation { modulus: f64, derivative: Box<dyn History> },
-    /// The integral of the branch's stress.
+    /// Zener body, which keeps the integral of the branch's stress.
     Branch {
         modulus: f64,
         modulus_inf: f64,
-        /// 1 / tau^k.
+        /// Rate 1 / tau^k.
         rate: f64,
         integral: Box<dyn History>,
     },
 }
 
 impl Memory {
-    /// Starts with this strain and stress; of the two the one that is not given may be infinite.
+    /// Starts with this strain and stress; the one that is not prescribed may be infinite.
     pub(super) fn start(
         body: &Body,
         rule: &Rule,
@@ -179,7 +179,7 @@ impl Memory {
         })
     }
 
-    /// What it lets strain and stress be after a step.
+    /// Returns the line of admissible strain and stress after a step.
     pub(super) fn predict(&mut self, step_s: f64) -> Result<Line, HistoryError> {
         let mut past = [0.0];
         Ok(match self {
@@ -203,7 +203,7 @@ impl Memory {
                 rate,
                 integral,
             } => {
-                // The branch's stress q: G strain = q + rate * I^k q.
+                // The branch's stress q satisfies G strain = q + rate * I^k q.
                 let one = 1.0 + *rate * integral.predict(step_s, &mut past)?;
                 let stiffness = *modulus + *modulus_inf * one;
                 Line {
@@ -214,7 +214,7 @@ impl Memory {
         })
     }
 
-    /// Goes on to what strain and stress are after a step.
+    /// Commits strain and stress after a step.
     pub(super) fn commit(&mut self, step_s: f64, strain: f64, stress: f64) -> Result<(), HistoryError> {
         match self {
             Memory::Creep { integral, .. } => integral.commit(step_s, &[stress]),

@@ -1,4 +1,4 @@
-//! The response of a material point to a history that is linear between given times.
+//! Response of a material point to a history that is linear between given times.
 
 mod refine;
 
@@ -7,55 +7,55 @@ use super::body::{Line, Memory};
 use super::{Control, Point, PointError, Structure, check};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
-/// Which rule sums up the past, see [`Rule`].
+/// Summation rule of the past, see [`Rule`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Method {
-    /// [`Rule::Rectangle`].
+    /// Product rectangle, [`Rule::Rectangle`].
     Rectangle,
-    /// [`Rule::Trapezoid`].
+    /// Product trapezoid, [`Rule::Trapezoid`].
     Trapezoid,
-    /// [`Rule::GruenwaldLetnikov`]: the times must be equally far apart.
+    /// Difference quotient, [`Rule::GruenwaldLetnikov`]: the times must be equally spaced.
     GruenwaldLetnikov,
-    /// [`Rule::Exponentials`], with the span that the history needs and a tolerance of 1e-10.
+    /// Sum of exponentials, [`Rule::Exponentials`], with the span that the history needs and a tolerance of 1e-10.
     Exponentials,
 }
 
 const TOLERANCE: f64 = 1e-10;
-/// Intervals that differ by less, relatively, are equal: times in decimals are.
+/// Largest relative difference of intervals treated as equal, as for times in decimals.
 const EQUAL: f64 = 1e-9;
 
-/// A history of stress or strain. Before the first time all is at rest; then the value may jump to the first one.
+/// History of stress or strain. Before the first time all is at rest; then the value may jump to the first one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loading {
-    /// Which of the two is given.
+    /// Prescribed quantity.
     pub control: Control,
-    /// When, s, ascending. The first is the start.
+    /// Times, s, ascending. The first is the start.
     pub time_s: Vec<f64>,
-    /// Stress in kPa or strain at those times, linear between them.
+    /// Stress (kPa) or strain at these times, linear between them.
     pub value: Vec<f64>,
 }
 
-/// What a material point does.
+/// Response of a material point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Response {
     /// Shear strain at each time of the history.
     pub strain: Vec<f64>,
-    /// Shear stress, kPa. None where it is infinite: at a jump of strain, in a body that begins with a spring-pot.
+    /// Shear stress, kPa; `None` where it is infinite: at a jump of strain, in a body that begins with a spring-pot.
     pub stress_kpa: Vec<Option<f64>>,
-    /// Steps between two times of the history.
+    /// Number of steps between two times of the history.
     pub substeps: usize,
-    /// How much the response changed when steps were last halved, as a share of its largest value: an estimate of its error. None
-    /// where they were not.
+    /// Change of the response when steps were last halved, relative to its largest value: an estimate of its error.
+    /// `None` if they were not halved.
     pub change: Option<f64>,
-    /// The most iterations that one step took.
+    /// Largest number of iterations in one step.
     pub iterations: usize,
 }
 
 impl Loading {
-    /// Checks every number.
+    /// Checks all times and values.
     ///
     /// # Errors
-    /// [`PointError`].
+    /// [`PointError`] for the first that is invalid.
     pub fn check(&self) -> Result<(), PointError> {
         let (times, values) = (self.time_s.len(), self.value.len());
         if times != values || times == 0 {
@@ -82,7 +82,7 @@ impl Loading {
         check("time_s", length, length.is_finite(), "times that are not so far apart")
     }
 
-    /// Checks that the times are equally far apart.
+    /// Checks that the times are equally spaced.
     fn check_equal(&self) -> Result<(), PointError> {
         let times = &self.time_s;
         let Some(first) = times.get(1).map(|second| second - times[0]) else {
@@ -102,41 +102,42 @@ impl Loading {
     }
 }
 
-/// How the time between two points of a history is divided: into so many steps, after a power law that is fine after the first
-/// point, or equal for 1.
+/// Division of the time between two points of a history: number of steps, and exponent of the power law that makes them
+/// fine after the first point, 1 for equal steps.
 #[derive(Clone, Copy, Debug)]
 struct Division {
     substeps: usize,
     grading: i32,
 }
 
-/// Steps grow as the cube of their number. After a jump what a spring-pot does begins as t^k: a second-order rule keeps its order at
-/// later times on steps graded by 2 / (1 + k) or more, and 3 leaves room for points that lie decades apart.
+/// Exponent of graded steps, whose ends grow as the cube of their number. After a jump the response of a spring-pot
+/// begins as t^k: a second-order rule keeps its order at later times on steps graded by 2 / (1 + k) or more, and 3
+/// leaves room for points that lie decades apart.
 const GRADING: i32 = 3;
 
 impl Division {
-    /// Share of the time between two points, before the `at`th step's end.
+    /// Returns the share of the time between two points at the end of step `at`.
     fn share(self, at: usize) -> f64 {
         (at as f64 / self.substeps as f64).powi(self.grading)
     }
 }
 
 impl Point {
-    /// The response, with steps between the given times halved until that changes it by less than 1e-7 of its largest value, or
-    /// until there are as many as the rule's cost allows (see [`Response::change`]).
+    /// Computes the response, with steps between the given times halved until that changes it by less than 1e-7 of its
+    /// largest value, or until the rule's cost allows no more (see [`Response::change`]).
     ///
     /// # Errors
-    /// [`PointError`].
+    /// [`PointError`] for an invalid material or history, or an overflow.
     pub fn respond(&self, loading: &Loading, method: Method) -> Result<Response, PointError> {
         self.check()?;
         loading.check()?;
         refine::refined(self, loading, method)
     }
 
-    /// The response with so many steps between two times, graded except where the rule wants equal ones.
+    /// Computes the response with `substeps` steps between two times, graded unless the rule needs equal ones.
     ///
     /// # Errors
-    /// [`PointError`].
+    /// [`PointError`] for an invalid material, history or number of steps, or an overflow.
     pub fn respond_in(&self, loading: &Loading, method: Method, substeps: usize) -> Result<Response, PointError> {
         self.check()?;
         loading.check()?;
@@ -164,7 +165,7 @@ impl Point {
         };
         let line = self.body.at_start();
         let start = self.balance(&line, *control, value[0], &mut response.iterations);
-        // A spring-pot cannot jump: its stress is infinite then. All else is too large for numbers.
+        // A spring-pot cannot jump: its stress is infinite then. Any other infinity is an overflow.
         let jumps = line.slope > 0.0;
         if !start.reduced_strain.is_finite() || jumps && !start.reduced_stress.is_finite() {
             return Err(PointError::Overflow { time_s: time_s[0] });
@@ -198,7 +199,7 @@ impl Point {
         Ok(response)
     }
 
-    /// Strain and stress where one of them is given and the linear body lets them lie on a line.
+    /// Returns strain and stress for a prescribed one of them, with those of the linear body on a line.
     fn balance(&self, line: &Line, control: Control, given: f64, most: &mut usize) -> State {
         let strain = match control {
             Control::Strain => given,
@@ -208,7 +209,7 @@ impl Point {
                 found.strain
             }
         };
-        // The linear body is told of a strain or of a stress in which the knee is already accounted for.
+        // The linear body receives a strain or stress that already accounts for the knee.
         let factor = self.knee.factor(strain);
         let (over_strain, over_stress) = match self.structure {
             Structure::Rate => (1.0, factor),
@@ -232,7 +233,7 @@ impl Point {
     }
 }
 
-/// Strain and stress, and what the linear body is told of them.
+/// Strain and stress, and the reduced values that the linear body receives.
 #[derive(Clone, Copy, Debug)]
 struct State {
     strain: f64,
@@ -254,7 +255,7 @@ impl Response {
     }
 }
 
-/// The rule for a history so divided.
+/// Returns the rule for a history with this division.
 fn rule(loading: &Loading, method: Method, division: Division) -> Rule {
     let times = &loading.time_s;
     match method {
@@ -267,7 +268,7 @@ fn rule(loading: &Loading, method: Method, division: Division) -> Rule {
                 .map(|pair| pair[1] - pair[0])
                 .fold(f64::INFINITY, f64::min);
             let longest_s = times[times.len() - 1] - times[0];
-            // Times that lie all at one leave nothing to sum.
+            // A single time leaves nothing to sum.
             let (shortest, longest_s) = if longest_s > 0.0 {
                 (shortest, longest_s)
             } else {

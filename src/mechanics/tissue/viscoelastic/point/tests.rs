@@ -120,7 +120,7 @@ fn histories_are_checked() {
     };
     let huge = stiff.respond(&loading(Control::Strain, &[0.0, 1.0], &[0.0, 1e10]), Method::Trapezoid);
     assert!(matches!(huge, Err(PointError::Overflow { .. })), "{huge:?}");
-    // The same at the start, where only a spring-pot may have an infinite stress.
+    // Overflow at the start, where only a spring-pot may have infinite stress.
     let body = zener(0.5);
     for structure in [Structure::Rate, Structure::LoadIntegral] {
         let point = Point {
@@ -186,7 +186,7 @@ fn stress_and_strain_lead_back_to_each_other() {
                     .respond_in(&loading(Control::Strain, &times, &there.strain), method, 32)
                     .unwrap();
                 let difference = back.stress_kpa.iter().zip(&stress).map(|(a, b)| (a.unwrap() - b).abs());
-                // The strain is not linear between the times, as the way back takes it.
+                // The strain is not linear between the times, as the reverse computation assumes.
                 let worst = difference.fold(0.0, f64::max);
                 assert!(worst < 0.05, "{body:?} {structure:?} {method:?}: {worst}");
                 assert!(there.iterations <= 30);
@@ -229,7 +229,7 @@ fn the_two_structures_part_beyond_the_knee_only() {
     };
     let low = [Structure::Rate, Structure::LoadIntegral].map(|structure| response(structure, 0.05));
     assert!((low[0] - low[1]).abs() < 1e-12);
-    // Under the load integral, past loads too meet the stiffness of now.
+    // Under the load integral, the current stiffness also acts on past loads.
     let high = [Structure::Rate, Structure::LoadIntegral].map(|structure| response(structure, 0.5));
     assert!(high[1] < high[0] - 1e-3, "{high:?}");
 }

@@ -1,11 +1,11 @@
-//! Files that are no sound Gmsh files.
+//! Damaged Gmsh files and their errors.
 
 use proptest::prelude::*;
 
 use super::read;
 use super::written::{ALL, Model, ascii};
 
-/// The error of an ASCII file with one thing changed.
+/// Returns the error of an ASCII file with one change.
 fn changed(version: u8, from: &str, to: &str) -> String {
     let text = String::from_utf8(ascii(version).write(&Model::default())).unwrap();
     assert!(text.contains(from), "{from} in\n{text}");

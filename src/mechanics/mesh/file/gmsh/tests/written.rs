@@ -9,16 +9,16 @@ pub(super) const NODES: [(u64, [f64; 3]); 6] = [
     (21, [0.1, 0.0, 1.0]),
     (2_000_000_000, [-2.0, 0.0, 1e-7]),
 ];
-/// Volume, and the tags of the corners.
+/// Volume and corner tags of each tetrahedron.
 const TETRAHEDRA: [(i32, [u64; 4]); 3] = [
     (1, [3, 7, 10, 21]),
     (1, [7, 10, 21, 400_000]),
     (2, [3, 10, 21, 2_000_000_000]),
 ];
-/// Type, and the tags of the nodes.
+/// Type and node tags of each flat element.
 const FLAT: [(i32, &[u64]); 3] = [(15, &[3]), (1, &[3, 7]), (2, &[3, 7, 10])];
 
-/// What the files differ in.
+/// Variants of the model.
 pub(super) struct Model {
     /// Physical groups of volume 1. Volume 2 is in none.
     pub groups: Vec<i32>,
@@ -38,7 +38,7 @@ impl Default for Model {
     }
 }
 
-/// Version and storage of a file.
+/// Version and encoding of a file.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Encoding {
     pub version: u8,
@@ -116,7 +116,7 @@ impl Out {
         tags.iter().for_each(|tag| self.ints(&[*tag as i32]));
     }
 
-    /// The end of a line in text.
+    /// Ends a line of text.
     fn end(&mut self) {
         if self.encoding.binary.is_none() {
             self.text("\n");
@@ -154,7 +154,7 @@ impl Encoding {
             out.floats(&position);
             out.end();
         }
-        // An element is written once for every group that it is in.
+        // An element is written once for every group that contains it.
         let elements = TETRAHEDRA.iter().flat_map(|(volume, corners)| {
             let groups = if *volume == 1 { model.groups.clone() } else { vec![0] };
             groups.into_iter().map(move |group| (group, *volume, corners))

@@ -1,4 +1,4 @@
-//! Names, types and numbers of a legacy file.
+//! Reader of names, types and numbers of a legacy file.
 
 use super::{Cursor, Fault, Kind, quote, word};
 use crate::read;
@@ -17,12 +17,12 @@ impl Reader<'_> {
         }
     }
 
-    /// Whether the next word is this one.
+    /// Returns whether the next word is this one.
     pub fn is_next(&self, keyword: &str) -> bool {
         self.cursor.peek().1.eq_ignore_ascii_case(keyword.as_bytes())
     }
 
-    /// A name, with the `%20` escapes of the format resolved.
+    /// Reads a name, resolving the `%20` escapes of the format.
     pub fn name(&mut self) -> Result<String, Fault> {
         let (at, word) = self.cursor.word();
         if word.is_empty() {
@@ -73,7 +73,7 @@ impl Reader<'_> {
     }
 
     fn ascii_numbers(&mut self, count: usize) -> Result<Vec<f64>, Fault> {
-        // Every number takes at least two bytes, so the file bounds what is set aside.
+        // Every number takes at least two bytes, so the file bounds the allocation.
         let mut values = read::room(count.min(self.cursor.rest().len() / 2 + 1), "an array of a mesh")?;
         for index in 0..count {
             values.push(self.cursor.number(|| format!("number {index} of {count}"))?);
@@ -94,7 +94,7 @@ impl Reader<'_> {
         Ok(values)
     }
 
-    /// Metadata run to the next blank line.
+    /// Skips metadata, which end at the next blank line.
     pub fn skip_metadata(&mut self) {
         self.cursor.line();
         while !self.cursor.rest().is_empty() && !self.cursor.line().trim_ascii().is_empty() {}

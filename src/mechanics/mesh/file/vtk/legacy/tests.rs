@@ -6,7 +6,7 @@ use super::super::tests::{expected, read, sample};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh_bytes};
 
-/// The mesh as a legacy ASCII file of version 4.2.
+/// Writes the mesh as a legacy ASCII file of version 4.2.
 fn ascii(mesh: &TetMesh, displacements: &[[f64; 3]]) -> String {
     let line = |v: &[f64; 3]| format!("{:?} {:?} {:?}\n", v[0], v[1], v[2]);
     let vectors = |all: &[[f64; 3]]| all.iter().map(line).collect::<String>();

@@ -30,7 +30,8 @@ fn what_is_written_is_read_again() {
 
 #[test]
 fn arrays_longer_than_a_block_and_of_whole_blocks_are_read_again() {
-    // Nodes of 24 bytes, corners of 32 and regions of 4: lengths of 0, of 1 and of several blocks and what is left of them.
+    // Nodes of 24 bytes, corners of 32 and regions of 4: lengths of 0, of 1 and of several blocks, with and without a
+    // remainder.
     for cells in [1, 2, 1024, 1025, 8192] {
         let nodes: Vec<[f64; 3]> = (0..4 * cells)
             .map(|n| {

@@ -1,4 +1,4 @@
-//! The numbers of the arrays of a `.vtu` file, in each of its encodings.
+//! Decoder of the arrays of a `.vtu` file, in each of its encodings.
 
 use super::super::kind::{Kind, word};
 use super::packed::{Packed, Source};
@@ -6,7 +6,7 @@ use super::tags::{Scanner, Tag};
 use super::{Fault, quote};
 use crate::read;
 
-/// What holds for all arrays of a file.
+/// Encoding common to all arrays of a file.
 pub(super) struct Encoding {
     big_endian: bool,
     wide_header: bool,
@@ -36,7 +36,7 @@ impl Encoding {
         })
     }
 
-    /// Bytes of a word of an array's header.
+    /// Returns the size of a word of an array's header, bytes.
     pub fn header_size(&self) -> usize {
         if self.wide_header { 8 } else { 4 }
     }
@@ -75,7 +75,7 @@ impl<'a> Appended<'a> {
     }
 }
 
-/// The numbers of one array, of which there must be `count` (none: more than memory can have).
+/// Decodes one array, which must have `count` numbers (`None`: more than memory can hold).
 pub(super) fn values(
     tag: &Tag,
     text: (usize, &[u8]),

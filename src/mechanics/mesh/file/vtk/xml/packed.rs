@@ -1,4 +1,4 @@
-//! Bytes out of base64 and zlib blocks.
+//! Unpacking of base64 and zlib blocks.
 
 use std::io::Read;
 
@@ -9,7 +9,7 @@ use super::Fault;
 use super::data::Encoding;
 use crate::read;
 
-/// Zlib shrinks by 1032 to 1 at best: a block that claims more is a broken or hostile header.
+/// Maximum compression ratio of zlib: a block that claims more has a broken or hostile header.
 const ZLIB_RATIO: usize = 1032;
 
 /// Encoded bytes.
@@ -20,7 +20,7 @@ pub(super) enum Source<'a> {
 }
 
 impl Source<'_> {
-    /// The first `count` bytes, and how far into the source they and any base64 padding reach.
+    /// Returns the first `count` bytes, and the length of the source that they and any base64 padding occupy.
     fn take(&self, at: usize, skip: usize, count: usize) -> Result<(Vec<u8>, usize), Fault> {
         let short = |left: usize| {
             let found = match self {
@@ -54,20 +54,20 @@ impl Source<'_> {
     }
 }
 
-/// The bytes of an array before they are unpacked.
+/// Bytes of an array before they are unpacked.
 pub(super) struct Packed<'a> {
-    /// Their number, unpacked, as the header has it.
+    /// Unpacked size according to the header, bytes.
     pub size: usize,
     at: usize,
     source: Source<'a>,
-    /// Bytes of the source before the first block.
+    /// Length of the source before the first block, bytes.
     skip: usize,
-    /// Packed and unpacked size of each block; none where nothing is compressed.
+    /// Packed and unpacked size of each block; `None` without compression.
     blocks: Option<Vec<(usize, usize)>>,
 }
 
 impl<'a> Packed<'a> {
-    /// Uncompressed: the byte count, then the bytes, encoded as one.
+    /// Reads an uncompressed array: the byte count, then the bytes, encoded as one.
     pub fn plain(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
         let (count, _) = source.take(at, 0, file.header_size())?;
         let size = usize::try_from(file.word(&count)).ok();
@@ -80,8 +80,8 @@ impl<'a> Packed<'a> {
         })
     }
 
-    /// Compressed: the number of blocks, their size, the size of the last partial block (0: none), the compressed sizes; then,
-    /// encoded apart, the blocks.
+    /// Reads a compressed array: the number of blocks, their size, the size of the last partial block (0: none), the
+    /// compressed sizes; then, encoded separately, the blocks.
     pub fn zlib(at: usize, source: Source<'a>, file: &Encoding) -> Result<Self, Fault> {
         let width = file.header_size();
         let word = |bytes: &[u8]| usize::try_from(file.word(bytes)).ok();
@@ -116,7 +116,7 @@ impl<'a> Packed<'a> {
         Ok(packed)
     }
 
-    /// The bytes, exactly as many as the header has.
+    /// Returns the bytes, exactly as many as the header states.
     pub fn bytes(&self) -> Result<Vec<u8>, Fault> {
         let Some(blocks) = &self.blocks else {
             let beyond = || Fault::at(self.at, "a byte count beyond memory", "the size of the array");

@@ -1,5 +1,5 @@
-//! The tags of a `.vtu` file. Raw appended data is no XML, so the few that matter are read by hand, each with its byte
-//! offset.
+//! Scanner of the tags of a `.vtu` file. Raw appended data is not XML, so the few relevant tags are parsed by hand, each
+//! with its byte offset.
 
 use super::{Fault, quote};
 
@@ -30,14 +30,14 @@ impl Tag {
     }
 }
 
-/// Walks from tag to tag.
+/// Scanner from tag to tag.
 pub(super) struct Scanner<'a> {
     pub bytes: &'a [u8],
     pub at: usize,
 }
 
 impl<'a> Scanner<'a> {
-    /// Text up to the next tag.
+    /// Reads the text up to the next tag.
     pub fn text(&mut self) -> (usize, &'a [u8]) {
         let (at, rest) = (self.at, &self.bytes[self.at..]);
         let end = rest.iter().position(|b| *b == b'<').unwrap_or(rest.len());
@@ -45,7 +45,7 @@ impl<'a> Scanner<'a> {
         (at, &rest[..end])
     }
 
-    /// The next opening, closing or empty tag; comments and declarations are passed over.
+    /// Reads the next opening, closing or empty tag; comments and declarations are skipped.
     pub fn tag(&mut self) -> Result<Option<Tag>, Fault> {
         loop {
             let (before, text) = self.text();

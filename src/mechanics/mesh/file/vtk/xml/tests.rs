@@ -35,7 +35,7 @@ fn arrays(mesh: &TetMesh, displacements: &[[f64; 3]]) -> Arrays {
     }
 }
 
-/// A `.vtu` file whose arrays are written by `put`, which returns the attributes and the text of an array.
+/// Returns a `.vtu` file whose arrays are written by `put`, which returns the attributes and the text of an array.
 fn vtu(header: &str, tail: &str, mut put: impl FnMut(&[u8]) -> (String, String)) -> String {
     let (mesh, displacements) = sample();
     let a = arrays(&mesh, &displacements);
@@ -65,7 +65,7 @@ fn counted(bytes: &[u8]) -> Vec<u8> {
     [&(bytes.len() as u32).to_le_bytes()[..], bytes].concat()
 }
 
-/// A compressed array in blocks of `block` bytes: its header and its data.
+/// Compresses an array in blocks of `block` bytes: returns its header and its data.
 fn deflated(bytes: &[u8], block: usize) -> (Vec<u8>, Vec<u8>) {
     let blocks: Vec<Vec<u8>> = bytes
         .chunks(block)

@@ -1,4 +1,4 @@
-//! Chains of springs whose condition is known.
+//! Precision tests on chains of springs with known condition.
 
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
@@ -6,7 +6,7 @@ use super::*;
 
 const LINKS: usize = 40;
 
-/// Nodes on a line, each held by a spring of stiffness `ground` and joined to the next by one of 1.
+/// Nodes on a line, each on a spring of stiffness `ground` and joined to the next by one of stiffness 1.
 struct Chain {
     pattern: SymbolicSparseColMat<u32>,
     values: Vec<f64>,
@@ -40,7 +40,7 @@ impl Symmetric for Chain {
     }
 }
 
-/// Every node moved by `by`: the links do nothing.
+/// Returns the error for all nodes displaced by `by`, when the links carry no force.
 fn alike(chain: &Chain, factor: &mut Approximate, ground: f64, by: f64) -> f64 {
     let mut forces = vec![ground * by; LINKS];
     let mut check = vec![0.0; LINKS];
@@ -60,7 +60,7 @@ fn a_sound_matrix_is_factored_in_single_precision() {
     let chain = Chain::new(1.0);
     let mut factor = Approximate::new(&chain).unwrap();
     assert!(factor.is_single());
-    // Its condition is 5 and rounding 6e-8; forces far outside the range of single precision are no matter.
+    // Its condition is 5 and rounding 6e-8; forces far outside the range of single precision do not matter.
     for by in [1.0, 1e-60, -1e60] {
         let off = alike(&chain, &mut factor, 1.0, by);
         assert!(off > 1e-12 && off < 1e-6, "{off:e} for {by:e}");
@@ -70,7 +70,8 @@ fn a_sound_matrix_is_factored_in_single_precision() {
     assert_eq!(none, vec![0.0; LINKS]);
 }
 
-/// A spring of 1e-9 beside one of 1 is lost in single precision, one of 2e-7 is off by a third: the condition times rounding.
+/// A spring of 1e-9 beside one of 1 is lost in single precision, one of 2e-7 is off by a third: condition times
+/// rounding.
 #[test]
 fn what_single_precision_loses_is_factored_in_double() {
     for ground in [1e-9, 2e-7] {
@@ -79,7 +80,7 @@ fn what_single_precision_loses_is_factored_in_double() {
         assert!(!factor.is_single(), "{ground:e}");
         let off = alike(&chain, &mut factor, ground, 1.0);
         assert!(off < 4.0 / ground * f64::EPSILON * LINKS as f64, "{off:e}");
-        // Another matrix of the same pattern: in single precision until it does not do, in double from there on.
+        // Another matrix of the same pattern: in single precision until it fails, in double from then on.
         let mut factor = Approximate::new(&Chain::new(1.0)).unwrap();
         factor.refactor(&Chain::new(0.5)).unwrap();
         assert!(factor.is_single());

@@ -1,6 +1,6 @@
 use super::*;
 
-/// What changes do not need at once is left to be tended.
+/// Options that defer work not needed at once.
 fn tended() -> Options {
     Options {
         tended: true,
@@ -8,7 +8,7 @@ fn tended() -> Options {
     }
 }
 
-/// Expects a move of a node and tends so often.
+/// Announces a move of a node and performs `tends` tasks.
 fn expect(mesh: &AdaptedMesh, exact: &mut Exact, node: u32, tends: usize) {
     let support: Vec<u32> = mesh.support_of(node).collect();
     exact.expect(&support);
@@ -34,7 +34,7 @@ fn a_change_that_was_expected_is_that_of_one_that_was_not() {
             assert_eq!(report.rebuilt, None);
             check(&mesh, &mut exact);
         }
-        // And back, the last of them expected too.
+        // Moved back, with the last moves also expected.
         for node in &inner[..3] {
             expect(&mesh, &mut exact, *node, tends);
             let change = mesh.restore(*node).expect("home");
@@ -52,7 +52,7 @@ fn the_work_that_is_done_ahead_is_used() {
     let mut exact = exact(&mesh, &inner, tended());
     go(&mut mesh, &mut exact, inner[0], 1);
     expect(&mesh, &mut exact, inner[1], 40);
-    // What stands there is taken, not computed again.
+    // The precomputed columns are used, not computed again.
     exact.work.v.get_mut().fill(f64::NAN);
     let change = mesh
         .move_node(inner[1], nearby(&mesh, inner[1], 2))
@@ -73,11 +73,11 @@ fn what_was_expected_and_did_not_come_leaves_nothing() {
     go(&mut mesh, &mut exact, inner[0], 1);
     expect(&mesh, &mut exact, inner[2], 40);
     assert!(exact.held().len() > mesh.support().count());
-    // Another change comes.
+    // Another change arrives.
     let report = go(&mut mesh, &mut exact, inner[1], 2);
     assert_eq!(report.held, mesh.support().count());
     check(&mesh, &mut exact);
-    // Something else is expected, contacts come, everything is computed anew, and all goes back.
+    // Something else is expected, contacts are set, everything is recomputed, and all moves are undone.
     expect(&mesh, &mut exact, inner[2], 3);
     exact.set_contacts(&dofs_of(&mesh, &inner[..3])).expect("contacts");
     expect(&mesh, &mut exact, inner[0], 3);

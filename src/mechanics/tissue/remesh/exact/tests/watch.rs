@@ -1,4 +1,4 @@
-//! Whether errors are seen.
+//! Detection of errors by sampling.
 
 use super::*;
 

@@ -38,7 +38,7 @@ fn the_kernel_is_met_within_the_bound() {
 
 #[test]
 fn the_bound_is_not_met_by_waste() {
-    // Spacing is no finer than the bound needs: the error comes near it.
+    // The spacing is no finer than the bound requires: the error comes near it.
     let span = Span {
         shortest_s: 1e-6,
         longest_s: 1e6,

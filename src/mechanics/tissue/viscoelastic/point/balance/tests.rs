@@ -1,6 +1,6 @@
 use super::*;
 
-/// Numbers over many decades, both signs.
+/// Returns numbers over many decades, of both signs.
 fn many() -> Vec<f64> {
     let sizes = (-8..=4).map(|exponent| 10f64.powi(exponent));
     let mut all: Vec<f64> = sizes.flat_map(|size| [-3.0 * size, -size, size, 2.5 * size]).collect();
@@ -19,11 +19,12 @@ fn the_root_balances_within_thirty_iterations() {
                     let found = root(&knee, c, r);
                     let x = found.strain;
                     let miss = (x - c) * knee.factor(x) - r;
-                    // What rounding of x alone makes of the equation.
+                    // Effect of rounding of x alone on the equation.
                     let slope = knee.factor(x) + ((x - c) * knee.slope(x)).abs();
                     let bound = 8.0 * f64::EPSILON * (x.abs().max(c.abs()) * slope + r.abs());
                     assert!(miss.abs() <= bound, "{knee:?} {c} {r}: {found:?}, {miss:e} > {bound:e}");
-                    // Driven back against its past beyond the knee, there may be two more roots: bisection is then allowed.
+                    // Driven back against its past beyond the knee, there may be two more roots: bisection is then
+                    // allowed.
                     let against = c * r < 0.0 && c.abs() > strain;
                     if !against {
                         most = most.max(found.iterations);
@@ -37,7 +38,7 @@ fn the_root_balances_within_thirty_iterations() {
 
 #[test]
 fn convergence_is_quadratic() {
-    // From the bound of the cube root, in a case with everything of order 1.
+    // Starting from the bound of the cube root, with everything of order 1.
     let knee = Knee {
         strain: 0.35,
         stiffening: 12.5,

@@ -1,16 +1,16 @@
-//! Steps halved until the response settles.
+//! Refinement of time steps until the response converges.
 
 use super::{Loading, Method, Point, PointError, Response};
 
-/// A change by less than this share of the largest value ends it.
+/// Change relative to the largest value below which refinement ends.
 const SETTLED: f64 = 1e-7;
-/// Steps between two points to begin with.
+/// Initial number of steps between two points.
 const FIRST: usize = 8;
 
-/// As many steps in all as take about a second.
+/// Returns the largest total number of steps, which takes about a second.
 fn most(method: Method) -> usize {
     match method {
-        // Every step weighs all before it, with other weights than the step before had.
+        // Every step weighs all values before it, with weights that differ from those of the previous step.
         Method::Rectangle | Method::Trapezoid => 1 << 12,
         Method::GruenwaldLetnikov => 1 << 15,
         Method::Exponentials => 1 << 17,
@@ -42,7 +42,7 @@ pub(super) fn refined(point: &Point, loading: &Loading, method: Method) -> Resul
     Ok(response)
 }
 
-/// The largest difference of two responses, as a share of the largest value.
+/// Returns the largest difference of two responses relative to the largest value.
 fn change(one: &Response, other: &Response) -> f64 {
     let share = |pairs: &mut dyn Iterator<Item = (f64, f64)>| {
         let (mut difference, mut largest) = (0.0f64, 0.0f64);

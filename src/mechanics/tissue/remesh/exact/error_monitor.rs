@@ -1,4 +1,4 @@
-//! Whether the updated C and K^c are still as good as computed anew, and what happens if they are not.
+//! Error monitoring of the updated C and K^c, with recomputation where needed.
 
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, MatMut, MatRef};
@@ -7,21 +7,21 @@ use super::Exact;
 use super::update::product;
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::report::{Rebuilt, RemeshReport};
-use crate::mechanics::tissue::remesh::watch::Watch;
+use crate::mechanics::tissue::remesh::sampling::SampleSchedule;
 use crate::random::{hash3, seed_words};
 
-/// Rounding that a change may amplify to more than this calls for a sample at once: a tenth of what K^c is promised to.
+/// Amplified rounding of a change above which a sample is taken at once: a tenth of the accuracy promised for K^c.
 const AMPLIFIED: f64 = 1e-11;
 
 impl Exact {
-    /// Samples the errors where that is due, or leaves it to be done later.
+    /// Samples the errors if due, or defers that.
     pub(super) fn maintain(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
         let every = self.options.check_every;
-        // A change and the change back multiply rounding by the square of their condition.
+        // A change and its reversal multiply rounding by the square of their condition.
         let amplified = f64::EPSILON / (report.reciprocal_condition * report.reciprocal_condition);
         let is_doubtful = every > 0 && amplified > AMPLIFIED;
         let is_due = self.watch.is_due(every);
-        // Left for a quieter step, and none came.
+        // Deferred to a less busy step, which never came.
         let is_overdue = self.is_due;
         if is_doubtful || is_overdue || is_due && !self.options.tended {
             self.sample(mesh, report);
@@ -30,21 +30,21 @@ impl Exact {
         }
     }
 
-    /// Samples the errors and computes anew where they are too large. What fails here leaves the updated C as it is.
+    /// Samples the errors, and recomputes C and K^c where they are too large. If that fails, the updated C stays.
     pub(super) fn sample(&mut self, mesh: &AdaptedMesh, report: &mut RemeshReport) {
         self.is_due = false;
         self.complete();
         mesh.difference_into(&mut self.difference);
         let [residual, backward] = self.correction_error();
         report.residual = Some(residual);
-        // A NaN is no small error.
+        // NaN fails both comparisons.
         let tolerance = self.options.exact_tolerance;
         if backward <= tolerance && self.contacts_error() <= tolerance {
             self.watch.relax(self.options.check_every);
             return;
         }
-        self.watch = Watch::new();
-        match self.compute_anew() {
+        self.watch = SampleSchedule::new();
+        match self.recompute() {
             Ok(condition) => {
                 self.rebuilds += 1;
                 report.rebuilt = Some(Rebuilt::Residual(residual));
@@ -54,9 +54,9 @@ impl Exact {
         }
     }
 
-    /// The largest entry of K K^-1 e - e for random forces e of 1 or -1 N on all of S, with K^-1 as C corrects it and
-    /// `self.difference` that of the mesh; and the same over the size of what it is the difference of. If the base inverse is
-    /// exact, it is `dK x - y` on S and zero elsewhere, where y = C G e and x = G e - G y. Costs O(|S|^2).
+    /// Returns the largest entry of K K^-1 e - e for random forces e of 1 or -1 N on all of S, with K^-1 as corrected
+    /// by C and `self.difference` that of the mesh; and the same relative to the magnitude of its terms. If the base
+    /// inverse is exact, it is `dK x - y` on S and zero elsewhere, where y = C G e and x = G e - G y. Costs O(|S|^2).
     fn correction_error(&mut self) -> [f64; 2] {
         let Exact {
             held, work, difference, ..
@@ -81,7 +81,7 @@ impl Exact {
         [residual, relative(residual, size)]
     }
 
-    /// How far K^c e is from K0^-1[c, c] e - B^T C B e, relatively, for random signs e. Costs O(|S|^2).
+    /// Returns the relative error of K^c e against K0^-1[c, c] e - B^T C B e for random signs e. Costs O(|S|^2).
     fn contacts_error(&mut self) -> f64 {
         let Exact {
             held, contacts, work, ..
@@ -104,7 +104,7 @@ impl Exact {
     }
 }
 
-/// Random values 1 and -1.
+/// Fills a column with random values 1 and -1.
 fn fill_with_signs(column: MatMut<'_, f64>, step: u64) {
     for (i, sign) in column.col_mut(0).iter_mut().enumerate() {
         let bit = hash3([step as i32, i as i32, 0], seed_words(0))[0] & 1;
@@ -116,7 +116,7 @@ fn relative(error: f64, size: f64) -> f64 {
     if error == 0.0 { 0.0 } else { error / size }
 }
 
-/// The largest magnitude in a column; NaN where there is one.
+/// Returns the largest magnitude in a column; NaN if an entry is NaN.
 fn largest(column: MatRef<'_, f64>) -> f64 {
     let magnitudes = column.col(0).iter().map(|value| value.abs());
     magnitudes.fold(0.0, |a, b| if a.is_nan() || b.is_nan() { f64::NAN } else { a.max(b) })

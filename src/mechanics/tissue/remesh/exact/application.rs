@@ -1,4 +1,4 @@
-//! What the corrected compliance says beyond the contacts: other entries, and displacements of the whole mesh.
+//! Corrected compliance beyond the contacts: other entries, and displacements of the entire mesh.
 
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, Mat, MatMut, MatRef};
@@ -10,9 +10,9 @@ use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::defect::{backward_error, defect};
 
 impl Exact {
-    /// The forces on the base mesh (N, one a free degree of freedom) that displace it as `forces` on the contacts displace
-    /// the current one: those on the contacts, and on S what makes up for the moved nodes. Who has them and K0^-1 has the
-    /// displacements of the whole mesh, on another thread for instance.
+    /// Computes the forces on the base mesh (N, one per free degree of freedom) that displace it as `forces` on the
+    /// contacts displace the current one: those on the contacts, and corrections for moved nodes on S. Multiplied by
+    /// K0^-1, for instance on another thread, they give the displacements of the entire mesh.
     ///
     /// # Errors
     /// [`ComplianceError::Shape`] where a slice has the wrong length.
@@ -25,7 +25,7 @@ impl Exact {
         Ok(())
     }
 
-    /// The same as a list: the contacts, then S.
+    /// Computes [`base_forces`](Self::base_forces) as a list: the contacts, then S.
     pub(super) fn carried(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), ComplianceError> {
         check_shape("forces", forces.len(), self.contacts.dofs().len())?;
         let Exact {
@@ -44,7 +44,7 @@ impl Exact {
         Ok(())
     }
 
-    /// out -= E_S C x.
+    /// Computes out -= E_S C x.
     fn subtract_correction(&self, x: MatRef<'_, f64>, out: &mut [f64]) {
         let mut corrected = Mat::zeros(self.held.len(), 1);
         product(corrected.as_mut(), Accum::Replace, self.held.c.get(), x, 1.0);
@@ -53,11 +53,11 @@ impl Exact {
         }
     }
 
-    /// A block of the compliance of the current mesh.
+    /// Computes a block of the compliance of the current mesh.
     pub(super) fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, ComplianceError> {
         self.complete();
         let mut block = self.source.entries(rows, columns)?;
-        // S before the rows: a source that solves for columns has those of S at hand.
+        // S before the rows: a source that solves for columns has those of S cached.
         let left = self.source.entries(rows, self.held.dofs())?;
         let right = self.source.entries(columns, self.held.dofs())?;
         let mut corrected = Mat::zeros(self.held.len(), columns.len());
@@ -100,7 +100,7 @@ impl Exact {
         Ok(backward_error(mesh, &self.difference, out, &all))
     }
 
-    /// out = K^-1 x for any forces x, which are lost.
+    /// Computes out = K^-1 x for any forces x, which are overwritten.
     fn apply(&mut self, x: &mut [f64], out: &mut [f64]) -> Result<(), ComplianceError> {
         self.complete();
         self.source.multiply_into(x, out)?;
@@ -109,7 +109,7 @@ impl Exact {
         self.source.multiply_into(x, out)
     }
 
-    /// The largest residual of the columns `dofs` of the compliance of the whole mesh.
+    /// Returns the largest residual of the columns `dofs` of the compliance of the current mesh.
     pub(super) fn true_residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, ComplianceError> {
         self.complete();
         mesh.difference_into(&mut self.difference);

@@ -1,4 +1,4 @@
-//! A model that only says what it is told.
+//! A model with a prescribed response.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,7 +9,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::CentreLine;
 use crate::scenario::Scenario;
 
-/// Holds the tip where an unloaded needle has it, and pushes on the hand with its depth.
+/// Holds the tip at its unloaded position, and pushes on the hand in proportion to depth.
 pub struct Told {
     outcome: Outcome,
     line: CentreLine,
@@ -38,7 +38,7 @@ impl Model for Told {
         let base = Point3::from(instruments.base.translation.vector);
         let tip = instruments.base * Point3::new(0.0, 0.0, self.length_mm);
         self.line.set([(0.0, base), (self.length_mm, tip)]);
-        // Between two steps, so that rounding decides nothing.
+        // Between two steps, so that rounding has no influence.
         let depth = (tip.z + 44.95).max(0.0);
         self.outcome = Outcome {
             on_hand: Wrench {
@@ -92,7 +92,7 @@ impl Model for Told {
     }
 }
 
-/// Tissue at rest, of which it is said that seven elements are inverted.
+/// Tissue at rest that reports seven inverted elements.
 struct Rest(TetMesh);
 
 impl Imager for Rest {

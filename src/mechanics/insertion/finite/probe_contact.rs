@@ -1,4 +1,4 @@
-//! The probe: which nodes touch it, and where it holds them.
+//! Probe contact: the nodes that touch the probe, and their prescribed displacements.
 
 use faer::MatRef;
 use nalgebra::{Isometry3, Point3, Vector3};
@@ -6,31 +6,30 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::reduced::ProbeRow;
 use crate::mechanics::insertion::{ProbeContact, pointed};
 
-/// A probe with its candidates. Nodes beside the cylinder are held where they were across its axis when the tissue was at rest,
-/// and slide along it without friction.
+/// A probe with its candidate nodes. Nodes beside the cylinder keep their positions across its axis from when the tissue was
+/// at rest, and slide along it without friction.
 #[derive(Debug)]
-pub(super) struct Press {
+pub(super) struct ProbeNodes {
     contact: ProbeContact,
-    /// Of the candidates in the probe frame when the tissue is at rest.
+    /// Positions of the candidates in the probe frame when the tissue is at rest, mm.
     nominal: Vec<Point3<f64>>,
-    /// In the world, at rest.
+    /// Positions of the candidates in the world when the tissue is at rest, mm.
     rest: Vec<Point3<f64>>,
-    /// Where they are now.
+    /// Current positions of the candidates, mm.
     places: Vec<Point3<f64>>,
     rows: Vec<ProbeRow>,
     touching: Vec<bool>,
-    /// Where the probe is.
     pub pose: Option<Isometry3<f64>>,
 }
 
-impl Press {
-    pub fn new(contact: ProbeContact, nodes: &[[f64; 3]]) -> Press {
+impl ProbeNodes {
+    pub fn new(contact: ProbeContact, nodes: &[[f64; 3]]) -> ProbeNodes {
         let rest: Vec<_> = contact
             .candidates
             .iter()
             .map(|node| Point3::from(nodes[*node as usize]))
             .collect();
-        Press {
+        ProbeNodes {
             nominal: rest
                 .iter()
                 .map(|place| contact.nominal.inverse_transform_point(place))
@@ -56,17 +55,17 @@ impl Press {
         &self.rows
     }
 
-    /// Nodes in contact.
+    /// Returns the number of nodes in contact.
     pub fn touching(&self) -> usize {
         self.rows.len() / 2
     }
 
-    /// Which candidates are in contact.
+    /// Returns, for each candidate, whether it is in contact.
     pub fn touching_list(&self) -> &[bool] {
         &self.touching
     }
 
-    /// Puts the probe where it was, with the candidates that touched it.
+    /// Restores a pose of the probe with the candidates in contact.
     pub fn put_back(&mut self, pose: Option<Isometry3<f64>>, touching: &[bool]) {
         self.pose = pose;
         self.touching.copy_from_slice(touching);
@@ -79,7 +78,7 @@ impl Press {
         [frame.rotation * Vector3::x(), frame.rotation * Vector3::y()]
     }
 
-    /// Makes rows of the candidates in contact.
+    /// Writes the constraint rows of the candidates in contact.
     fn hold(&mut self, directions: Option<[Vector3<f64>; 2]>) {
         self.rows.clear();
         let touching = (0..self.touching.len()).filter(|at| self.touching[*at]);
@@ -90,18 +89,18 @@ impl Press {
         self.rows.extend(rows);
     }
 
-    /// Where a candidate was when the probe last moved, mm.
+    /// Returns the position of a candidate when the probe last moved, mm.
     pub fn place(&self, candidate: usize) -> Point3<f64> {
         self.places[candidate]
     }
 
-    /// The frame that holds the nodes: it follows the axis of the probe, but does not roll with it.
+    /// Returns the frame that constrains the nodes: it follows the axis of the probe, but does not roll with it.
     fn frame(&self, pose: &Isometry3<f64>) -> Isometry3<f64> {
         let turned = pointed(&self.contact.nominal.rotation, &(pose.rotation * Vector3::z()));
         Isometry3::from_parts(pose.translation, turned)
     }
 
-    /// Moves the probe, or takes it away. True if other rows are held than before.
+    /// Moves the probe, or removes it. Returns whether the constrained rows have changed.
     pub fn move_to(&mut self, pose: Option<&Isometry3<f64>>, condensed: MatRef<'_, f64>, forces: &[f64]) -> bool {
         self.find_places(condensed, forces);
         self.pose = pose.copied();
@@ -125,7 +124,7 @@ impl Press {
         changed
     }
 
-    /// Displacements that the probe prescribes along its rows, mm.
+    /// Returns the displacements that the probe prescribes along its rows, mm.
     pub fn displacements(&self) -> impl Iterator<Item = f64> + '_ {
         let frame = self.pose.map(|pose| self.frame(&pose)).unwrap_or_default();
         self.rows.iter().map(move |row| {
@@ -134,7 +133,7 @@ impl Press {
         })
     }
 
-    /// Candidates under the forces of the last solution on all contacts.
+    /// Computes the positions of the candidates under the forces of the last solution on all contacts.
     fn find_places(&mut self, condensed: MatRef<'_, f64>, forces: &[f64]) {
         self.places.clone_from(&self.rest);
         for (column, force) in forces.iter().enumerate().filter(|(_, force)| **force != 0.0) {

@@ -1,4 +1,4 @@
-//! From points to places in the tissue as it lies now.
+//! Point location in the deformed tissue.
 
 use std::sync::Arc;
 
@@ -8,23 +8,23 @@ use super::Finite;
 use super::place::{Place, Tetrahedron};
 use crate::mechanics::mesh::{NONE, TetMesh};
 
-/// Elements that a search goes through at most: a part of a step passes a few.
+/// Maximum number of elements that a search passes: a substep passes a few.
 const MOST_ELEMENTS: usize = 64;
-/// A coordinate this far below zero is rounding.
+/// Magnitude below which a negative coordinate counts as rounding.
 const SLACK: f64 = 1e-10;
-/// The farthest that a point may lie outside the mesh, as a share of the height of the element there.
+/// Maximum distance of a point outside the mesh, as a share of the height of the element there.
 const BESIDE: f64 = 0.5;
-/// Length between places that are looked at along the needle among inverted elements, mm,
+/// Spacing of the search along the needle among inverted elements, mm.
 const SEARCH_MM: f64 = 0.25;
-/// how many there are to either side,
+/// Number of search positions to either side.
 const SEARCHED: u32 = 80;
-/// and halvings between two of them, to 1e-6 mm.
+/// Bisections between two search positions, to 1e-6 mm.
 const HALVINGS: u32 = 18;
-/// Iterations that carry a point back to the reference state when only the probe displaces the tissue.
+/// Maximum number of iterations that map a point to the reference state when only the probe displaces the tissue.
 const CARRIES: usize = 8;
 
 impl Finite {
-    /// Where the tip is when it is in the body for the first time: only the probe displaces the tissue then.
+    /// Locates a tip that is in the body for the first time: only the probe displaces the tissue then.
     pub(super) fn enter(&mut self, tip: &Point3<f64>) -> Option<Place> {
         if self.press.is_none() {
             return self.place_at_rest(tip, NONE);
@@ -42,7 +42,7 @@ impl Finite {
         self.walk(tip, place.element)
     }
 
-    /// The place of a point in the mesh as it was made; of one in the body but beside the mesh, that of the element at the nearest face.
+    /// Locates a point in the original mesh; for one in the body but beside the mesh, in the element at the nearest face.
     fn place_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let hit = self.locator.locate((*point).into(), from);
         if hit.element != NONE {
@@ -55,10 +55,10 @@ impl Finite {
             .surface
             .iter()
             .min_by(|a, b| distance(&a.1).total_cmp(&distance(&b.1)));
-        self.walk_at_rest(point, nearest?.0)
+        self.locate_at_rest(point, nearest?.0)
     }
 
-    /// A place in the reference state, mm.
+    /// Returns the position of a place in the reference state, mm.
     pub(super) fn point_at(&self, place: &Place) -> Point3<f64> {
         self.adaptation.mesh().point(place.element, place.bary).into()
     }
@@ -79,7 +79,7 @@ impl Finite {
         }
     }
 
-    /// The element as it lies now.
+    /// Returns an element with its current corners.
     fn deformed(&mut self, element: u32) -> Option<Tetrahedron> {
         let corners = self.mesh.elements()[element as usize];
         let places = corners.map(|node| {
@@ -89,7 +89,7 @@ impl Finite {
         Tetrahedron::new(&places)
     }
 
-    /// From an element to the one that holds a point, in the tissue as it lies now. None outside.
+    /// Walks from an element to the one that contains a point, in the deformed tissue. Returns `None` outside.
     pub(super) fn walk(&mut self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let mesh = Arc::clone(&self.mesh);
         search(&mesh, point, from, |element| {
@@ -99,8 +99,8 @@ impl Finite {
         })
     }
 
-    /// The place of the tip, searched from an element. Among inverted elements, which lie over others, it is the place nearest to the last
-    /// one along the needle whose tissue is as far along the needle as the tip.
+    /// Locates the tip, searching from an element. Among inverted elements, which overlap others, returns the place nearest
+    /// to the last one along the needle whose tissue is as far along the needle as the tip.
     pub(super) fn find(&mut self, tip: &Point3<f64>, from: u32) -> Option<Place> {
         let inverted = self.outcome.crushed;
         let found = self.walk(tip, from);
@@ -110,7 +110,7 @@ impl Finite {
         let tangent = self.line.at(self.line.length_mm()).tangent.into_inner();
         let last = self.tip.reference;
         let gap = |model: &mut Finite, along: f64| {
-            let place = model.walk_at_rest(&(last + tangent * along), from)?;
+            let place = model.locate_at_rest(&(last + tangent * along), from)?;
             let lies = model.point_at(&place) + model.displacement_at(&place);
             Some((tangent.dot(&(tip - lies)), place))
         };
@@ -126,8 +126,8 @@ impl Finite {
         gap(self, near).map(|(_, place)| place)
     }
 
-    /// The same in the reference state.
-    pub(super) fn walk_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+    /// Walks from an element to the one that contains a point, in the reference state.
+    pub(super) fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let nodes = self.adaptation.mesh().nodes();
         search(&self.mesh, point, from, |element| {
             let corners = self.mesh.elements()[element as usize];
@@ -136,8 +136,9 @@ impl Finite {
     }
 }
 
-/// Goes from an element to the one that holds a point, each time through the face that the point lies farthest beyond, of those that lead
-/// on. A point a little outside the mesh gets coordinates in the element at the surface, which extend what that knows.
+/// Walks from an element to the one that contains a point, each time through the face that the point lies farthest beyond,
+/// among those with a neighbour. For a point slightly outside the mesh, returns extrapolated coordinates in the element at
+/// the surface.
 fn search(
     mesh: &TetMesh,
     point: &Point3<f64>,

@@ -1,41 +1,41 @@
-//! What every model on a mesh is given, and whether it can be used.
+//! Validation of the inputs common to all models on a mesh.
 
 use super::{Interaction, InvalidInteraction};
 
-/// Why a model cannot be made of what it is given.
+/// Reason why an input common to all models on a mesh cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidPart {
-    /// What a region does to the needle has a number out of range.
+    /// A number out of range in the interaction of a region with the needle.
     #[error("region {region}: {cause}")]
     Interaction {
         /// The region.
         region: i32,
-        /// The number.
+        /// The invalid number.
         cause: InvalidInteraction,
     },
     /// A number out of range.
     #[error("`{key}` is {found}; expected {expected}")]
     Number {
-        /// Which.
+        /// Name of the number.
         key: &'static str,
-        /// As given.
+        /// The rejected value.
         found: f64,
-        /// Its range.
+        /// Permitted range.
         expected: &'static str,
     },
-    /// A fixed node or axis that is not there.
+    /// A fixed node or axis that does not exist.
     #[error("node {node}, axis {axis} is to be fixed, but there are {nodes} nodes (numbered from 0) with axes 0 to 2")]
     Fixed {
         /// The node.
         node: u32,
         /// The axis.
         axis: u8,
-        /// How many nodes there are.
+        /// Number of nodes of the mesh.
         nodes: usize,
     },
 }
 
-/// Checks what regions do to the needle.
+/// Checks the interactions of regions with the needle.
 pub(super) fn interactions(given: &[(i32, Interaction)]) -> Result<(), InvalidPart> {
     let check = |(region, interaction): &(i32, Interaction)| {
         let region = *region;
@@ -46,7 +46,7 @@ pub(super) fn interactions(given: &[(i32, Interaction)]) -> Result<(), InvalidPa
     given.iter().try_for_each(check)
 }
 
-/// Checks that what is fixed is there, among so many nodes.
+/// Checks that fixed nodes and axes exist in a mesh of so many nodes.
 pub(super) fn fixed(given: &[(u32, u8)], nodes: usize) -> Result<(), InvalidPart> {
     let missing = |(node, axis): &&(u32, u8)| *node as usize >= nodes || *axis > 2;
     match given.iter().find(missing) {

@@ -1,14 +1,14 @@
-//! Increments whose outcome is known.
+//! Predictions for increments with a known outcome.
 
 use super::*;
 
-/// What is proposed turns out half as much again in one place, and none in another.
+/// Returns the outcome of a proposal: half as much again in one component, zero in another.
 fn outcome(proposal: [f64; 3]) -> [f64; 3] {
     [1.5 * proposal[0], proposal[1], 0.0]
 }
 
-fn taught(proposal: [f64; 3], contact: &[(u32, f64)]) -> Foresight {
-    let mut foresight = Foresight::default();
+fn taught(proposal: [f64; 3], contact: &[(u32, f64)]) -> Predictor {
+    let mut foresight = Predictor::default();
     assert!(!foresight.improve(&mut proposal.clone(), contact));
     foresight.learn(outcome(proposal).into_iter());
     foresight
@@ -31,7 +31,7 @@ fn increments_alike_end_where_they_are_foreseen() {
 fn other_increments_are_left_as_they_are() {
     let first = [2.0, 0.0, 0.0];
     let (here, there) = ([(4, 1.0)], [(5, 1.0)]);
-    // Of another kind, far longer, none, with another contact or with none.
+    // Of another kind, far longer, zero, with another contact or with none.
     let cases: [([f64; 3], &[(u32, f64)]); 5] = [
         ([1.0, 1.1, 0.0], &here),
         ([9.0, 0.0, 0.0], &here),

@@ -1,43 +1,43 @@
-//! What is kept on the degrees of freedom around moved nodes.
+//! Matrices on the degrees of freedom around moved nodes.
 
 use faer::prelude::{Reborrow, ReborrowMut};
 
 use crate::mechanics::tissue::compliance::{Compliance, ComplianceError};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
-use crate::mechanics::tissue::remesh::grown::{Grown, symmetrise};
+use crate::mechanics::tissue::remesh::growable::{Growable, symmetrise};
 
-/// Memory is made ready for so many members, contacts and members of one change (degrees of freedom): those of a needle some 100 mm
-/// deep in elements of 5 mm, beside a probe. Beyond, it grows when it must, which takes some milliseconds that once.
+/// Initial room for members of S, contacts and members of one change (degrees of freedom): those of a needle some 100
+/// mm deep in elements of 5 mm, beside a probe. Beyond, memory grows on demand, which takes some milliseconds once.
 pub(super) const HELD_ROOM: usize = 768;
 pub(super) const CONTACTS_ROOM: usize = 192;
 pub(super) const CHANGE_ROOM: usize = 96;
 
-/// The set S with what belongs to it, all in the order in which its members came; the last takes the place of one that leaves.
+/// Set S with its matrices, in the order in which members were added; the last takes the place of a removed one.
 #[derive(Debug)]
-pub(super) struct Held {
+pub(super) struct Support {
     dofs: Vec<usize>,
-    /// Place of each degree of freedom of the mesh in `dofs`.
+    /// Place in `dofs` of each degree of freedom of the mesh.
     places: Vec<u32>,
     /// G = K0^-1[S, S].
-    pub g: Grown,
+    pub g: Growable,
     /// C = (I + dK G)^-1 dK.
-    pub c: Grown,
+    pub c: Growable,
     /// B = K0^-1[S, c] for the contacts c.
-    pub b: Grown,
-    block: Grown,
+    pub b: Growable,
+    block: Growable,
 }
 
-impl Held {
-    pub fn new(size: usize) -> Held {
+impl Support {
+    pub fn new(size: usize) -> Support {
         let room = size.min(HELD_ROOM);
-        Held {
+        Support {
             dofs: Vec::new(),
             places: vec![NONE; size],
-            g: Grown::with_room(room, room),
-            c: Grown::with_room(room, room),
-            b: Grown::with_room(room, CONTACTS_ROOM),
-            block: Grown::with_room(CONTACTS_ROOM, CHANGE_ROOM),
+            g: Growable::with_room(room, room),
+            c: Growable::with_room(room, room),
+            b: Growable::with_room(room, CONTACTS_ROOM),
+            block: Growable::with_room(CONTACTS_ROOM, CHANGE_ROOM),
         }
     }
 
@@ -53,13 +53,13 @@ impl Held {
         self.dofs.is_empty()
     }
 
-    /// The place of a member.
+    /// Place of a member.
     pub fn place(&self, dof: u32) -> usize {
         self.places[dof as usize] as usize
     }
 
-    /// Takes in what is missing of `support`: rows and columns of C are zero, those of G and B are read from the base.
-    /// Where that fails nothing has changed.
+    /// Adds the members of `support` missing from S: their rows and columns of C are zero, those of G and B are read
+    /// from the base. On failure nothing changes.
     pub fn extend(
         &mut self,
         source: &mut dyn Compliance,
@@ -93,7 +93,7 @@ impl Held {
         let new = &self.dofs[old..];
         let mut g = self.g.shape(len, len);
         source.entries_into(&self.dofs, new, g.rb_mut().get_mut(.., old..))?;
-        // Columns that were solved for are symmetric only up to rounding.
+        // Columns obtained by solving are symmetric only up to rounding.
         symmetrise(g.rb_mut().get_mut(old.., old..));
         let (left, right) = g.split_at_col_mut(old);
         left.get_mut(old.., ..).copy_from(right.get(..old, ..).transpose());
@@ -104,7 +104,7 @@ impl Held {
         Ok(())
     }
 
-    /// Gives up the members that came last, beyond the first `len`.
+    /// Removes the members after the first `len`.
     pub fn truncate(&mut self, len: usize) {
         for &dof in &self.dofs[len..] {
             self.places[dof] = NONE;
@@ -116,12 +116,13 @@ impl Held {
         self.b.shape(len, contacts);
     }
 
-    /// Whether the stiffness at some of `support` is that of the base again.
+    /// Whether the stiffness at any of `support` is again that of the base.
     pub fn releases(&self, mesh: &AdaptedMesh, support: &[u32]) -> bool {
         support.iter().any(|dof| !mesh.is_touched(mesh.dofs().node_of(*dof).0))
     }
 
-    /// Gives up those of `support` whose stiffness is that of the base again: their rows of dK, and with them of C, are zero.
+    /// Removes the members of `support` whose stiffness is again that of the base: their rows of dK, and hence of C,
+    /// are zero.
     pub fn release(&mut self, mesh: &AdaptedMesh, support: &[u32]) {
         for &dof in support {
             if !mesh.is_touched(mesh.dofs().node_of(dof).0) {

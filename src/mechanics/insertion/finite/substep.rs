@@ -1,15 +1,15 @@
-//! A step, cut into parts: instruments go on a little, contacts settle, the tip finds its way.
+//! Subdivision of a step into substeps, in each of which the contacts settle and the tip is followed.
 
 use nalgebra::{Isometry3, Translation3, Vector3};
 
 use super::Finite;
 use super::slider::State;
 
-/// A base that goes on by less rests, mm: rounding.
+/// Advance of the base below which it counts as resting (rounding), mm.
 const STILL_MM: f64 = 1e-9;
 
 impl Finite {
-    /// Goes to where the instruments are now, in parts short enough that no element is passed unseen.
+    /// Moves the instruments to their new poses, in substeps short enough that no element is skipped.
     pub(super) fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
         let from = self.base.unwrap_or_else(|| self.beginning(base));
         let probe_from = self.press.as_ref().and_then(|press| press.pose);
@@ -22,7 +22,7 @@ impl Finite {
             .clamp(1.0, self.options.most_parts as f64);
         for part in 1..=parts as usize {
             let share = part as f64 / parts;
-            // The end is where the hand is, to the bit.
+            // The last pose is exactly the given one.
             let between = |from: &Isometry3<f64>, to: &Isometry3<f64>| {
                 if share < 1.0 { from.lerp_slerp(to, share) } else { *to }
             };
@@ -33,7 +33,8 @@ impl Finite {
         self.base = Some(*base);
     }
 
-    /// Pose of the base before the first step: a needle that begins in the body has been pushed in along its axis.
+    /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along its
+    /// axis.
     fn beginning(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
         self.needle.place(base, None, &[], &[], &mut self.line);
         match self.anatomy.region(&self.line.tip()) {
@@ -49,7 +50,7 @@ impl Finite {
             .extend(self.contacts.iter().map(|contact| contact.arc));
         self.press(probe);
         let advance = self.advance_of(base);
-        self.foresee(advance);
+        self.predict(advance);
         self.settle(base);
         self.note_drift(advance);
         if self.hold_at_bone() {
@@ -61,26 +62,26 @@ impl Finite {
         let was_in_bone = self.tip.in_bone();
         if self.advance(advance) {
             self.settle(base);
-            // Forces across the shaft are those of the changed mesh only now.
+            // Only now do the forces across the shaft belong to the changed mesh.
             if self.tip.front.is_some() {
                 self.transfer();
             }
         }
-        // Bone that has just been met.
+        // Bone met in this substep.
         if !was_in_bone && self.hold_at_bone() {
             self.settle(base);
         }
         self.stick_again();
     }
 
-    /// How far the base goes on along the shaft, mm.
+    /// Returns the advance of the base along the shaft, mm.
     fn advance_of(&self, base: &Isometry3<f64>) -> f64 {
         let advance = self.tip.base.map_or(0.0, |before| advance(&before, base));
         if advance.abs() < STILL_MM { 0.0 } else { advance }
     }
 
-    /// Nodes that slip go on as they did: a start that spares iterations.
-    fn foresee(&mut self, advance: f64) {
+    /// Extrapolates the sliding of contacts that slip: a warm start that saves iterations.
+    fn predict(&mut self, advance: f64) {
         for contact in &mut self.contacts {
             if matches!(contact.slider.state, State::Slipping(direction) if direction * advance > 0.0) {
                 contact.arc += contact.drift * advance;
@@ -88,7 +89,7 @@ impl Finite {
         }
     }
 
-    /// Notes how nodes have slipped in this part.
+    /// Records the sliding of the contacts in this substep.
     fn note_drift(&mut self, advance: f64) {
         for (contact, start) in self.contacts.iter_mut().zip(&self.memory.starts) {
             let drift = (contact.arc - start) / advance;
@@ -100,7 +101,7 @@ impl Finite {
         }
     }
 
-    /// Where static friction is more than sliding friction, a node that has slipped holds again once it rests.
+    /// Lets contacts that have slipped stick again at rest, where static friction exceeds sliding friction.
     fn stick_again(&mut self) {
         for contact in &mut self.contacts {
             let slider = &mut contact.slider;
@@ -110,7 +111,6 @@ impl Finite {
         }
     }
 
-    /// Moves the probe.
     fn press(&mut self, probe: Option<&Isometry3<f64>>) {
         let Some(press) = &mut self.press else { return };
         let condensed = self.adaptation.remesher().condensed();
@@ -120,13 +120,13 @@ impl Finite {
     }
 }
 
-/// How far a base goes on along the shaft, mm.
+/// Returns the advance of a base along the shaft, mm.
 pub(super) fn advance(from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
     let axis = to.rotation * Vector3::z();
     axis.dot(&(to.translation.vector - from.translation.vector))
 }
 
-/// The farthest that a point of an instrument of this length (mm) along z moves, mm, at most.
+/// Returns an upper bound of the displacement of any point of an instrument of this length (mm) along z, mm.
 pub(super) fn farthest(from: &Isometry3<f64>, to: &Isometry3<f64>, length: f64) -> f64 {
     let shift = (to.translation.vector - from.translation.vector).norm();
     shift + length * from.rotation.angle_to(&to.rotation)

@@ -1,19 +1,19 @@
-//! Small dense matrices that grow and shrink without being allocated anew each time.
+//! Small dense matrices that grow and shrink with few allocations.
 
 use faer::prelude::ReborrowMut;
 use faer::{Mat, MatMut, MatRef};
 
-/// A matrix within memory that at least doubles when it is outgrown and is kept when the matrix shrinks.
+/// Matrix whose memory at least doubles when outgrown and is kept when the matrix shrinks.
 #[derive(Clone, Debug)]
-pub(super) struct Grown {
+pub(super) struct Growable {
     space: Mat<f64>,
     rows: usize,
     columns: usize,
 }
 
-impl Default for Grown {
+impl Default for Growable {
     fn default() -> Self {
-        Grown {
+        Growable {
             space: Mat::new(),
             rows: 0,
             columns: 0,
@@ -21,10 +21,10 @@ impl Default for Grown {
     }
 }
 
-impl Grown {
-    /// Nothing yet, with memory for a matrix of this size.
-    pub fn with_room(rows: usize, columns: usize) -> Grown {
-        let mut grown = Grown::default();
+impl Growable {
+    /// Creates an empty matrix with memory for this size.
+    pub fn with_room(rows: usize, columns: usize) -> Growable {
+        let mut grown = Growable::default();
         grown.shape(rows, columns).fill(0.0);
         (grown.rows, grown.columns) = (0, 0);
         grown
@@ -46,12 +46,12 @@ impl Grown {
         self.space.as_mut().submatrix_mut(0, 0, self.rows, self.columns)
     }
 
-    /// Rows and columns of this size, with whatever values: the first of them keep theirs.
+    /// Resizes the matrix; remaining entries keep their values, new ones are arbitrary.
     pub fn shape(&mut self, rows: usize, columns: usize) -> MatMut<'_, f64> {
         let (tall, wide) = (self.space.nrows(), self.space.ncols());
         if rows > tall || columns > wide {
             let enough = |need: usize, have: usize| if need > have { need.max(2 * have) } else { have };
-            // Columns an odd number of cache lines apart do not fall on each other in the cache.
+            // An odd number of cache lines between columns avoids cache conflicts.
             let tall = (enough(rows, tall).div_ceil(8) | 1) * 8;
             let mut space = Mat::zeros(tall, enough(columns, wide));
             let kept = self.get();
@@ -65,7 +65,7 @@ impl Grown {
         self.get_mut()
     }
 
-    /// As [`shape`](Self::shape), with zeros in the new rows and columns.
+    /// Resizes as [`shape`](Self::shape) does, with zeros in the new rows and columns.
     pub fn extend(&mut self, rows: usize, columns: usize) {
         let (old_rows, old_columns) = (self.rows.min(rows), self.columns.min(columns));
         let mut matrix = self.shape(rows, columns);
@@ -73,7 +73,7 @@ impl Grown {
         matrix.get_mut(..old_rows, old_columns..).fill(0.0);
     }
 
-    /// Takes out a row; the last one takes its place.
+    /// Removes a row; the last one takes its place.
     pub fn take_row(&mut self, row: usize) {
         let last = self.rows - 1;
         for mut column in self.get_mut().col_iter_mut() {
@@ -82,7 +82,7 @@ impl Grown {
         self.rows = last;
     }
 
-    /// Takes out a column; the last one takes its place.
+    /// Removes a column; the last one takes its place.
     pub fn take_column(&mut self, column: usize) {
         let last = self.columns - 1;
         if column < last {
@@ -95,7 +95,7 @@ impl Grown {
 
 /// Copies the lower triangle to the upper.
 pub(super) fn mirror(mut matrix: MatMut<'_, f64>) {
-    // In blocks, as rows of a large matrix lie far apart.
+    // In blocks, as row entries of a large matrix are far apart.
     const BLOCK: usize = 16;
     let size = matrix.nrows();
     for first in (0..size).step_by(BLOCK) {

@@ -1,43 +1,44 @@
-//! Where an increment is likely to end, from where the one before did.
+//! Secant predictor for the next increment.
 
-/// What a kept factor proposed first in the increment before, and what that missed.
+/// First proposal of a kept factor in the previous increment, and its error.
 ///
-/// It misses alike in increments that are alike: of a load that grows or wanes, of a plate or a needle that goes on or back. The
-/// proposal is linear in what is asked for, so that the share of the last one in it says how much alike they are.
+/// The error is similar in similar increments: of a load that grows or wanes, of a plate or a needle that advances or
+/// retracts. The proposal is linear in the prescribed change, so the component of a new proposal along the previous one
+/// measures their similarity.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Foresight {
+pub(super) struct Predictor {
     proposal: Vec<f64>,
     missed: Vec<f64>,
-    /// Where the contact was, if there was one: weights of degrees of freedom.
+    /// Contact of the proposal, if any: weights of degrees of freedom.
     contact: Vec<(u32, f64)>,
     stage: Stage,
 }
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Stage {
-    /// Nothing is known.
+    /// Nothing is stored.
     #[default]
     Blank,
-    /// There is a proposal; what it misses is not known yet.
+    /// A proposal is stored, but not yet its error.
     Proposed,
-    /// Both are known.
+    /// Proposal and error are stored.
     Known,
 }
 
-/// Proposals are of the same kind while the square of the cosine between them is this at least.
+/// Smallest squared cosine between proposals that count as similar.
 const ALIKE: f64 = 0.5;
 
-/// How much longer than the last a proposal may be that is told of by it.
+/// Largest ratio of a proposal to the previous one for which the prediction is used.
 const LONGEST: f64 = 4.0;
 
-impl Foresight {
-    /// Forgets what was: another factor, another state.
+impl Predictor {
+    /// Clears the predictor, for another factor or state.
     pub fn clear(&mut self) {
         self.stage = Stage::Blank;
     }
 
-    /// Adds to the first proposal of an increment, with a contact of these weights or none, what it is likely to miss. Returns
-    /// whether there was anything to add.
+    /// Adds the predicted error to the first proposal of an increment, with a contact of these weights or none. Returns
+    /// whether anything was added.
     pub fn improve(&mut self, change: &mut [f64], contact: &[(u32, f64)]) -> bool {
         let share = if self.stage == Stage::Known && self.contact == contact {
             self.share(change)
@@ -56,7 +57,7 @@ impl Foresight {
         share != 0.0
     }
 
-    /// Takes what the whole increment changed, whose first proposal was told.
+    /// Records the total change of the increment whose first proposal was stored.
     pub fn learn(&mut self, change: impl Iterator<Item = f64>) {
         if self.stage == Stage::Proposed {
             let missed = change.zip(&self.proposal).map(|(change, proposal)| change - proposal);
@@ -66,7 +67,7 @@ impl Foresight {
         }
     }
 
-    /// How often the last proposal is in this one; 0 where they are not alike.
+    /// Returns the multiple of the last proposal contained in this one; 0 where they are not similar.
     fn share(&self, change: &[f64]) -> f64 {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let before = dot(&self.proposal, &self.proposal);

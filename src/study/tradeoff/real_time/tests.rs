@@ -12,7 +12,7 @@ const fn factor(key: &'static str) -> Factor {
     Factor { key, label: key }
 }
 
-/// Ways by name with their error; the 95th percentile is twice the time, and under the larger load twice that.
+/// Returns variants by name with their error; the 95th percentile is twice the time, and twice that again under the larger load.
 fn table(rows: &[(&str, &str, f64, f64)]) -> Table {
     let goal = Goal::new("ms", "error", (5.0, "nobody sees it")).choosing("grid");
     let mut table = Table::new("ways", "Ways", &FACTORS, &AXES)
@@ -33,7 +33,7 @@ fn names(table: &Table, pace: &Pace) -> Vec<(String, bool)> {
     found.map(|found| (found.take.name, found.met)).collect()
 }
 
-/// 16.7 ms at 60 frames a second: the time that counts is the 95th percentile under the worst load.
+/// 16.7 ms at 60 frames per second: the time that counts is the 95th percentile under the worst load.
 #[test]
 fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
     let rows = [
@@ -65,7 +65,7 @@ fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
     assert_eq!(names(&table(&rows), &slow), expected);
 }
 
-/// Below a tenth of what is of no matter, 0.5 grey levels here, the faster way is taken.
+/// Below a tenth of the tolerance, here 0.5 grey levels, the faster variant is recommended.
 #[test]
 fn nothing_is_paid_for_an_error_that_is_none() {
     let rows = [("plain", "good", 1.0, 0.4), ("plain", "better", 3.0, 1e-9)];

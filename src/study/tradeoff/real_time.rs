@@ -1,35 +1,35 @@
-//! What to take where frames or steps must keep a pace: of the ways that are fast enough, the one that errs least.
+//! Recommendations at a required pace: among the variants that are fast enough, the one with the smallest error.
 
 use serde::{Deserialize, Serialize};
 
-use super::advice::{Goal, SAME, Way};
+use super::advice::{Goal, SAME, Variant};
 use super::render::number;
 use super::{Row, Table};
 
 /// Share of the tolerance below which errors count as zero.
 pub(super) const NOTHING: f64 = 0.1;
 
-/// What must be done again and again, in time.
+/// Recurring task with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Beat {
-    /// A frame of an image.
+    /// Frame of an image.
     Frame,
-    /// A step of the mechanics, which a hand feels.
+    /// Step of the mechanics, for haptic feedback.
     Step,
 }
 
-/// How often frames and steps are wanted.
+/// Required rates of frames and steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Pace {
-    /// Frames a second.
+    /// Frames per second.
     pub frames: f64,
-    /// Steps a second.
+    /// Steps per second.
     pub steps: f64,
 }
 
 impl Default for Pace {
-    /// Frames as a screen shows them, steps as a haptic loop wants them.
+    /// Returns a frame rate for displays and a step rate for haptic loops.
     fn default() -> Self {
         Pace {
             frames: 60.0,
@@ -39,7 +39,7 @@ impl Default for Pace {
 }
 
 impl Pace {
-    /// The time that there is, ms.
+    /// Returns the time available, ms.
     pub fn ms(&self, beat: Beat) -> f64 {
         match beat {
             Beat::Frame => 1e3 / self.frames,
@@ -48,27 +48,27 @@ impl Pace {
     }
 }
 
-/// What to take where time is given.
+/// Recommendation at a required pace.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct InTime {
-    /// What must be in time.
+    /// Task with the deadline.
     pub beat: Beat,
-    /// What is chosen.
+    /// Name of the choice.
     pub choosing: String,
-    /// Under which given choices; empty where there are none.
+    /// Fixed choices that the recommendation applies to; empty if there are none.
     pub given: String,
-    /// What to take: its cost is the time that must keep to the pace, ms.
-    pub take: Way,
-    /// Whether it is fast enough; if not, it is the fastest.
+    /// Recommended variant, with the time that counts towards the pace as its cost, ms.
+    pub take: Variant,
+    /// Whether the variant is fast enough; if not, it is the fastest.
     pub met: bool,
     /// Unit of the error.
     pub unit: String,
-    /// The fastest of those that err less, where any do: it takes too long.
-    pub better: Option<Way>,
+    /// Fastest variant with a smaller error, which is too slow; `None` if there is none.
+    pub better: Option<Variant>,
 }
 
 impl InTime {
-    /// What is chosen, under what.
+    /// Returns the name of the choice, with the fixed choices.
     pub fn what(&self) -> String {
         match self.given.is_empty() {
             true => self.choosing.clone(),
@@ -76,7 +76,7 @@ impl InTime {
         }
     }
 
-    /// The way to take, and whether it is too slow.
+    /// Returns the recommended variant, and states if it is too slow.
     pub fn way(&self) -> String {
         match self.met {
             true => self.take.name.clone(),
@@ -84,21 +84,21 @@ impl InTime {
         }
     }
 
-    /// Error of an option, with the unit.
-    pub fn off(&self, way: &Way) -> String {
+    /// Returns the error of a variant with its unit.
+    pub fn off(&self, way: &Variant) -> String {
         match way.gold {
             true => "none (the gold standard)".to_owned(),
             false => format!("{} {}", number(way.error), self.unit).trim_end().to_owned(),
         }
     }
 
-    /// All of it but what is better, for a terminal.
+    /// Returns the recommendation on one line, for a terminal.
     pub fn sentence(&self) -> String {
         let [way, ms] = [self.way(), number(self.take.cost)];
         format!("{}: {way}: {ms} ms, error {}", self.what(), self.off(&self.take))
     }
 
-    /// What errs less, and costs what.
+    /// Describes the better but slower variant with its cost.
     pub fn beyond(&self) -> String {
         let better = self.better.as_ref();
         better.map_or(String::new(), |way| {
@@ -108,7 +108,7 @@ impl InTime {
 }
 
 impl Table {
-    /// What to take at a pace, for each of the choices that are given; nothing where the goal of the table knows no pace.
+    /// Returns recommendations at a pace for each of the given choices; empty if the goal of the table has no pace.
     pub fn in_time(&self, pace: &Pace) -> Vec<InTime> {
         let Some((goal, (beat, time))) = self.goal.as_ref().and_then(|goal| Some((goal, goal.every?))) else {
             return Vec::new();
@@ -126,9 +126,9 @@ impl Table {
 
     fn fastest(&self, goal: &Goal, rows: &[&Row], beat: Beat, limit_ms: f64) -> Option<InTime> {
         let (ways, _) = self.ways(goal, rows);
-        let error = |way: &Way| way.error.max(NOTHING * goal.within);
-        let by_error = |a: &&Way, b: &&Way| error(a).total_cmp(&error(b)).then(a.cost.total_cmp(&b.cost));
-        let by_time = |a: &&Way, b: &&Way| a.cost.total_cmp(&b.cost);
+        let error = |way: &Variant| way.error.max(NOTHING * goal.within);
+        let by_error = |a: &&Variant, b: &&Variant| error(a).total_cmp(&error(b)).then(a.cost.total_cmp(&b.cost));
+        let by_time = |a: &&Variant, b: &&Variant| a.cost.total_cmp(&b.cost);
         let within = ways.iter().filter(|way| way.cost <= limit_ms).min_by(by_error);
         let take = within.or_else(|| ways.iter().min_by(by_time))?;
         let better = ways

@@ -1,4 +1,4 @@
-//! What the next remesh will be, told to the remesher before it comes.
+//! Prediction of the next remesh, passed to the remesher in advance.
 
 use nalgebra::Point3;
 
@@ -6,24 +6,24 @@ use super::Finite;
 use super::place::Tetrahedron;
 use crate::mechanics::mesh::NONE;
 
-/// Elements that are looked through at most: a node is made every few.
+/// Maximum number of elements searched: a node is made every few.
 const MOST_ELEMENTS: usize = 16;
-/// After so much of the way it is looked again, mm: the path bends.
+/// Tip travel after which the prediction is renewed, mm: the path bends.
 const AGAIN_MM: f64 = 0.25;
 
-/// Inputs of an expectation.
+/// Inputs of a prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Outlook {
     mesh_step: u64,
     element: Option<u32>,
-    /// The way from the last node, in parts of [`AGAIN_MM`].
+    /// Distance from the last node, in units of [`AGAIN_MM`].
     way: i64,
     withdraws: bool,
 }
 
 impl Finite {
-    /// Tells the remesher which node will be made next, or come off if the needle `withdraws`.
-    pub(super) fn look_ahead(&mut self, withdraws: bool) {
+    /// Announces to the remesher the node that will be made next, or released if the needle `withdraws`.
+    pub(super) fn predict_remesh(&mut self, withdraws: bool) {
         let Some(last) = self.contacts.last() else { return };
         let outlook = Outlook {
             mesh_step: self.adaptation.mesh().step(),
@@ -40,7 +40,7 @@ impl Finite {
         }
     }
 
-    /// The corner that moves where the path, if it goes on straight, next wants a node.
+    /// Returns the corner that will be moved for the next node, assuming that the path continues straight.
     pub(super) fn next_corner(&self) -> Option<u32> {
         let mut element = self.tip.element?;
         let last = self.contacts.last()?;

@@ -1,18 +1,19 @@
-//! C and K^c from scratch.
+//! Computation of C and K^c from scratch.
 
 use faer::Accum;
 use faer::prelude::{Reborrow, ReborrowMut};
 
 use super::Exact;
 use super::update::{product, symmetric_product};
-use crate::mechanics::tissue::remesh::grown::symmetrise;
-use crate::mechanics::tissue::remesh::watch::Watch;
+use crate::mechanics::tissue::remesh::growable::symmetrise;
+use crate::mechanics::tissue::remesh::sampling::SampleSchedule;
 use crate::simd::{Kernel, vectorised};
 
 impl Exact {
-    /// Computes C and K^c from the base and `self.difference`, whose degrees of freedom all lie in S, by one LU. The reciprocal
-    /// condition of I + dK G; as an error, where it is too small, and then C and K^c are as they were.
-    pub(super) fn compute_anew(&mut self) -> Result<f64, f64> {
+    /// Computes C and K^c by one LU factorisation from the base and `self.difference`, whose degrees of freedom all lie
+    /// in S. Returns the reciprocal condition of I + dK G; as an error where it is too small, which leaves C and K^c
+    /// unchanged.
+    pub(super) fn recompute(&mut self) -> Result<f64, f64> {
         let Exact {
             held, work, difference, ..
         } = self;
@@ -22,7 +23,7 @@ impl Exact {
         matrix.fill(0.0);
         let mut next = work.next.shape(len, len);
         next.fill(0.0);
-        // Column by column of I + G dK, which is the transpose of I + dK G.
+        // Columns of I + G dK, the transpose of I + dK G.
         for (row, column, value) in difference.entries() {
             let (row, column) = (held.place(row), held.place(column));
             next[(row, column)] = value;
@@ -48,7 +49,7 @@ impl Exact {
         work.lu.solve_transpose(next.rb_mut());
         symmetrise(next.rb_mut());
         std::mem::swap(&mut held.c, &mut work.next);
-        (self.watch, self.is_due, self.work.left) = (Watch::new(), false, false);
+        (self.watch, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
         self.ahead.begin_columns();
 
         self.contacts.forget_correction();
@@ -60,7 +61,7 @@ impl Exact {
     }
 }
 
-/// sums += factor values.
+/// Computes sums += factor values.
 struct AddScaled<'a> {
     sums: &'a mut [f64],
     values: &'a [f64],

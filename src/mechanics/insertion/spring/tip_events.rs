@@ -1,4 +1,4 @@
-//! What the tip meets: the skin, other regions, bone, and the next node.
+//! Events at the tip: the skin, other regions, bone, and the next node.
 
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -13,12 +13,12 @@ use crate::mechanics::insertion::EventKind;
 use crate::mechanics::insertion::anatomy::{BORDER_MM, interaction};
 use crate::mechanics::needle::{Entry, ShaftPoint};
 
-/// Halvings of a step to where the tip meets a surface: 0.4 mm become 1e-12 mm.
+/// Bisections of a step to locate the tip at a surface: 0.4 mm become 1e-12 mm.
 const HALVINGS: usize = 40;
-/// The element that the tip enters holds the point that is so much of a spacing of the nodes ahead.
+/// Distance in front of the tip of the point that determines the element it enters, as a share of the node spacing.
 const AHEAD: f64 = 1e-6;
 
-/// The cylinder's frame for a needle that enters at a point in a direction.
+/// Returns the cylinder's frame for a needle that enters at a point in a direction.
 pub(super) fn frame_at(point: &Point3<f64>, direction: &Vector3<f64>) -> Isometry3<f64> {
     let turn = Rotation3::rotation_between(&Vector3::z(), direction)
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
@@ -26,7 +26,7 @@ pub(super) fn frame_at(point: &Point3<f64>, direction: &Vector3<f64>) -> Isometr
 }
 
 impl MassSpring {
-    /// Looks whether the tip has come into the body.
+    /// Checks whether the tip has entered the body.
     pub(super) fn seek_entry(&mut self, before: &ShaftPoint) {
         let tip = self.tip();
         let Some(region) = self.anatomy.region(&tip.point_mm) else {
@@ -49,7 +49,7 @@ impl MassSpring {
         self.body.element = self.network.around(0)[0];
     }
 
-    /// The tip has left the tissue while that was pressed in, and comes on again: it meets the skin where that is now.
+    /// Handles a tip that left pressed-in tissue and advances again: it meets the skin where that is now.
     fn re_enter(&mut self, tip: &ShaftPoint, region: i32) {
         let ahead = tip.point_mm.coords;
         let Some((element, coordinates)) = self.network.locate(&ahead, self.body.element) else {
@@ -77,7 +77,7 @@ impl MassSpring {
         }
     }
 
-    /// The tip is at the skin, at a node.
+    /// Enters the body at a node of the skin.
     fn enter(&mut self, at: &Point3<f64>, node: u32, region: i32) {
         self.body.entry = Some(Entry {
             point_mm: *at,
@@ -106,7 +106,7 @@ impl MassSpring {
         });
     }
 
-    /// Looks what is at the tip now: another region, bone, or the next node.
+    /// Checks for another region, bone, or the next node at the tip.
     pub(super) fn go_on(&mut self, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
         let tip = self.tip();
         let (point, direction) = (tip.point_mm.coords, tip.tangent.into_inner());
@@ -135,7 +135,7 @@ impl MassSpring {
         }
         let length = self.body.line.length_mm();
         let nodes = self.network.elements[element as usize];
-        // Where the last node has slid back from the tip, the face opposite it is still the far one: the needle may well run
+        // Where the last node has slid back from the tip, the face opposite it is still the far one: the needle may run
         // along others.
         let last = self.contacts.stack.last();
         let at_tip = last.is_some_and(|last| last.arc >= length - SAME_ARC_MM);
@@ -147,12 +147,12 @@ impl MassSpring {
             return;
         }
         let holds = at_tip && self.body.tip_node == TipNode::Held;
-        // A surface takes its tissue along until its force is reached.
+        // A surface drags its tissue along until its puncture force is reached.
         if holds && self.body.breaking {
             return;
         }
         if holds {
-            // Penetrated. The tissue gets this part of the step to draw the node back along the shaft before the next is taken.
+            // Penetrated. The tissue gets this substep to draw the node back along the shaft before the next is taken.
             self.body.tip_node = TipNode::Penetrated;
             return;
         }
@@ -176,7 +176,7 @@ impl MassSpring {
         }
     }
 
-    /// Looks which region the tip is in now; `back` leads from a point at the tip to where it is in the reference state.
+    /// Updates the region of the tip; `back` leads from a point at the tip to its position in the reference state.
     fn meet(&mut self, back: &Vector3<f64>) {
         if self.body.breaking && self.body.tip_node == TipNode::Held {
             return;
@@ -186,7 +186,7 @@ impl MassSpring {
         let region = self.anatomy.region(&reference);
         let of = interaction(self.anatomy.as_ref(), region);
         let near = (reference.coords - self.body.crossed).norm() < BORDER_MM && !of.critical;
-        // Bone is not where springs would have carried it.
+        // Bone does not move with the springs.
         if of.bone.is_none() && !near && std::mem::replace(&mut self.body.region, region) != region {
             self.body.crossed = reference.coords;
             let length = self.body.line.length_mm();
@@ -202,7 +202,7 @@ impl MassSpring {
         }
     }
 
-    /// Looks whether the tip is in bone, which does not yield: it lies as in the undeformed body.
+    /// Checks whether the tip is in bone, which does not yield: it lies as in the undeformed body.
     fn meet_bone(&mut self, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) -> bool {
         let tip = self.tip();
         let region = self.anatomy.region(&tip.point_mm);

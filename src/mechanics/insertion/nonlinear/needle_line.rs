@@ -1,4 +1,4 @@
-//! What lies on a needle's way.
+//! Line of a straight needle through the body, with the regions along it.
 
 use nalgebra::{Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
@@ -7,34 +7,35 @@ use crate::mechanics::insertion::pushing::{Layer, crossings};
 use crate::mechanics::insertion::{Anatomy, Interaction};
 use crate::mechanics::tissue::nonlinear::Solid;
 
-/// A gap between elements on the way that is none, mm: rounding.
+/// Gap between elements on the line that counts as rounding, mm.
 const GAP_MM: f64 = 1e-3;
 
-/// A layer thinner than this is taken for one with that above it: the line grazes the corner of a region.
+/// Thickness below which a layer is merged with that above it, mm: the line grazes the corner of a region.
 const THINNEST_MM: f64 = 0.5;
 
-/// Distance before the entry up to which regions outside the mesh are looked for, mm: a mesh cuts corners of the body.
+/// Distance before the entry up to which regions outside the mesh are searched, mm: a mesh cuts corners of the body.
 const OUTSIDE_MM: f64 = 5.0;
 
-/// Distance at which regions are looked at, mm.
+/// Distance between samples of the regions, mm.
 const SAMPLE_MM: f64 = 0.25;
 
-/// Halvings of it to where a region begins, 1e-8 mm.
+/// Bisections of [`SAMPLE_MM`] to locate the start of a region, to 1e-8 mm.
 const HALVINGS: usize = 25;
 
-/// A line, where it enters the body, and the regions along it.
+/// A line with its entry into the body and the regions along it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Way {
-    /// Where it enters; of one that does not, where the tip was.
+pub(super) struct NeedleLine {
+    /// Point of entry, or the position of the tip if the line does not enter.
     pub entry: Point3<f64>,
     pub direction: Unit<Vector3<f64>>,
-    /// Where each region begins, mm beyond the entry; none of a line that does not enter.
+    /// Start (mm beyond the entry) and number of each region; empty for a line that does not enter.
     pub regions: Vec<(f64, i32)>,
 }
 
-impl Way {
-    /// That of a needle whose tip is at `tip`: into the first part of the body before it, or the one that it is in.
-    pub fn find(body: &Solid, anatomy: &dyn Anatomy, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) -> Way {
+impl NeedleLine {
+    /// Finds the line of a needle whose tip is at `tip`: into the first part of the body in front of it, or the one that
+    /// contains it.
+    pub fn find(body: &Solid, anatomy: &dyn Anatomy, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) -> NeedleLine {
         let mut all = crossings(body, &(*tip).into(), &(**direction).into());
         all.sort_by(|a, b| a.from_mm.total_cmp(&b.from_mm).then(a.element.cmp(&b.element)));
         let (mut start, mut end) = (0, f64::NEG_INFINITY);
@@ -54,7 +55,7 @@ impl Way {
         let entry_mm = stretch.first().map_or(0.0, |crossing| crossing.from_mm);
         let entry = tip + entry_mm * direction.into_inner();
         let length_mm = if stretch.is_empty() { 0.0 } else { end - entry_mm };
-        Way {
+        NeedleLine {
             regions: layered(anatomy, &entry, direction, length_mm),
             entry,
             direction: *direction,
@@ -65,17 +66,17 @@ impl Way {
         self.regions.get(layer).map(|(_, region)| *region)
     }
 
-    /// How far a point is beside the line, mm.
+    /// Returns the distance of a point from the line, mm.
     pub fn beside_mm(&self, point: &Point3<f64>) -> f64 {
         (point - self.entry).cross(&self.direction).norm()
     }
 
-    /// How far a point is beyond the entry, mm.
+    /// Returns the position of a point along the line, mm beyond the entry.
     pub fn travel_mm(&self, point: &Point3<f64>) -> f64 {
         (point - self.entry).dot(&self.direction)
     }
 
-    /// The layers, by what their regions do to the needle.
+    /// Returns the layers, by the interactions of their regions with the needle.
     pub fn layers(&self, of: impl Fn(i32) -> Interaction) -> Vec<Layer> {
         let layer = |&(from_mm, region): &(f64, i32)| {
             let of = of(region);
@@ -92,9 +93,9 @@ impl Way {
     }
 }
 
-/// Where each region begins, mm from the entry, along a line of some length through the body. What is in no region counts as what is
-/// before it, or at the beginning behind it. Regions of the body that the mesh leaves out before the entry are met there, one after the
-/// other.
+/// Returns the start of each region, mm from the entry, along a line of the given length through the body. Points outside
+/// all regions belong to the region before them, or, at the beginning, to that after them. Regions of the body in front of
+/// the entry that the mesh omits are met at the entry, one after the other.
 fn layered(
     anatomy: &dyn Anatomy,
     entry: &Point3<f64>,
@@ -143,7 +144,7 @@ fn layered(
     kept
 }
 
-/// Where bone is first met on the line of a needle from `tip` to `length_mm` farther, mm from the tip.
+/// Returns the distance from `tip` to the first bone on the line of a needle up to `length_mm`, mm.
 pub fn obstacle(
     anatomy: &dyn Anatomy,
     tip: &Point3<f64>,
@@ -159,7 +160,7 @@ pub fn obstacle(
     places.into_iter().find(|mm| is_bone(*mm))
 }
 
-/// Whether the shaft of a needle, `length_mm` behind its tip, is in the body, or the tip touches it.
+/// Returns whether the shaft of a needle, `length_mm` behind its tip, is in the body, or the tip touches it.
 pub fn in_body(body: &Solid, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>, length_mm: f64) -> bool {
     let met = crossings(body, &(*tip).into(), &(**direction).into());
     // A surface at the tip is not yet entered.

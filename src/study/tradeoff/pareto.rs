@@ -1,12 +1,11 @@
-//! The best rows of a table: what no other row beats in both things that its goal weighs.
+//! Best rows of a table: the Pareto front of the two axes of its goal.
 
 use super::{Goal, Row, Table};
 use crate::study::plot;
 
 impl Table {
-    /// Whether each row is one of the best: no other under the same given choices and conditions is both as cheap and nearer, or
-    /// cheaper and as near. The gold standard takes part, without error; flagged rows do not: a broken promise is no choice. Nothing
-    /// is best where there is nothing to choose.
+    /// Returns whether each row is among the best: no other row under the same given choices and conditions is as good in cost and error
+    /// and better in one of them. The gold standard takes part with zero error; flagged rows are excluded. Without a goal no row is best.
     pub fn best(&self) -> Vec<bool> {
         let Some(goal) = &self.goal else {
             return vec![false; self.rows.len()];
@@ -21,8 +20,8 @@ impl Table {
         (0..self.rows.len()).map(is_best).collect()
     }
 
-    /// What the mark of the best rows says, in words; nothing where no row has it.
-    pub(super) fn meaning_of_best(&self) -> String {
+    /// Describes the meaning of the mark of the best rows; empty if no row is marked.
+    pub(super) fn meaning_of_pareto(&self) -> String {
         let Some(goal) = self.goal.as_ref().filter(|_| self.best().contains(&true)) else {
             return String::new();
         };
@@ -37,7 +36,7 @@ impl Table {
         format!("best: no other row{same} has both less \"{cost}\" and less \"{error}\"")
     }
 
-    /// The points that the marks of the best rows make among rows, one front for each of their kinds, from left to right.
+    /// Returns the Pareto fronts of the best rows among those shown, one for each set of competing rows, from left to right.
     pub(super) fn fronts(&self, x: &str, y: &str, shown: impl Fn(&Row) -> bool) -> Vec<Vec<[f64; 2]>> {
         let Some(goal) = self.goal.as_ref().filter(|goal| [goal.cost, goal.error] == [x, y]) else {
             return Vec::new();
@@ -49,7 +48,7 @@ impl Table {
             .zip(self.best())
             .filter(|(row, best)| *best && shown(row));
         for (row, _) in best {
-            // A gold standard without a measured error has no place in a plot.
+            // A gold standard without a measured error cannot be plotted.
             let (Some(across), Some(up)) = (self.value(row, x), self.value(row, y)) else {
                 continue;
             };
@@ -66,13 +65,13 @@ impl Table {
         sorted.collect()
     }
 
-    /// Cost and error of a row, where both are known.
+    /// Returns cost and error of a row; `None` if either is unknown or the row is flagged.
     fn weighed(&self, goal: &Goal, row: &Row) -> Option<[f64; 2]> {
         let error = self.value(row, goal.error).or(row.gold.then_some(0.0));
         Some([self.value(row, goal.cost)?, error?]).filter(|_| row.flag.is_none())
     }
 
-    /// What rivals have in common.
+    /// Returns the choices that competing rows share.
     fn kind<'a>(&self, goal: &Goal, row: &'a Row) -> Vec<&'a str> {
         self.choices(row, &[&goal.each[..], &goal.over].concat())
     }

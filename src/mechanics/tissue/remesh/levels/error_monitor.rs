@@ -1,18 +1,19 @@
-//! Whether the inverse is still good enough.
+//! Error monitoring of the dense inverse.
 
 use faer::Side;
 use faer::linalg::solvers::Llt;
 
 use super::{Following, Store};
 use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
-use crate::mechanics::tissue::remesh::watch::Watch;
+use crate::mechanics::tissue::remesh::sampling::SampleSchedule;
 use crate::mechanics::tissue::remesh::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport};
 use crate::random::{hash3, seed_words};
 
-/// Of the limit, the sampled residual at which the inverse is rebuilt: a few columns are looked at, and others are worse.
+/// Sampled residual at which the inverse is rebuilt, relative to the limit: only a few columns are sampled, and others
+/// are worse.
 const REBUILD_AT: f64 = 0.1;
 
-/// Of the limit, the sampled residual below which the next sample may wait: what a few updates add is less than the rest.
+/// Sampled residual below which the next sample may wait, relative to the limit: a few updates add less than the rest.
 const CALM: f64 = 1e-2;
 
 impl<S: Store> Following<S> {
@@ -23,12 +24,12 @@ impl<S: Store> Following<S> {
         }
     }
 
-    /// Whether K^c can be a compliance: symmetric it is, and positive definite it must be.
+    /// Whether K^c can be a compliance, that is, positive definite; it is always symmetric.
     fn is_definite(&self) -> bool {
         self.contacts.is_empty() || Llt::new(self.condensed.as_ref(), Side::Lower).is_ok()
     }
 
-    /// Whether the residual is to be sampled after a change of this reciprocal condition.
+    /// Whether to sample the residual after a change of this reciprocal condition.
     fn is_sample_due(&mut self, reciprocal_condition: f64) -> bool {
         let every = self.options.check_every;
         let is_due = self.watch.is_due(every);
@@ -41,7 +42,8 @@ impl<S: Store> Following<S> {
         is_due || (every > 0 && is_doubtful)
     }
 
-    /// The residual of a column where the inverse has just changed most, of the contact that yields most, and of any other.
+    /// Samples the residual of three columns: one where the inverse has just changed most, that of the most compliant
+    /// contact, and a random one.
     fn sample(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<f64, RemeshError> {
         let any = hash3([self.step as i32, 0, 0], seed_words(0))[0] as usize % self.inverse.store.size();
         let own = change.support.first().map_or(any, |dof| *dof as usize);
@@ -51,7 +53,7 @@ impl<S: Store> Following<S> {
         self.inverse.residual(mesh, &[own, contact, any])
     }
 
-    /// Whether the residual passes the limit all the same after a rebuild, as it does where one update loses as much.
+    /// Whether the residual exceeds the limit even after a rebuild, as when one update loses that much.
     pub(super) fn is_lost(
         &mut self,
         mesh: &AdaptedMesh,
@@ -63,7 +65,7 @@ impl<S: Store> Following<S> {
         Ok(residual.is_nan() || residual > REBUILD_AT * self.residual_limit())
     }
 
-    /// Looks at what a change has left behind, and says why the inverse must be rebuilt if it must.
+    /// Checks the inverse after a change; returns the reason for a rebuild, if one is needed.
     pub(super) fn due(
         &mut self,
         mesh: &AdaptedMesh,
@@ -74,7 +76,7 @@ impl<S: Store> Following<S> {
             let residual = self.sample(mesh, change)?;
             report.residual = Some(residual);
             let limit = self.residual_limit();
-            let calmer = std::mem::replace(&mut self.watch, Watch::new());
+            let calmer = std::mem::replace(&mut self.watch, SampleSchedule::new());
             if residual.is_nan() || residual > REBUILD_AT * limit {
                 return Ok(Some(Rebuilt::Residual(residual)));
             }

@@ -1,7 +1,7 @@
 use super::*;
 
-fn filled(rows: usize, columns: usize) -> Grown {
-    let mut grown = Grown::default();
+fn filled(rows: usize, columns: usize) -> Growable {
+    let mut grown = Growable::default();
     let mut matrix = grown.shape(rows, columns);
     for (i, j) in (0..rows).flat_map(|i| (0..columns).map(move |j| (i, j))) {
         matrix[(i, j)] = (10 * i + j) as f64;
@@ -19,7 +19,7 @@ fn values_stay_when_it_grows_and_what_is_new_is_zero() {
         let expected = if i < 3 && j < 4 { (10 * i + j) as f64 } else { 0.0 };
         assert_eq!(matrix[(i, j)], expected, "({i}, {j})");
     }
-    // What a shrunken matrix had is not seen again.
+    // Former contents of a shrunken matrix do not reappear.
     grown.get_mut().fill(7.0);
     grown.shape(2, 2);
     grown.extend(3, 3);

@@ -1,27 +1,27 @@
-//! When a kept factor has cost more than a new one would.
+//! Decision when to replace a kept factor.
 
-/// Iterations that take as long as a factorisation, both in single precision: 10 and 12 were measured at 9,300 degrees of freedom.
+/// Iterations that take as long as a factorisation, both in single precision; 10 and 12 were measured at 9,300 degrees
+/// of freedom.
 const PRICE: usize = 11;
 
-/// Iterations of increments, against those that the factor served best with.
+/// Excess of the iterations of increments over those of the first increment with this factor.
 ///
-/// A factor that grows stale costs a few iterations more at each increment. It is made anew when these add up to what that takes:
-/// whatever comes, that is at most twice what the best choice in hindsight would have taken (as whoever rents skis buys them when
-/// the rents come to their price).
+/// A stale factor costs a few more iterations in each increment. It is replaced when these add up to the cost of a
+/// factorisation: the total is then at most twice that of the best choice in hindsight (as in the ski rental problem).
 #[derive(Clone, Debug, Default)]
-pub(super) struct Upkeep {
+pub(super) struct RefactorisationPolicy {
     /// Iterations of the first increment with this factor.
     usual: Option<usize>,
     excess: usize,
 }
 
-impl Upkeep {
-    /// A new factor.
+impl RefactorisationPolicy {
+    /// Resets the count for a new factor.
     pub fn renew(&mut self) {
         *self = Self::default();
     }
 
-    /// An increment took so many iterations with the factor at hand.
+    /// Counts the iterations of an increment with the current factor.
     pub fn took(&mut self, iterations: usize) {
         let usual = *self.usual.get_or_insert(iterations);
         self.excess += iterations.saturating_sub(usual);
@@ -39,7 +39,7 @@ mod tests {
 
     #[test]
     fn a_factor_is_due_when_it_has_cost_as_much_as_a_new_one() {
-        let mut upkeep = Upkeep::default();
+        let mut upkeep = RefactorisationPolicy::default();
         for iterations in [3, 2, 3, 3] {
             upkeep.took(iterations);
         }

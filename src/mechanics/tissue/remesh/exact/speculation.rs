@@ -1,44 +1,44 @@
-//! Work for a change that is expected, done before it comes.
+//! Early work for an expected change.
 //!
-//! Around which degrees of freedom P a change will be is known before how large it is. With P in S, where its rows and columns of C are
-//! zero, G[S, P] can be read and C G[S, P] multiplied, column by column: half of what an update takes.
+//! The degrees of freedom P around a change are known before its size. With P in S, where its rows and columns of C are
+//! zero, G[S, P] can be read and C G[S, P] computed column by column: half the work of an update.
 
 use faer::Accum;
 use faer::prelude::ReborrowMut;
 
 use super::Exact;
-use super::held::CHANGE_ROOM;
+use super::support::CHANGE_ROOM;
 use super::update::product;
 
-/// Columns of C G[S, P] that are done at once.
+/// Columns of C G[S, P] computed at once.
 const COLUMNS_AT_ONCE: usize = 8;
 
-/// The change that is expected, and what is done for it.
+/// Expected change, and the work done for it.
 #[derive(Debug)]
-pub(super) struct Ahead {
-    /// P; none is expected if there is nothing in it.
+pub(super) struct Speculation {
+    /// Degrees of freedom P of the change; empty if none is expected.
     support: Vec<u32>,
-    /// The size of S without it, once P is in S.
+    /// Size of S without P, once P is in S.
     before: Option<usize>,
-    /// Columns of C G[S, P] that are done.
+    /// Number of columns of C G[S, P] computed.
     columns: usize,
 }
 
-impl Ahead {
-    pub fn new() -> Ahead {
-        Ahead {
+impl Speculation {
+    pub fn new() -> Speculation {
+        Speculation {
             support: Vec::with_capacity(CHANGE_ROOM),
             before: None,
             columns: 0,
         }
     }
 
-    /// C is another.
+    /// Discards the computed columns, as C has changed.
     pub fn begin_columns(&mut self) {
         self.columns = 0;
     }
 
-    /// Nothing is expected any more.
+    /// Cancels the expected change.
     pub fn forget(&mut self) {
         self.support.clear();
         (self.before, self.columns) = (None, 0);
@@ -50,34 +50,35 @@ impl Ahead {
 }
 
 impl Exact {
-    /// Expects the next change around these degrees of freedom.
+    /// Sets the degrees of freedom of the expected change.
     pub(super) fn await_change(&mut self, support: &[u32]) {
         if self.options.tended && self.ahead.support != support {
-            self.give_up_ahead();
+            self.discard_speculation();
             self.ahead.support.extend_from_slice(support);
         }
     }
 
-    /// A change has come. The size of S without it, and how many columns of C G[S, P] are done.
+    /// Ends the expectation when a change arrives. Returns the size of S without it, and the number of columns of C
+    /// G[S, P] already computed.
     pub(super) fn meet(&mut self, support: &[u32]) -> (usize, usize) {
         if self.ahead.support != support {
-            self.give_up_ahead();
+            self.discard_speculation();
         }
         let met = (self.ahead.before.unwrap_or(self.held.len()), self.ahead.columns);
         self.ahead.forget();
         met
     }
 
-    /// Takes out of S what was only expected.
-    fn give_up_ahead(&mut self) {
+    /// Removes from S what was only expected.
+    fn discard_speculation(&mut self) {
         if let Some(before) = self.ahead.before {
             self.held.truncate(before);
         }
         self.ahead.forget();
     }
 
-    /// Does one thing for the expected change; nothing may be left to do in C.
-    pub(super) fn work_ahead(&mut self) {
+    /// Performs one task for the expected change; no update of C may be pending.
+    pub(super) fn speculate(&mut self) {
         let Exact {
             ahead,
             held,
@@ -92,7 +93,7 @@ impl Exact {
         }
         if ahead.before.is_none() {
             let before = held.len();
-            // What cannot be had now is told when the change comes.
+            // A failure is reported when the change arrives.
             match held.extend(&mut **source, &ahead.support, contacts.dofs()) {
                 Ok(()) => ahead.before = Some(before),
                 Err(_) => ahead.forget(),

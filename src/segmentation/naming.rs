@@ -1,4 +1,4 @@
-//! Labels named by their values, and labels that cannot be what their names say.
+//! Naming of labels by their values, and plausibility checks of names.
 
 use super::{Naming, Segmentation};
 use crate::document::plain;
@@ -7,9 +7,9 @@ use crate::tissue::{Preset, totalsegmentator, without_side};
 use crate::volume::LabelVolume;
 use crate::volume::complete::has_body_values;
 
-/// Mass of an organ of a newborn and of an adult man, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs
-/// with what is in them), by its name without a side. Of a vessel, without a newborn's: the blood in all large arteries or all large
-/// veins of a man (6 and 18 % of 5.3 l, table 2.14), which is questioned beyond that.
+/// Mass of an organ of a newborn and of an adult man, g (ICRP Publication 89, 2002, table 2.8; one of a pair; hollow organs with
+/// their contents), by its name without a side. For a vessel, without a newborn's: the blood in all large arteries or all large
+/// veins of a man (6 and 18 % of 5.3 l, table 2.14), above which it is implausible.
 const ORGANS: &[(&str, f64, f64)] = &[
     ("spleen", 9.5, 150.0),
     ("kidney", 12.5, 155.0),
@@ -26,28 +26,28 @@ const ORGANS: &[(&str, f64, f64)] = &[
     ("inferior_vena_cava", 0.0, 954.0),
 ];
 
-/// Smallest share of a newborn's organ, and largest multiple of an adult's, that is not questioned: empty organs and large
+/// Smallest plausible fraction of a newborn's organ, and largest plausible multiple of an adult's: empty organs and large
 /// spleens are within them. Tissue weighs about 1 g/ml.
 const SPAN: [f64; 2] = [1.0 / 3.0, 6.0];
 
-/// Organs of credible volume from which on a reading by value is taken without doubt.
+/// Number of organs of plausible volume from which a numbering is accepted without a warning.
 const ENOUGH: usize = 3;
 
-/// True for the values that masks have, which tell nothing.
+/// Whether a value is common in masks and thus carries no information.
 pub(super) fn is_mask(value: i64) -> bool {
     matches!(value, 1 | 255)
 }
 
-/// Where a label is and how much of it.
+/// Size and position of a label.
 struct Size {
     ml: f64,
-    /// The edge of the scan cuts it, so that it may be small.
+    /// Whether the edge of the scan cuts the label, so that it may be small.
     cut: bool,
-    /// Mean left coordinate, mm; not a number for a label without voxels.
+    /// Mean coordinate towards the left, mm; NaN for a label without voxels.
     left_mm: f64,
 }
 
-/// The size of each label.
+/// Size of each label.
 pub(super) struct Sizes(Vec<Size>);
 
 impl Sizes {
@@ -58,8 +58,8 @@ impl Sizes {
             let mm3 = label.voxels as f64 * volume.voxel_mm3();
             Size {
                 ml: mm3 / 1000.0,
-                // A tube that leaves the scan is cut across less than a face of the cube of its volume, the rest of an organ
-                // across more.
+                // A tube that leaves the scan is cut across less than a face of the cube of its volume, other truncated
+                // organs across more.
                 cut: cut >= mm3.powf(2.0 / 3.0),
                 left_mm,
             }
@@ -83,7 +83,7 @@ fn left_mm(volume: &LabelVolume) -> Vec<f64> {
     sums.iter().zip(counts).map(|(sum, count)| sum / count).collect()
 }
 
-/// Area on which each label meets the edge of the scan, mm^2.
+/// Area of contact of each label with the edge of the scan, mm^2.
 fn cut_mm2(volume: &LabelVolume) -> Vec<f64> {
     let (size, to_world) = (volume.size(), volume.index_to_world());
     let step = |axis: usize| to_world.fixed_view::<3, 1>(0, axis).into_owned();
@@ -102,12 +102,12 @@ fn cut_mm2(volume: &LabelVolume) -> Vec<f64> {
     areas
 }
 
-/// How well names fit the labels that have them.
+/// Plausibility of the names of labels.
 #[derive(Default)]
 struct Fit {
-    /// Labels of the volume of their organ.
+    /// Number of labels with a plausible volume for their organ.
     sound: usize,
-    /// Labels that cannot be what their names say, in words.
+    /// Descriptions of labels with an implausible volume for their name.
     odd: Vec<String>,
     /// Sum of the squares of logarithmic distances from an adult's organs.
     misfit: f64,
@@ -149,7 +149,7 @@ impl Segmentation {
         fit
     }
 
-    /// The organ of a label by its value. Those of a body, which TotalSegmentator does not have, count only in a file that has one.
+    /// Organ of a label by its value. Body values, which TotalSegmentator does not have, count only in a file that has a body.
     fn organ(&self, preset: Preset, index: usize) -> Option<&'static str> {
         let value = self.volume.labels()[index].value;
         let of_body = totalsegmentator::body().iter().any(|class| class.value == value);
@@ -158,19 +158,19 @@ impl Segmentation {
             .filter(|_| !of_body || has_body_values(&self.volume))
     }
 
-    /// The names of labels by a numbering that knows them all.
+    /// Names of labels by a numbering that knows all of them.
     fn organs(&self, preset: Preset, nameless: &[usize]) -> Option<Vec<(usize, String)>> {
         let organ = |&index: &usize| Some((index, self.organ(preset, index)?.to_owned()));
         nameless.iter().map(organ).collect()
     }
 
-    /// Names the labels without names by their values, in the numbering that fits them.
+    /// Names the unnamed labels by their values, in the best-fitting numbering.
     pub(super) fn read_values(&mut self, naming: &Naming, sizes: &Sizes) {
         let all: Vec<usize> = self.nameless(naming).collect();
         if naming.preset != Preset::Auto {
             return self.read_as(naming.preset, &all);
         }
-        // Values that no numbering has do not keep the others from theirs, where organs of these are credible.
+        // Values unknown to every numbering do not prevent naming the others, if these give plausible organs.
         let numbered = |index: &usize| self.organ(Preset::TotalSegmentator, *index).is_some();
         let (nameless, strange): (Vec<usize>, Vec<usize>) = all.iter().partition(|index| numbered(index));
         let only_mask = self.volume.labels().len() == 2 && is_mask(self.volume.labels()[1].value);
@@ -225,7 +225,7 @@ impl Segmentation {
         self.read_as(preset, &all);
     }
 
-    /// Names labels by the values of a numbering, with a warning of those that it does not have.
+    /// Names labels by the values of a numbering, with a warning about unknown values.
     fn read_as(&mut self, preset: Preset, nameless: &[usize]) {
         let organs: Vec<_> = nameless.iter().map(|index| self.organ(preset, *index)).collect();
         let (mut values, mut strange) = (Vec::new(), Vec::new());
@@ -252,7 +252,7 @@ impl Segmentation {
         }
     }
 
-    /// A warning where labels cannot be what their names say.
+    /// Warning about labels that are implausible for their names.
     pub(super) fn doubts(&self, sizes: &Sizes) -> Option<String> {
         let labels = self.volume.labels().iter().enumerate().skip(1);
         let names: Vec<(usize, String)> = labels
