@@ -44,19 +44,18 @@ pub struct PlannedResource {
 /// Passes and resources of a frame.
 ///
 /// ```
-/// use insonify::Effects;
-/// use insonify::Plan;
-/// use insonify::SceneFile;
-/// use insonify::synth::tables::Tables;
+/// use insonify::{Backend, Effects, SceneFile};
 ///
 /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
 /// let mut scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
-/// let usual = Plan::new(&Tables::new(scene.anatomy.clone(), scene.settings.clone())?);
+/// let usual = scene.synthesizer(Backend::Cpu)?;
+/// let usual = usual.plan();
 /// assert!(usual.has("speckle") && !usual.has("needle") && !usual.has("warp"));
 /// println!("{}", usual.report());
 ///
 /// scene.settings.effects = Effects::default();
-/// let slicing = Plan::new(&Tables::new(scene.anatomy, scene.settings)?);
+/// let slicing = scene.synthesizer(Backend::Cpu)?;
+/// let slicing = slicing.plan();
 /// assert!(slicing.passes.len() < usual.passes.len() && slicing.bytes() < usual.bytes());
 /// assert!(slicing.without.iter().any(|omitted| omitted.name == "speckle"));
 /// # Ok::<(), Box<dyn std::error::Error>>(())

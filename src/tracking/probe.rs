@@ -64,13 +64,12 @@ pub enum ProbeShape {
 /// [`Probe::validate`], which [`BeamGrid::new`] calls.
 ///
 /// ```
-/// use insonify::tracking::probe::{BeamGrid, Probe, ProbeShape};
+/// use insonify::{Probe, ProbeShape};
 ///
 /// let probe = Probe::new(ProbeShape::Curvilinear { radius_mm: 60.0, angle_deg: 70.0 }, 150.0)?;
-/// let beam = BeamGrid::new(&probe)?;
-/// assert_eq!(beam.rays().len(), 256);
-/// assert!(beam.to_beam(0.0, 75.0).is_some());
-/// # Ok::<(), insonify::tracking::probe::InvalidProbe>(())
+/// assert_eq!((probe.lines, probe.samples), (256, 512));
+/// assert!(Probe::new(ProbeShape::Linear { width_mm: -38.0 }, 60.0).is_err());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "ProbeSpec", into = "ProbeSpec")]

@@ -51,12 +51,6 @@ pub enum CondensedError {
         /// Index of the node.
         node: u32,
     },
-    /// The node is not a contact.
-    #[error("node {node} is no contact")]
-    Unknown {
-        /// Index of the node.
-        node: u32,
-    },
     /// K^-1 belongs to another system.
     #[error("the compliance has {found} degrees of freedom, the mesh {expected} free ones")]
     Size {

@@ -34,7 +34,7 @@ pub enum RemeshError {
     /// All moves since the base together make the stiffness nearly singular relative to that of the base.
     #[error(
         "the mesh has moved so far from its base that I + dK G is singular to working precision: reciprocal condition \
-         {reciprocal_condition:.1e}, at least {limit:.1e} expected; prepare a new base"
+         {reciprocal_condition:.1e}, at least {limit:.1e} expected: the mesh has moved too far from its base"
     )]
     FarFromBase {
         /// Estimated reciprocal condition.

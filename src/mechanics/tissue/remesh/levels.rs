@@ -36,8 +36,8 @@ use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remes
 use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;
-use inverse::Inverse;
 use error_monitor::suits;
+use inverse::Inverse;
 pub use store::{Host, Store, Which};
 
 /// Remesher of the levels I to IV with a dense inverse in CPU memory. It runs on the current rayon pool; the result

@@ -34,7 +34,7 @@ pub struct RemeshReport {
     /// Why the compliance was recomputed, if it was.
     pub rebuilt: Option<Rebuilt>,
     /// Whether a due rebuild failed, so that the updated compliance was kept, or left a residual beyond the limit, as
-    /// near incompressibility, where one update loses more digits than the limit allows. A new base is then needed.
+    /// near incompressibility, where one update loses more digits than the limit allows.
     pub rebuild_failed: bool,
     /// Bytes of the large matrices read and written.
     pub bytes_moved: usize,
