@@ -21,7 +21,7 @@ impl Table {
     }
 
     /// Describes the meaning of the mark of the best rows; empty if no row is marked.
-    pub(super) fn meaning_of_pareto(&self) -> String {
+    pub(super) fn meaning_of_best(&self) -> String {
         let Some(goal) = self.goal.as_ref().filter(|_| self.best().contains(&true)) else {
             return String::new();
         };

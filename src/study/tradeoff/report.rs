@@ -106,7 +106,7 @@ pub struct Section {
     /// Whether each row is among the best.
     pub best: Vec<bool>,
     /// Meaning of the mark of the best rows; empty if no row is marked.
-    pub meaning_of_pareto: String,
+    pub meaning_of_best: String,
     /// Recommendations.
     pub advice: Vec<Advice>,
     /// Recommendations at the required pace.
@@ -316,7 +316,7 @@ impl Section {
             first: first.into_iter().filter_map(place).collect(),
             rows: table.rows.iter().map(row).collect(),
             best: table.best(),
-            meaning_of_pareto: table.meaning_of_pareto(),
+            meaning_of_best: table.meaning_of_best(),
             advice: table.advice(),
             in_time: table.in_time(pace),
         }
@@ -338,7 +338,7 @@ impl Section {
             none if none.is_empty() => none,
             some => format!("Columns: {some}."),
         };
-        let best = match self.meaning_of_pareto.as_str() {
+        let best = match self.meaning_of_best.as_str() {
             "" => String::new(),
             meaning => format!("{meaning}."),
         };

@@ -97,12 +97,12 @@ fn the_best_are_found_within_each_group_and_broken_promises_are_none() {
     table.mark_gold("way", "finest");
     assert_eq!(table.best(), [false, true, false, false, true, false, true]);
     assert_eq!(
-        table.meaning_of_pareto(),
+        table.meaning_of_best(),
         "best: no other row with the same size has both less \"ms\" and less \"err\""
     );
     // Without a goal no row is best.
     table.goal = None;
-    assert!(!table.best().contains(&true) && table.meaning_of_pareto().is_empty());
+    assert!(!table.best().contains(&true) && table.meaning_of_best().is_empty());
 }
 
 #[test]

@@ -39,19 +39,19 @@ mod tests {
 
     #[test]
     fn a_factor_is_due_when_it_has_cost_as_much_as_a_new_one() {
-        let mut upkeep = RefactorisationPolicy::default();
+        let mut policy = RefactorisationPolicy::default();
         for iterations in [3, 2, 3, 3] {
-            upkeep.took(iterations);
+            policy.took(iterations);
         }
-        assert!(!upkeep.is_due());
+        assert!(!policy.is_due());
         // Two more than usual each time.
         let until = (1..).find(|_| {
-            upkeep.took(5);
-            upkeep.is_due()
+            policy.took(5);
+            policy.is_due()
         });
         assert_eq!(until, Some(PRICE.div_ceil(2)));
-        upkeep.renew();
-        upkeep.took(20);
-        assert!(!upkeep.is_due());
+        policy.renew();
+        policy.took(20);
+        assert!(!policy.is_due());
     }
 }

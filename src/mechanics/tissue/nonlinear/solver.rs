@@ -37,8 +37,8 @@ pub struct Solver<const D: usize, const N: usize> {
     /// Change in an iteration: displacements, then the contact force.
     change: Vec<f64>,
     anderson: Anderson,
-    foresight: Predictor,
-    upkeep: RefactorisationPolicy,
+    predictor: Predictor,
+    policy: RefactorisationPolicy,
     rest: Vec<f64>,
     progress: Progress,
     /// Largest nodal force so far, N.
@@ -94,8 +94,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             offset: vec![0.0; all],
             change: vec![0.0; all + 1],
             anderson: Anderson::default(),
-            foresight: Predictor::default(),
-            upkeep: RefactorisationPolicy::default(),
+            predictor: Predictor::default(),
+            policy: RefactorisationPolicy::default(),
             rest: vec![0.0; supports.free().len()],
             progress: Progress::default(),
             peak: 0.0,
@@ -232,8 +232,8 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Discards what was learnt with another factor, or in another state.
     fn forget(&mut self) {
         self.anderson.clear();
-        self.foresight.clear();
-        self.upkeep.renew();
+        self.predictor.clear();
+        self.policy.renew();
     }
 
     fn advance(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {

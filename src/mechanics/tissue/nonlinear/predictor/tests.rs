@@ -8,10 +8,10 @@ fn outcome(proposal: [f64; 3]) -> [f64; 3] {
 }
 
 fn taught(proposal: [f64; 3], contact: &[(u32, f64)]) -> Predictor {
-    let mut foresight = Predictor::default();
-    assert!(!foresight.improve(&mut proposal.clone(), contact));
-    foresight.learn(outcome(proposal).into_iter());
-    foresight
+    let mut predictor = Predictor::default();
+    assert!(!predictor.improve(&mut proposal.clone(), contact));
+    predictor.learn(outcome(proposal).into_iter());
+    predictor
 }
 
 #[test]

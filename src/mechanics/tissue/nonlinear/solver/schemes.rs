@@ -53,7 +53,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     pub(super) fn modified(&mut self, target: &Target<'_>, memory: usize) -> Result<(), NonlinearError> {
         let learns = memory > 0;
         // Whether the factor is that of exactly this state.
-        let mut own = learns && self.upkeep.is_due();
+        let mut own = learns && self.policy.is_due();
         if own {
             self.factor(Kind::Scalar)?;
         }
@@ -74,7 +74,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             let mut foreseen = false;
             if learns && self.progress.iterations == 1 {
                 let contact = target.contact.map_or(&[][..], |contact| &contact.weights);
-                foreseen = self.foresight.improve(&mut self.change, contact);
+                foreseen = self.predictor.improve(&mut self.change, contact);
             } else if !pending {
                 self.anderson.improve(memory, &mut self.change);
             }
@@ -91,7 +91,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             };
             if foreseen && misled {
                 // This increment is unlike the last one.
-                self.foresight.clear();
+                self.predictor.clear();
                 self.state.take(&self.before);
                 residual = self.residual(target);
                 continue;
@@ -128,11 +128,11 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Records a balanced increment for use in the next.
     fn learn(&mut self) {
         if self.progress.iterations > 0 {
-            self.upkeep.took(self.progress.iterations);
+            self.policy.took(self.progress.iterations);
             let (now, before) = (&self.state, &self.start);
             let now = now.displacement.iter().chain([&now.contact]);
             let before = before.displacement.iter().chain([&before.contact]);
-            self.foresight.learn(now.zip(before).map(|(now, before)| now - before));
+            self.predictor.learn(now.zip(before).map(|(now, before)| now - before));
         }
     }
 
