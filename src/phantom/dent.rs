@@ -45,14 +45,14 @@ impl Dent {
         }
     }
 
-    /// Largest displacement, mm.
-    pub(super) fn depth_mm(&self) -> f64 {
-        self.depth_mm
-    }
-
-    /// Bounding box of the displaced tissue.
-    pub(super) fn bounds(&self) -> &Bounds {
-        &self.bounds
+    /// Box that holds the deformed positions of every point of a box: displacements are along the axis of the probe, by at most the depth.
+    pub(super) fn displaced(&self, bounds: &Bounds) -> Bounds {
+        let most = self.axial * self.depth_mm;
+        let swept = Bounds {
+            min: bounds.min.inf(&(bounds.min + most)),
+            max: bounds.max.sup(&(bounds.max + most)),
+        };
+        if swept.meets(&self.bounds) { swept } else { *bounds }
     }
 
     /// Maps a point of the deformed body to its undeformed position.

@@ -79,10 +79,14 @@ pub(super) struct Ellipsoid {
 
 impl Ellipsoid {
     /// An ellipsoid aligned with the world's axes.
-    pub(super) fn upright(centre: [f64; 3], radii: [f64; 3]) -> Self {
+    pub(super) const fn upright([x, y, z]: [f64; 3], radii: [f64; 3]) -> Self {
         Self {
-            centre: Point::from(centre),
-            axes: [Point::x(), Point::y(), Point::z()],
+            centre: Point::new(x, y, z),
+            axes: [
+                Point::new(1.0, 0.0, 0.0),
+                Point::new(0.0, 1.0, 0.0),
+                Point::new(0.0, 0.0, 1.0),
+            ],
             radii,
         }
     }

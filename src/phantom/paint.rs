@@ -128,10 +128,7 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         for layer in &self.layers {
             let mut bounds = layer.shape.bounds().grown(layer.grow_mm);
             if let Some(dent) = &self.dent {
-                let reach = bounds.grown(dent.depth_mm());
-                if reach.meets(dent.bounds()) {
-                    bounds = reach;
-                }
+                bounds = dent.displaced(&bounds);
             }
             let Some([xs, ys]) = grid.window(&bounds, k) else {
                 continue;

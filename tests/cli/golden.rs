@@ -6,6 +6,9 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use insonify::plan::Plan;
+use insonify::synth::tables::Tables;
+use insonify::{Backend, Frame, SceneFile};
 use serde_json::Value;
 
 use crate::support::Bench;
@@ -51,13 +54,13 @@ impl Record {
         }
     }
 
-    fn put_frame(&mut self, bench: &Bench, key: &str, file: &str) {
-        let frame = image::open(bench.path(file)).expect("a picture").into_luma8();
-        let (width, height) = frame.dimensions();
+    fn put_frame(&mut self, key: &str, frame: &Frame) {
+        let (width, height) = (frame.width, frame.height);
         let mut blocks = [[0u64; 2]; 16];
-        for (x, y, pixel) in frame.enumerate_pixels() {
-            let block = &mut blocks[(4 * x / width + 4 * (4 * y / height)) as usize];
-            *block = [block[0] + u64::from(pixel.0[0]), block[1] + 1];
+        for (at, &pixel) in frame.pixels.iter().enumerate() {
+            let (x, y) = (at % width, at / width);
+            let block = &mut blocks[4 * x / width + 4 * (4 * y / height)];
+            *block = [block[0] + u64::from(pixel), block[1] + 1];
         }
         for (at, [sum, count]) in blocks.iter().enumerate() {
             self.put(
@@ -65,7 +68,7 @@ impl Record {
                 format!("{:.4e}", *sum as f64 / *count as f64),
             );
         }
-        self.put(format!("{key}.hash"), blake3::hash(frame.as_raw()).to_hex());
+        self.put(format!("{key}.hash"), blake3::hash(&frame.pixels).to_hex());
     }
 
     /// Compares with the record, writes it, or both, by `INSONIFY_GOLDEN`.
@@ -118,40 +121,39 @@ const SCENARIOS: [&str; 5] = [
 ];
 
 #[test]
-fn frames_of_scenes_and_phantoms_are_as_they_were() {
+fn frames_and_plans_of_scenes_and_phantoms_are_as_they_were() {
     let (bench, mut record) = (Bench::new(), Record::default());
-    let mut scenes: Vec<String> = SCENES.map(str::to_owned).into();
-    for phantom in PHANTOMS {
-        let text = format!("version = 1\nseed = 5\n[volume]\nphantom = \"{phantom}\"\nresolution_mm = 4\n");
-        bench.write(&format!("{phantom}.toml"), &text);
-        scenes.push(format!("{phantom}.toml"));
-    }
-    for scene in &scenes {
-        if !scene.ends_with(".toml") {
-            bench.write(&format!("{scene}.toml"), bench.run(&format!("scene {scene}")).text());
+    let of_scene = |name: &str| {
+        (
+            name.to_owned(),
+            bench.run(&format!("scene {name}")).text().to_owned(),
+            true,
+        )
+    };
+    let of_phantom = |name: &str| {
+        let text = format!("version = 1\nseed = 5\n[volume]\nphantom = \"{name}\"\nresolution_mm = 4\n");
+        (name.to_owned(), text, false)
+    };
+    for (name, text, planned) in SCENES.map(of_scene).into_iter().chain(PHANTOMS.map(of_phantom)) {
+        let scene = SceneFile::parse(&text, &name).expect("a scene").resolve(".".as_ref());
+        let scene = scene.expect("a scene");
+        let state = scene.states(1).next().expect("a first frame");
+        if planned {
+            let tables = Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables");
+            let mut plan = Plan::new(&tables).report();
+            plan.warnings.splice(0..0, scene.warnings.clone());
+            let plan = serde_json::to_value(&plan).expect("a plan");
+            record.put_json(&format!("plan {name}"), &plan);
         }
-        let name = scene.trim_end_matches(".toml");
-        for backend in ["cpu", "cpu-f64"] {
-            let output = format!("{name}-{backend}.png");
-            bench
-                .run(&format!(
-                    "render -q {name}.toml --backend {backend} --frames 1 -o {output}"
-                ))
-                .text();
-            record.put_frame(&bench, &format!("frame {name} {backend}"), &output);
+        for (word, backend) in [("cpu", Backend::Cpu), ("cpu-f64", Backend::CpuF64)] {
+            let mut synthesizer = scene.synthesizer(backend).expect("a synthesizer");
+            record.put_frame(
+                &format!("frame {name} {word}"),
+                synthesizer.render(&state).expect("a frame"),
+            );
         }
     }
     record.check("frame");
-}
-
-#[test]
-fn plans_are_as_they_were() {
-    let (bench, mut record) = (Bench::new(), Record::default());
-    for scene in SCENES {
-        bench.write(&format!("{scene}.toml"), bench.run(&format!("scene {scene}")).text());
-        let plan = bench.run(&format!("plan -q {scene}.toml --backend cpu --json"));
-        record.put_json(&format!("plan {scene}"), &plan.json());
-    }
     record.check("plan");
 }
 

@@ -26,7 +26,7 @@ fn liver(p: &Point) -> f64 {
         smooth_max(smooth_max(from_behind, far_back, 14.0), from_left, 14.0),
         14.0,
     );
-    smooth_max(lobe, 5.0 - kidney::outline().distance(p), 4.0)
+    smooth_max(lobe, 5.0 - kidney::OUTLINE.distance(p), 4.0)
 }
 
 /// Adds the liver and its structures, then the great vessels.

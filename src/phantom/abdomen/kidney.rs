@@ -1,5 +1,7 @@
 //! The right kidney: cortex, medullary pyramids around the sinus, and the vessels at its hilum.
 
+use std::sync::LazyLock;
+
 use super::l;
 use super::{Noise, Over, Painting, Point, Uneven};
 use crate::phantom::geometry::{Bounds, Ellipsoid, Shape, Solid, frame, path, smooth_max, smooth_min};
@@ -14,16 +16,14 @@ const PYRAMID_RAD: f64 = 0.32;
 const PYRAMIDS_DEG: [f64; 7] = [52.0, 88.0, 128.0, 180.0, 232.0, 272.0, 308.0];
 
 /// Outline without the hilum.
-pub(super) fn outline() -> Ellipsoid {
-    Ellipsoid {
-        centre: Point::from(CENTRE),
-        axes: frame(Point::new(0.20, -0.12, 1.0), Point::new(0.85, -0.5, 0.0)),
-        radii: HALF_MM,
-    }
-}
+pub(super) static OUTLINE: LazyLock<Ellipsoid> = LazyLock::new(|| Ellipsoid {
+    centre: Point::from(CENTRE),
+    axes: frame(Point::new(0.20, -0.12, 1.0), Point::new(0.85, -0.5, 0.0)),
+    radii: HALF_MM,
+});
 
 fn sinus() -> Ellipsoid {
-    let body = outline();
+    let body = *OUTLINE;
     Ellipsoid {
         centre: body.centre + body.axes[1] * 9.0,
         radii: [23.0, 13.0, 6.5],
@@ -33,7 +33,7 @@ fn sinus() -> Ellipsoid {
 
 /// Signed distance of the pyramids: cones from the centre, between sinus and cortex.
 fn pyramids(p: &Point) -> f64 {
-    let body = outline();
+    let body = *OUTLINE;
     let local = body.local(p);
     let level = local.norm();
     let nearest = PYRAMIDS_DEG
@@ -63,7 +63,7 @@ fn pyramids(p: &Point) -> f64 {
 
 /// Adds the kidney with its renal vein.
 pub(super) fn add<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
-    let body = outline();
+    let body = *OUTLINE;
     let bounds = body.bounds();
     let hilum = body.centre + body.axes[1] * 30.0;
     let notch = Ellipsoid {

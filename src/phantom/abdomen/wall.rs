@@ -45,11 +45,10 @@ pub(super) const CAVITY_MM: f64 = 28.0;
 
 /// Signed distance to the diaphragm, negative on the abdominal side, mm: two domes on a cylinder.
 pub(super) fn diaphragm(p: &Point) -> f64 {
-    const RIGHT: ([f64; 3], [f64; 3]) = ([-58.0, 2.0, 0.0], [66.0, 70.0, 90.0]);
-    const LEFT: ([f64; 3], [f64; 3]) = ([60.0, 2.0, 0.0], [66.0, 70.0, 78.0]);
+    const RIGHT: Ellipsoid = Ellipsoid::upright([-58.0, 2.0, 0.0], [66.0, 70.0, 90.0]);
+    const LEFT: Ellipsoid = Ellipsoid::upright([60.0, 2.0, 0.0], [66.0, 70.0, 78.0]);
     let above = Point::new(p.x, p.y, p.z.max(0.0));
-    let dome = |(centre, radii)| Ellipsoid::upright(centre, radii).distance(&above);
-    smooth_min(dome(RIGHT), dome(LEFT), 30.0)
+    smooth_min(RIGHT.distance(&above), LEFT.distance(&above), 30.0)
 }
 
 /// Body wall with its irregular layers.
