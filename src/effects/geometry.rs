@@ -7,8 +7,9 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use rayon::prelude::*;
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, Verdict};
+use super::buffers::{POSITION, RAYS};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, Stage, Verdict};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -16,15 +17,17 @@ use crate::synth::tables::Tables;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "geometry",
+    stage: Stage::Echoes,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
     name: "geometry",
     shader: include_str!("../../shaders/geometry.wgsl"),
     entry: "main",
-    bindings: &[(Rays, Read), (Position, Write)],
+    bindings: &[(&RAYS, Read), (&POSITION, Write)],
     params,
     workgroups: |tables, _| {
         [

@@ -101,7 +101,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let mirror = Mirror {
-        tops: &store.reflectors,
+        tops: &store.effects.shadow.reflectors,
         samples,
         spacing: reverberation::spacing(tables).map(T::of),
     };

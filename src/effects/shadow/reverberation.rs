@@ -80,7 +80,7 @@ pub(super) fn reflectors<T: Real>(view: &View, store: &mut Store<T>) {
             .is_some_and(|row| row.loss >= opaque)
     };
     let lines = store.label.chunks(tables.samples());
-    for (found, labels) in store.reflectors.iter_mut().zip(lines) {
+    for (found, labels) in store.effects.shadow.reflectors.iter_mut().zip(lines) {
         *found = top(labels, is_opaque);
     }
 }
@@ -92,7 +92,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let share = T::of(share(tables));
     let spacing = spacing(tables).map(T::of);
     let exponent = T::of(exponent_per_unit());
-    let (tops, losses, labels) = (&store.reflectors, &store.loss, &store.label);
+    let (tops, losses, labels) = (&store.effects.shadow.reflectors, &store.loss, &store.label);
     let scanlines = store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate();
     scanlines.for_each(|(line, amplitudes)| {
         let top = tops[line] as usize;

@@ -13,7 +13,7 @@ use crate::synth::store::Store;
 
 pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.speckle else { return };
+    let Some(own) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
     let step = [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm));
@@ -31,6 +31,8 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
         .map(|states| (states.deformed(), &store.element[..]));
     // A fine scanline stores its real parts, then its imaginary parts.
     store
+        .effects
+        .speckle
         .scatter
         .par_chunks_mut(2 * samples)
         .enumerate()
@@ -63,11 +65,13 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
 /// surfaces.
 pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.speckle else { return };
+    let Some(own) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let factors = own.specular.of::<T>();
     let specular = &store.specular;
     store
+        .effects
+        .speckle
         .scatter
         .par_chunks_mut(2 * samples)
         .enumerate()

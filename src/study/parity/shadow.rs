@@ -72,7 +72,7 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
         return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
     }
     let opaque = opaque_units(step.tables.sample_mm());
-    let shifts = &step.tables.aperture;
+    let shifts = &step.tables.effects.shadow.aperture;
     let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
         .flat_map(|row| {
             let (ray, element) = (row / lines, row % lines);
@@ -128,7 +128,7 @@ fn one_way(loss: f64, off: f64) -> [f64; 2] {
 
 /// Propagates the bounds through the mean over the beam.
 pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(kernel) = &step.tables.penumbra else {
+    let Some(kernel) = &step.tables.effects.shadow.penumbra else {
         return slack.fault("a shadow without a kernel");
     };
     let (lines, samples) = (step.lines(), step.samples());

@@ -97,7 +97,8 @@ fn doubt(tables: &Tables, beam: &Beam, slack: &Slack) -> Vec<f64> {
         .map(|row| f64::from(row.echo))
         .fold(0.0, f64::max);
     let texture = tables
-        .atlas
+        .effects
+        .texture
         .as_ref()
         .map_or(1.0, |atlas| f64::from(atlas.data.iter().fold(1.0f32, |a, &b| a.max(b))));
     let strength = tables.settings.effects.texture.as_ref().map_or(0.0, |own| own.strength);
