@@ -5,11 +5,12 @@
 //! the enabled effects in the order of [`REGISTRY`].
 //!
 //! An effect owns its data: its parameters ([`Parameters`]), the tables that it derives from anatomy and settings
-//! (`Derived`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). [`registry`] lists the effects
+//! (`Derived`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the effects
 //! and what each has of these.
 
 pub mod blur;
 pub mod buffers;
+pub mod common;
 pub mod contact;
 pub mod geometry;
 pub mod interface;

@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
-use super::geometry::{plane_step, rows};
+use super::common::{plane_step, rows};
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
@@ -133,6 +133,7 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     gaps.clear();
     gaps.resize(2 * lines * tables.planes(), 0.0);
     let (raw, smooth) = gaps.split_at_mut(lines * tables.planes());
+    // Multiples of 1/64 mm: exact in single precision.
     raw.iter_mut().enumerate().for_each(|(at, gap)| *gap = found(at) as f32);
     for (raw, smooth) in raw.chunks(lines).zip(smooth.chunks_mut(lines)) {
         for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {

@@ -19,10 +19,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
-use super::geometry::rows;
+use super::common::{rows, scatterers};
 use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
 use super::slice::{Beyond, LabelReader};
-use super::speckle::scatterers;
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::random::seed_words;
 use crate::real::Real;

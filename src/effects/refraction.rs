@@ -18,8 +18,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, LABEL, LABEL_ROWS};
+use super::common::spacing;
 use super::pass::{Access::*, Band, ParamBlock, Pass, View};
-use super::shadow::reverberation::spacing;
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
 use crate::synth::store::Store;

@@ -19,6 +19,7 @@ pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
 };
+use super::common;
 use super::lateral::LateralKernel;
 use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
@@ -448,7 +449,7 @@ pub struct Params {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let [spacing, spreading] = reverberation::spacing(tables).map(|x| x as f32);
+    let [spacing, spreading] = common::spacing(tables).map(|x| x as f32);
     ParamBlock::of(&Params {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,

@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
-use super::geometry::rows;
+use super::common::rows;
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
 use super::{Effect, OutOfRange, Setting, Stage, Verdict};
 use crate::real::Real;

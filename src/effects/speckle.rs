@@ -21,7 +21,6 @@ use glam::Vec4;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use scatter::scatterers;
 use scatter::{add_specular, scatter};
 use spread::{axial, lateral};
 pub use tables::SpeckleTables;

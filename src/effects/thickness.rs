@@ -10,7 +10,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buffers::AMPLITUDE;
-use super::geometry::plane_step;
+use super::common::plane_step;
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, spread};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use super::{Shadow, exponent_per_unit, penumbra};
+use crate::effects::common::spacing;
 use crate::effects::pass::View;
 use crate::real::Real;
 use crate::synth::store::Store;
@@ -24,16 +25,6 @@ pub fn repeats(tables: &Tables) -> bool {
     let mut rows = tables.label_rows.iter().enumerate();
     shadow.is_some_and(|shadow| shadow.reverberation > 0.0)
         && rows.any(|(index, row)| row.loss >= opaque && tables.volume.holds(index))
-}
-
-/// Distance between scanlines at the array and its growth per sample, in sample distances.
-pub fn spacing(tables: &Tables) -> [f64; 2] {
-    let grid = &tables.grid;
-    let at = |sample: usize| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / tables.sample_mm();
-    [
-        at(0),
-        (at(tables.samples() - 1) - at(0)) / (tables.samples() - 1).max(1) as f64,
-    ]
 }
 
 /// First opaque sample of a scanline below non-opaque ones; the number of samples if there is none.

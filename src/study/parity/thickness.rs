@@ -1,7 +1,7 @@
 //! Error bounds of slice thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are treated as
 //! central planes of probes moved in elevation, where every label possible within rounding is taken into account.
 
-use crate::effects::geometry::plane_step;
+use crate::effects::common::plane_step;
 use nalgebra::{Matrix4, Vector3};
 
 use super::rounding::{ROOT, ULP};
