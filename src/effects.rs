@@ -3,8 +3,14 @@
 //! An effect states when a scene calls for it and which passes it consists of. A pass is declared once: its name, shader,
 //! bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame runs the passes of
 //! the enabled effects in the order of [`REGISTRY`].
+//!
+//! An effect owns its data: its parameters ([`Parameters`]), the tables that it derives from anatomy and settings
+//! (`Derived`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the effects
+//! and what each has of these.
 
 pub mod blur;
+pub mod buffers;
+pub mod common;
 pub mod contact;
 pub mod geometry;
 pub mod interface;
@@ -28,73 +34,232 @@ pub mod warp;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::effects::buffers::Buffer;
 use crate::effects::pass::Pass;
-use crate::synth::tables::Tables;
+use crate::plan::Plan;
+use crate::real::Real;
+use crate::synth::tables::{Inputs, LabelRow, Settings, Tables};
+use crate::synth::{FrameState, SynthError};
 
 /// Whether a scene calls for an effect, and why.
 pub type Verdict = Result<String, String>;
 
-/// An effect: when it runs and which passes it consists of.
+/// Part of a frame. Its effects run before those of the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Places, labels and echoes of the samples.
+    Echoes,
+    /// What the beam makes of the echoes.
+    Beam,
+    /// Grey levels and pixels.
+    Display,
+}
+
+/// An effect: when it runs, which passes it consists of, and what else depends on it.
 pub struct Effect {
     /// Name, also the stem of its source, shader and parity test.
     pub name: &'static str,
+    /// Part of the frame in which it runs.
+    pub stage: Stage,
     /// `Ok(reason)` if the scene calls for it, `Err(reason)` if not.
     pub wanted: fn(&Tables) -> Verdict,
     /// Passes of the effect, in order.
     pub passes: fn(&Tables) -> Vec<&'static Pass>,
+    /// Buffers of the effect alone.
+    pub buffers: &'static [&'static Buffer],
+    /// Whether what it derives differs between two settings: its tables, buffers filled from them, and `label_row`.
+    pub differs: fn(&Settings, &Settings) -> bool,
+    /// Writes what it needs to know of a label index.
+    pub label_row: Option<fn(&Tables, usize, &mut LabelRow)>,
+    /// Deviations of the output from the settings, for the user.
+    pub warnings: fn(&Tables) -> Vec<String>,
+    /// Number of things in a frame that it does not show because there are too many.
+    pub left_out: fn(&Tables, &FrameState) -> usize,
+    /// Memory besides the buffers for so many samples, bytes.
+    pub memory: fn(&Settings, u64) -> u64,
+    /// Takes it out of the settings; `None` if every frame needs it.
+    pub remove: Option<fn(&mut Settings)>,
 }
 
-/// All effects, in the order of execution within a frame.
-pub static REGISTRY: &[Effect] = &[
-    geometry::EFFECT,
-    contact::EFFECT,
-    warp::EFFECT,
-    slice::EFFECT,
-    texture::EFFECT,
-    thickness::EFFECT,
-    interface::EFFECT,
-    needle::EFFECT,
-    speckle::EFFECT,
-    shadow::EFFECT,
-    refraction::EFFECT,
-    blur::EFFECT,
-    receiver::EFFECT,
-    tone::EFFECT,
-    scan_conversion::EFFECT,
-    noise::EFFECT,
-    quantise::EFFECT,
-];
+impl Effect {
+    /// An effect without data of its own.
+    const PLAIN: Self = Self {
+        name: "",
+        stage: Stage::Echoes,
+        wanted: |_| Err(String::new()),
+        passes: |_| Vec::new(),
+        buffers: &[],
+        differs: |_, _| false,
+        label_row: None,
+        warnings: |_| Vec::new(),
+        left_out: |_, _| 0,
+        memory: |_, _| 0,
+        remove: None,
+    };
+}
 
-/// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Effects {
-    /// Skin that conforms to the array.
-    pub contact: Option<contact::Contact>,
-    /// How labels are read from the volume.
-    pub slice: slice::Slice,
-    /// Solid textures of the tissues that name one.
-    pub texture: Option<texture::Texture>,
-    /// Finite elevational thickness of the scan plane.
-    pub thickness: Option<thickness::Thickness>,
-    /// Fully developed speckle.
-    pub speckle: Option<speckle::Speckle>,
-    /// Specular echoes where the acoustic impedance changes.
-    pub interface: Option<interface::Interface>,
-    /// Echo of the needle; needs a needle in the scene.
-    pub needle: Option<needle::NeedleEcho>,
-    /// Attenuation, and shadows of bone, gas and the needle.
-    pub shadow: Option<shadow::Shadow>,
-    /// Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.
-    pub refraction: Option<refraction::Refraction>,
-    /// Radial blur about the probe's virtual apex.
-    pub blur: Option<blur::Blur>,
-    /// Electronic noise and acoustic clutter.
-    pub receiver: Option<receiver::Receiver>,
-    /// Gain, time-gain compensation and log compression; without it the amplitude is shown linearly.
-    pub tone: Option<tone::Tone>,
-    /// Additive Gaussian noise on grey levels.
-    pub noise: Option<noise::Noise>,
+/// Parameters of an effect that a scene may do without.
+pub trait Parameters: Default {
+    /// Whether it is among the usual effects.
+    const USUAL: bool = true;
+
+    /// Checks the ranges.
+    fn validate(&self) -> Result<(), OutOfRange>;
+}
+
+/// A key of [`Effects`].
+pub trait Setting: Default {
+    /// Its value among the usual effects.
+    fn usual() -> Self;
+
+    /// Checks the ranges.
+    fn validate(&self) -> Result<(), OutOfRange>;
+}
+
+impl<P: Parameters> Setting for Option<P> {
+    fn usual() -> Self {
+        P::USUAL.then(P::default)
+    }
+
+    fn validate(&self) -> Result<(), OutOfRange> {
+        self.as_ref().map_or(Ok(()), P::validate)
+    }
+}
+
+/// Declares the effects. A line holds the name; the key of a scene, with its type and description; the tables, which
+/// `derive` makes; and the vectors on the CPU.
+macro_rules! registry {
+    ($($name:ident $(: $key:ty = $doc:literal)? $(, derives $derived:ty)? $(, columns $columns:ty)?;)+) => {
+        /// All effects, in the order of this list.
+        pub const LISTED: &[&Effect] = &[$(&$name::EFFECT),+];
+
+        registry!(@effects $($([$name: $key = $doc])?)+);
+        registry!(@tables $($([$name: $derived])?)+);
+        registry!(@columns $($([$name: $columns])?)+);
+    };
+    (@effects $([$name:ident: $key:ty = $doc:literal])+) => {
+        /// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
+        #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct Effects {
+            $(#[doc = $doc] pub $name: $key,)+
+        }
+
+        impl Effects {
+            /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle does
+            /// physically.
+            pub fn usual() -> Self {
+                Self {
+                    $($name: Setting::usual(),)+
+                }
+            }
+
+            /// Checks every parameter against its range.
+            pub fn validate(&self) -> Result<(), OutOfRange> {
+                $(Setting::validate(&self.$name)?;)+
+                Ok(())
+            }
+        }
+    };
+    (@tables $([$name:ident: $derived:ty])+) => {
+        /// Tables of the effects.
+        #[derive(Clone, Debug)]
+        pub struct EffectTables {
+            $(#[doc = concat!("Those of `", stringify!($name), "`.")] pub $name: $derived,)+
+        }
+
+        impl EffectTables {
+            /// Derives all tables.
+            pub fn new(inputs: &Inputs) -> Result<Self, SynthError> {
+                Ok(Self {
+                    $($name: $name::derive(inputs)?,)+
+                })
+            }
+
+            /// Derives the tables that differ from those of `old` settings; unchanged on an error.
+            pub fn set(&mut self, old: &Settings, inputs: &Inputs) -> Result<(), SynthError> {
+                $(
+                    let differs = ($name::EFFECT.differs)(old, inputs.settings);
+                    let $name = differs.then(|| $name::derive(inputs)).transpose()?;
+                )+
+                $(
+                    if let Some(tables) = $name {
+                        self.$name = tables;
+                    }
+                )+
+                Ok(())
+            }
+        }
+    };
+    (@columns $([$name:ident: $columns:ty])+) => {
+        /// Vectors of the effects on the CPU.
+        #[derive(Debug, Default)]
+        pub struct EffectColumns<T> {
+            $(#[doc = concat!("Those of `", stringify!($name), "`.")] pub $name: $columns,)+
+        }
+
+        impl<T: Real> EffectColumns<T> {
+            /// Allocates what a plan uses and frees the rest.
+            pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
+                $(self.$name.fit(plan, tables);)+
+            }
+
+            /// Memory in use, bytes.
+            pub fn bytes(&self) -> usize {
+                0 $(+ self.$name.bytes())+
+            }
+        }
+    };
+}
+
+registry! {
+    geometry;
+    contact: Option<contact::Contact> = "Skin that conforms to the array.",
+        columns contact::Columns;
+    warp;
+    slice: slice::Slice = "How labels are read from the volume.";
+    texture: Option<texture::Texture> = "Solid textures of the tissues that name one.",
+        derives texture::Derived;
+    thickness: Option<thickness::Thickness> = "Finite elevational thickness of the scan plane.";
+    speckle: Option<speckle::Speckle> = "Fully developed speckle.",
+        derives speckle::Derived, columns speckle::Columns<T>;
+    interface: Option<interface::Interface> = "Specular echoes where the acoustic impedance changes.";
+    needle: Option<needle::NeedleEcho> = "Echo of the needle; needs a needle in the scene.",
+        columns needle::Columns;
+    shadow: Option<shadow::Shadow> = "Attenuation, and shadows of bone, gas and the needle.",
+        derives shadow::Derived, columns shadow::Columns<T>;
+    refraction: Option<refraction::Refraction>
+        = "Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.";
+    blur: Option<blur::Blur> = "Radial blur about the probe's virtual apex.",
+        derives blur::Derived;
+    receiver: Option<receiver::Receiver> = "Electronic noise and acoustic clutter.",
+        derives receiver::Derived;
+    tone: Option<tone::Tone>
+        = "Gain, time-gain compensation and log compression; without it the amplitude is shown linearly.",
+        derives tone::Derived, columns tone::Columns<T>;
+    scan_conversion;
+    noise: Option<noise::Noise> = "Additive Gaussian noise on grey levels.";
+    quantise;
+}
+
+/// All effects, in the order of execution within a frame: by stage, then as listed.
+pub static REGISTRY: &[&Effect] = &in_order();
+
+const fn in_order() -> [&'static Effect; LISTED.len()] {
+    let mut order = [LISTED[0]; LISTED.len()];
+    let (mut stage, mut placed) = (0, 0);
+    while placed < LISTED.len() {
+        let mut at = 0;
+        while at < LISTED.len() {
+            if LISTED[at].stage as usize == stage {
+                order[placed] = LISTED[at];
+                placed += 1;
+            }
+            at += 1;
+        }
+        stage += 1;
+    }
+    order
 }
 
 /// A parameter outside its range.
@@ -120,47 +285,4 @@ pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>
         found: value.to_string(),
         expected,
     })
-}
-
-impl Effects {
-    /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle does
-    /// physically.
-    pub fn usual() -> Self {
-        Self {
-            contact: Some(contact::Contact::default()),
-            slice: slice::Slice {
-                beyond: slice::Beyond::Continue,
-                ..slice::Slice::default()
-            },
-            texture: Some(texture::Texture::default()),
-            thickness: None,
-            speckle: Some(speckle::Speckle::default()),
-            interface: Some(interface::Interface::default()),
-            needle: Some(needle::NeedleEcho::default()),
-            shadow: Some(shadow::Shadow::default()),
-            refraction: Some(refraction::Refraction::default()),
-            blur: Some(blur::Blur::default()),
-            receiver: Some(receiver::Receiver::default()),
-            tone: Some(tone::Tone::default()),
-            noise: None,
-        }
-    }
-
-    /// Checks every parameter against its range.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
-        self.contact.as_ref().map_or(Ok(()), contact::Contact::validate)?;
-        self.thickness.as_ref().map_or(Ok(()), thickness::Thickness::validate)?;
-        self.texture.as_ref().map_or(Ok(()), texture::Texture::validate)?;
-        self.speckle.as_ref().map_or(Ok(()), speckle::Speckle::validate)?;
-        self.interface.as_ref().map_or(Ok(()), interface::Interface::validate)?;
-        self.needle.as_ref().map_or(Ok(()), needle::NeedleEcho::validate)?;
-        self.shadow.as_ref().map_or(Ok(()), shadow::Shadow::validate)?;
-        self.refraction
-            .as_ref()
-            .map_or(Ok(()), refraction::Refraction::validate)?;
-        self.blur.as_ref().map_or(Ok(()), blur::Blur::validate)?;
-        self.receiver.as_ref().map_or(Ok(()), receiver::Receiver::validate)?;
-        self.tone.as_ref().map_or(Ok(()), tone::Tone::validate)?;
-        self.noise.as_ref().map_or(Ok(()), noise::Noise::validate)
-    }
 }

@@ -35,7 +35,7 @@
 //!                 if id.x < arrayLength(&values) { values[id.x] *= 2u; }
 //!             }",
 //!         entry: "double",
-//!         storage: &[Access::ReadWrite],
+//!         storage: &[Access::Write],
 //!         constants: &[],
 //!     },
 //! )?;

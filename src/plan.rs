@@ -9,7 +9,8 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::effects::REGISTRY;
-use crate::effects::pass::{Band, Pass, Resource};
+use crate::effects::buffers::Buffer;
+use crate::effects::pass::{Band, Pass};
 use crate::quality::Picked;
 use crate::synth::tables::Tables;
 
@@ -32,11 +33,11 @@ pub struct Omitted {
     pub reason: String,
 }
 
-/// A resource and its size.
+/// A buffer and its size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct PlannedResource {
-    /// The resource.
-    pub resource: Resource,
+    /// The buffer.
+    pub resource: &'static Buffer,
     /// Size on the GPU, bytes.
     pub bytes: u64,
 }
@@ -88,7 +89,7 @@ impl Plan {
                 }),
             }
         }
-        let used: BTreeSet<Resource> = passes
+        let used: BTreeSet<&'static Buffer> = passes
             .iter()
             .flat_map(|planned| planned.pass.bindings)
             .map(|&(resource, _)| resource)
@@ -97,20 +98,20 @@ impl Plan {
             .into_iter()
             .map(|resource| PlannedResource {
                 resource,
-                bytes: tables.bytes(resource),
+                bytes: resource.bytes(tables),
             })
             .collect();
         Self {
             passes,
             without,
             resources,
-            warnings: tables.warnings(),
+            warnings: REGISTRY.iter().flat_map(|effect| (effect.warnings)(tables)).collect(),
         }
     }
 
-    /// Whether any pass binds a resource.
-    pub fn uses(&self, resource: Resource) -> bool {
-        self.resources.iter().any(|planned| planned.resource == resource)
+    /// Whether any pass binds a buffer.
+    pub fn uses(&self, buffer: &Buffer) -> bool {
+        self.resources.iter().any(|planned| planned.resource == buffer)
     }
 
     /// Whether the scene calls for an effect.
@@ -128,7 +129,7 @@ impl Plan {
         let largest = self
             .resources
             .iter()
-            .filter(|planned| planned.resource.is_per_pixel())
+            .filter(|planned| planned.resource.is_per_pixel)
             .map(|planned| planned.bytes)
             .max();
         let per_row = largest.unwrap_or(0).div_ceil(tables.height() as u64).max(1);

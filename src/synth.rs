@@ -10,8 +10,8 @@ pub mod tables;
 
 use nalgebra::Matrix4;
 
-use crate::effects::pass::Resource;
-use crate::effects::{OutOfRange, needle};
+use crate::effects::buffers::Buffer;
+use crate::effects::{OutOfRange, REGISTRY};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::memory::TooLarge;
@@ -217,14 +217,15 @@ impl Synthesizer {
             NodeCount::check(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
         self.local.take(state);
-        self.frame.left_out = needle::left_out(&self.tables, self.local.of(state));
+        let (tables, local) = (&self.tables, self.local.of(state));
+        self.frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
         self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
         Ok(())
     }
 
     /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
-    /// the rebuilt resources are returned. On an invalid setting the synthesizer is left unchanged.
-    pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
+    /// the rebuilt buffers are returned. On an invalid setting the synthesizer is left unchanged.
+    pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
         let previous = self.tables.settings.clone();
         let changed = self.tables.set(settings)?;
         if let Err(refused) = self.fit(&changed) {
@@ -241,7 +242,7 @@ impl Synthesizer {
         Ok(changed)
     }
 
-    fn fit(&mut self, changed: &[Resource]) -> Result<(), SynthError> {
+    fn fit(&mut self, changed: &[&'static Buffer]) -> Result<(), SynthError> {
         self.plan = Plan::new(&self.tables);
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.fit(&self.plan, &self.tables)?,
@@ -344,13 +345,8 @@ impl Synthesizer {
             Executor::Cpu(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),
             Executor::CpuF64(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),
             Executor::Gpu(gpu) => {
-                let flipped = self.plan.passes[..passes]
-                    .iter()
-                    .filter(|planned| planned.pass.flips)
-                    .count()
-                    % 2
-                    == 1;
-                gpu.beam(flipped, &self.tables)?
+                let flips = self.plan.passes[..passes].iter().filter(|planned| planned.pass.flips);
+                gpu.beam(flips.count() % 2 == 1, &self.tables)?
             }
         };
         Ok(self.tables.origin.beam_into_world(local))

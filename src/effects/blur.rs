@@ -9,13 +9,15 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, within};
+use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
+use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::Tables;
+use crate::synth::tables::{Inputs, Tables};
 use crate::tracking::probe::BeamGrid;
 
 /// Radial blur.
@@ -28,13 +30,14 @@ pub struct Blur {
     pub growth_mm_cm: Option<f64>,
 }
 
-impl Blur {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Blur {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("blur.width_mm", self.width_mm.unwrap_or(0.0), 0.0..=20.0)?;
         within("blur.growth_mm_cm", self.growth_mm_cm.unwrap_or(0.0), 0.0..=5.0)
     }
+}
 
+impl Blur {
     /// Full width at half maximum at a depth, mm: by default 0.6 mm and 0.06 mm/cm at 3.5 MHz, in proportion to the
     /// wavelength.
     pub fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
@@ -55,15 +58,44 @@ impl Blur {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "blur",
+    stage: Stage::Beam,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    buffers: &[&BLUR_KERNEL],
+    differs: |old, new| old.probe != new.probe || old.effects.blur != new.effects.blur,
+    warnings: |tables| {
+        let kernel = tables.effects.blur.as_ref();
+        let share = kernel.map_or(1.0, |kernel| kernel.least_share);
+        narrowed("effects.blur.width_mm", share, "scanlines")
+            .into_iter()
+            .collect()
+    },
+    remove: Some(|settings| settings.effects.blur = None),
+    ..Effect::PLAIN
 };
+
+/// Kernel of the blur.
+pub type Derived = Option<LateralKernel>;
+
+/// Makes the kernel.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let (own, mhz) = (&inputs.settings.effects.blur, inputs.settings.probe.frequency_mhz);
+    Ok(own.as_ref().map(|own| own.kernel(inputs.grid, mhz)))
+}
+
+/// Weights of the blur, one row per depth (`f32`).
+static BLUR_KERNEL: Buffer =
+    Buffer::new(200, "BlurKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
+
+fn weights(tables: &Tables) -> &[f32] {
+    tables.effects.blur.as_ref().map_or(&[], |kernel| kernel.weights.of())
+}
 
 static PASSES: &[Pass] = &[Pass {
     name: "blur",
     shader: include_str!("../../shaders/blur.wgsl"),
     entry: "main",
-    bindings: &[(Amplitude, Read), (BlurKernel, Read), (AmplitudeNext, Write)],
+    bindings: &[(&AMPLITUDE, Read), (&BLUR_KERNEL, Read), (&AMPLITUDE_NEXT, Write)],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: true,
@@ -101,7 +133,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     ParamBlock::of(&Params {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
-        reach: tables.blur.as_ref().map_or(0, |kernel| kernel.reach as u32),
+        reach: tables.effects.blur.as_ref().map_or(0, |kernel| kernel.reach as u32),
         unused: 0,
     })
 }
@@ -109,7 +141,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let Some(kernel) = &tables.blur else { return };
+    let Some(kernel) = &tables.effects.blur else { return };
     let input = &store.amplitude[..lines * samples];
     store.amplitude_next[..lines * samples]
         .par_chunks_mut(samples)
@@ -122,7 +154,6 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 output,
             });
         });
-    std::mem::swap(&mut store.amplitude, &mut store.amplitude_next);
 }
 
 /// A blurred scanline.

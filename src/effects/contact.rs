@@ -13,9 +13,10 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::geometry::{plane_step, rows};
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, within};
+use super::buffers::{Buffer, POSITION, RAYS, columns};
+use super::common::{plane_step, rows};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
 use crate::synth::FrameState;
 use crate::synth::store::Store;
@@ -40,9 +41,8 @@ impl Default for Contact {
     }
 }
 
-impl Contact {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Contact {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("contact.reach_mm", self.reach_mm, 0.0..=20.0)?;
         within("contact.fade_mm", self.fade_mm, 50.0..=1000.0)
     }
@@ -51,15 +51,30 @@ impl Contact {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "contact",
+    stage: Stage::Echoes,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    buffers: &[&GAPS],
+    remove: Some(|settings| settings.effects.contact = None),
+    ..Effect::PLAIN
 };
+
+/// Per scanline and sub-plane: gap between array and body, mm (`f32`).
+static GAPS: Buffer = Buffer::new(10, "Gaps", 4, |tables| tables.lines() * tables.planes()).per_frame(gaps);
+
+columns! {
+    /// Vectors of the contact.
+    pub struct Columns {
+        /// Data of [`GAPS`], and as much again to smooth them.
+        gaps: [f32; |tables| 2 * tables.lines() * tables.planes()] = 0.0, GAPS;
+    }
+}
 
 static PASSES: &[Pass] = &[Pass {
     name: "contact",
     shader: include_str!("../../shaders/contact.wgsl"),
     entry: "main",
-    bindings: &[(Rays, Read), (Gaps, Read), (Position, Write)],
+    bindings: &[(&RAYS, Read), (&GAPS, Read), (&POSITION, Write)],
     params,
     workgroups: |tables, _| {
         [
@@ -88,7 +103,7 @@ const HALVINGS: usize = 4;
 const SMOOTHED: usize = 2;
 
 /// Gap on each scanline of each sub-plane, mm: 0 if the array touches the body, or no body is in reach.
-pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f64>) {
+pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     let reach = tables.settings.effects.contact.as_ref().map_or(0.0, |own| own.reach_mm);
     let lines = tables.lines();
     let is_body = |plane: usize, line: usize, s: f64| {
@@ -118,14 +133,15 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f64>) {
     gaps.clear();
     gaps.resize(2 * lines * tables.planes(), 0.0);
     let (raw, smooth) = gaps.split_at_mut(lines * tables.planes());
-    raw.iter_mut().enumerate().for_each(|(at, gap)| *gap = found(at));
+    // Multiples of 1/64 mm: exact in single precision.
+    raw.iter_mut().enumerate().for_each(|(at, gap)| *gap = found(at) as f32);
     for (raw, smooth) in raw.chunks(lines).zip(smooth.chunks_mut(lines)) {
         for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
             let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];
             let touching = near.iter().filter(|gap| **gap >= 0.0);
-            let (sum, count) = touching.fold((0.0, 0.0), |(sum, count), gap| (sum + gap, count + 1.0));
+            let (sum, count) = touching.fold((0.0, 0.0), |(sum, count), gap| (sum + f64::from(*gap), count + 1.0));
             // Rounded once, for all backends.
-            *gap = f64::from((sum / count) as f32);
+            *gap = (sum / count) as f32;
         }
     }
     gaps.drain(..lines * tables.planes());
@@ -166,18 +182,18 @@ fn params(view: &View, _: Band) -> ParamBlock {
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    gaps(tables, view.state, &mut store.gaps);
+    gaps(tables, view.state, &mut store.effects.contact.gaps);
     let matrix = rows::<T>(&view.state.probe_to_world);
     let (sample_mm, per_fade) = (T::of(tables.sample_mm()), T::of(per_fade(tables)));
     store
         .position
         .par_chunks_mut(samples)
-        .zip(&store.gaps)
+        .zip(&store.effects.contact.gaps)
         .enumerate()
         .filter(|(_, (_, gap))| **gap > 0.0)
         .for_each(|(index, (positions, gap))| {
             let [_, _, dx, dy] = tables.rays[index % lines].map(T::of);
-            let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(*gap));
+            let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(f64::from(*gap)));
             for (i, position) in positions.iter_mut().enumerate() {
                 let s = (T::from_signed(i as i32) + T::of(0.5)) * sample_mm;
                 let left = (T::one() - s * per_fade).max(T::zero());

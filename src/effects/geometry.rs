@@ -7,8 +7,10 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use rayon::prelude::*;
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, Verdict};
+use super::buffers::{POSITION, RAYS};
+use super::common::{plane_step, rows};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, Stage, Verdict};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -16,15 +18,17 @@ use crate::synth::tables::Tables;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "geometry",
+    stage: Stage::Echoes,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
     name: "geometry",
     shader: include_str!("../../shaders/geometry.wgsl"),
     entry: "main",
-    bindings: &[(Rays, Read), (Position, Write)],
+    bindings: &[(&RAYS, Read), (&POSITION, Write)],
     params,
     workgroups: |tables, _| {
         [
@@ -67,17 +71,6 @@ fn params(view: &View, _: Band) -> ParamBlock {
         sample_mm: tables.sample_mm() as f32,
         plane_mm: tables.plane_mm() as f32,
     })
-}
-
-/// The first three rows of an affine matrix.
-pub fn rows<T: Real>(matrix: &nalgebra::Matrix4<f64>) -> [[T; 4]; 3] {
-    [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| T::of(matrix[(row, column)])))
-}
-
-/// Elevational offset of a sub-plane in units of the distance between sub-planes: 0, 1, -1, 2, -2, ...
-pub fn plane_step(plane: usize) -> i32 {
-    let away = plane.div_ceil(2) as i32;
-    if plane % 2 == 1 { away } else { -away }
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {

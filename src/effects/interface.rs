@@ -18,11 +18,11 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::geometry::rows;
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
+use super::common::{rows, scatterers};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
 use super::slice::{Beyond, LabelReader};
-use super::speckle::scatterers;
-use super::{Effect, OutOfRange, Verdict, within};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::random::seed_words;
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
@@ -59,9 +59,8 @@ impl Default for Interface {
     }
 }
 
-impl Interface {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Interface {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("interface.mirror_db", self.mirror_db, -40.0..=80.0)?;
         within("interface.directivity", self.directivity, 0.0..=64.0)?;
         within("interface.roughness", self.roughness, 0.0..=1.0)
@@ -71,36 +70,43 @@ impl Interface {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "interface",
+    stage: Stage::Echoes,
     wanted,
-    passes: |tables| match tables.speckle {
+    passes: |tables| match tables.effects.speckle {
         Some(_) => vec![&BEFORE_SPECKLE],
         None => vec![&ALONE],
     },
+    remove: Some(|settings| settings.effects.interface = None),
+    ..Effect::PLAIN
 };
 
 const ALONE: Pass = interface_pass(
     "main",
-    &[
-        (Position, Read),
-        (Label, Read),
-        (LabelRows, Read),
-        (Voxels, Read),
-        (Amplitude, Write),
-    ],
+    const {
+        &[
+            (&POSITION, Read),
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&VOXELS, Read),
+            (&AMPLITUDE, Write),
+        ]
+    },
 );
 
 const BEFORE_SPECKLE: Pass = interface_pass(
     "before_speckle",
-    &[
-        (Position, Read),
-        (Label, Read),
-        (LabelRows, Read),
-        (Voxels, Read),
-        (Specular, Write),
-    ],
+    const {
+        &[
+            (&POSITION, Read),
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&VOXELS, Read),
+            (&SPECULAR, Write),
+        ]
+    },
 );
 
-const fn interface_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+const fn interface_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
     Pass {
         name: "interface",
         shader: concat!(
@@ -219,7 +225,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
             }
         }
     };
-    if tables.speckle.is_some() {
+    if tables.effects.speckle.is_some() {
         store
             .specular
             .par_chunks_mut(samples)

@@ -26,6 +26,17 @@ pub const MAX_REACH: usize = 64;
 /// Largest standard deviation of a kernel, in taps: truncated at three of them it still has a Gaussian's shape.
 pub const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
 
+/// Warning about a length whose kernel would reach too far, given the share of it that comes out.
+pub fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
+    (share < 0.99).then(|| {
+        format!(
+            "{key} comes out at {:.0} % of what is asked where the grid is finest: a kernel reaches {MAX_REACH} {finer} to \
+             each side; fewer of them in the probe reach further",
+            100.0 * share
+        )
+    })
+}
+
 impl LateralKernel {
     /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), truncated at three of
     /// them, whose sum is `total(sample, weights that sum to 1)`.

@@ -17,8 +17,9 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, within};
+use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::random::seed_words;
 use crate::real::Real;
 use crate::synth::store::Store;
@@ -62,9 +63,8 @@ impl Default for NeedleEcho {
     }
 }
 
-impl NeedleEcho {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for NeedleEcho {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("needle.echo_db", self.echo_db, -40.0..=80.0)?;
         within("needle.thickness_mm", self.thickness_mm.unwrap_or(1.0), 0.05..=20.0)?;
         within("needle.directivity", self.directivity, 0.0..=64.0)?;
@@ -78,24 +78,61 @@ impl NeedleEcho {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "needle",
+    stage: Stage::Echoes,
     wanted,
-    passes: |tables| match tables.speckle {
+    passes: |tables| match tables.effects.speckle {
         Some(_) => vec![&BEFORE_SPECKLE],
         None => vec![&ALONE],
     },
+    buffers: &[&NEEDLE],
+    left_out,
+    remove: Some(|settings| {
+        settings.effects.needle = None;
+        settings.has_needle = false;
+    }),
+    ..Effect::PLAIN
 };
+
+/// Segments of needle and seeds in the probe frame (`vec4<f32>` triples).
+static NEEDLE: Buffer =
+    Buffer::new(220, "Needle", size_of::<Segment<f32>>(), |_| MAX_SEGMENTS).per_frame(|tables, state, numbers| {
+        numbers.clear();
+        numbers.extend(segments(tables, state).flatten().flatten().map(|x| x as f32));
+    });
+
+columns! {
+    /// Vectors of the needle.
+    pub struct Columns {
+        /// Data of [`NEEDLE`].
+        segments: [Segment<f64>; |_| MAX_SEGMENTS] = [[0.0; 4]; 3], NEEDLE;
+    }
+}
 
 const ALONE: Pass = needle_pass(
     "main",
-    &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Amplitude, Write)],
+    const {
+        &[
+            (&RAYS, Read),
+            (&NEEDLE, Read),
+            (&NEEDLE_MASK, Write),
+            (&AMPLITUDE, Write),
+        ]
+    },
 );
 
 const BEFORE_SPECKLE: Pass = needle_pass(
     "before_speckle",
-    &[(Rays, Read), (Needle, Read), (NeedleMask, Write), (Specular, Write)],
+    const {
+        &[
+            (&RAYS, Read),
+            (&NEEDLE, Read),
+            (&NEEDLE_MASK, Write),
+            (&SPECULAR, Write),
+        ]
+    },
 );
 
-const fn needle_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
     Pass {
         name: "needle",
         shader: concat!(
@@ -205,9 +242,9 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let samples = tables.samples();
     let numbers = numbers(view);
-    store.segments.clear();
-    store.segments.extend(segments(tables, view.state));
-    let segments = &store.segments;
+    store.effects.needle.segments.clear();
+    store.effects.needle.segments.extend(segments(tables, view.state));
+    let segments = &store.effects.needle.segments;
     let each = |ray: &[f64; 4], mask: &mut [[T; 2]], add: &mut dyn FnMut(usize, [T; 2])| {
         mask.fill([T::zero(); 2]);
         for &segment in segments {
@@ -216,7 +253,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         }
     };
     let masks = store.needle_mask.par_chunks_mut(samples).zip(&tables.rays);
-    if tables.speckle.is_some() {
+    if tables.effects.speckle.is_some() {
         store
             .specular
             .par_chunks_mut(samples)

@@ -9,8 +9,9 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, within};
+use super::buffers::{IMAGE, SCAN_MAP};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::random::{hash3, pcg3d, seed_words};
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
@@ -31,9 +32,10 @@ impl Default for Noise {
     }
 }
 
-impl Noise {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Noise {
+    const USUAL: bool = false;
+
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("noise.std_grey", self.std_grey, 0.0..=128.0)
     }
 }
@@ -41,8 +43,11 @@ impl Noise {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "noise",
+    stage: Stage::Display,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    remove: Some(|settings| settings.effects.noise = None),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
@@ -52,7 +57,7 @@ static PASSES: &[Pass] = &[Pass {
         include_str!("../../shaders/noise.wgsl")
     ),
     entry: "main",
-    bindings: &[(ScanMap, Read), (Image, Write)],
+    bindings: &[(&SCAN_MAP, Read), (&IMAGE, Write)],
     params,
     workgroups: |tables, band| [groups(tables.width(), 64), band.rows, 1],
     flips: false,

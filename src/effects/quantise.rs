@@ -3,8 +3,9 @@
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, Verdict};
+use super::buffers::{IMAGE, PIXELS};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, Stage, Verdict};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -12,15 +13,17 @@ use crate::synth::tables::Tables;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "quantise",
+    stage: Stage::Display,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
     name: "quantise",
     shader: include_str!("../../shaders/quantise.wgsl"),
     entry: "main",
-    bindings: &[(Image, Read), (Pixels, Write)],
+    bindings: &[(&IMAGE, Read), (&PIXELS, Write)],
     params,
     workgroups: |tables, band| [groups(tables.words_per_row(), 64), band.rows, 1],
     flips: false,

@@ -20,14 +20,17 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
+use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
 use super::point_spread::PointSpread;
-use super::{Effect, OutOfRange, Verdict, within};
+use super::shadow::average_db_cm;
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::random::{hash3, pcg3d, seed_words};
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::{Settings, Tables};
+use crate::synth::tables::{Inputs, Settings, Tables};
 use crate::tracking::probe::BeamGrid;
 
 /// Electronic noise and acoustic clutter.
@@ -61,15 +64,16 @@ impl Default for Receiver {
 /// linear one.
 const RING_DOWN_MM: f64 = 3.15;
 
-impl Receiver {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Receiver {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("receiver.noise_db", self.noise_db, -200.0..=20.0)?;
         within("receiver.clutter_db", self.clutter_db, -200.0..=20.0)?;
         within("receiver.clutter_decay_db_cm", self.clutter_decay_db_cm, 0.0..=50.0)?;
         within("receiver.ring_down_db", self.ring_down_db, -200.0..=60.0)
     }
+}
 
+impl Receiver {
     /// Power of the noise, relative to the echo of liver at the array.
     pub fn noise_power(&self) -> f64 {
         10f64.powf(self.noise_db / 10.0)
@@ -105,9 +109,47 @@ impl Receiver {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "receiver",
+    stage: Stage::Beam,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    buffers: &[&CLUTTER],
+    differs: |old, new| {
+        old.probe != new.probe
+            || average_db_cm(old) != average_db_cm(new)
+            || old.effects.speckle != new.effects.speckle
+            || old.seed != new.seed
+            || old.effects.receiver != new.effects.receiver
+    },
+    // During the computation of the clutter.
+    memory: |settings, samples| {
+        if settings.effects.receiver.is_some() {
+            20 * samples
+        } else {
+            0
+        }
+    },
+    remove: Some(|settings| settings.effects.receiver = None),
+    ..Effect::PLAIN
 };
+
+/// Tables of the receiver.
+#[derive(Clone, Debug)]
+pub struct Derived {
+    /// Power of acoustic clutter and ring-down at each sample; empty without a receiver.
+    pub clutter: Vec<f32>,
+}
+
+/// Computes the clutter.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let (settings, grid) = (inputs.settings, inputs.grid);
+    let own = settings.effects.receiver.as_ref();
+    let clutter = own.map_or_else(Vec::new, |own| own.clutter(settings, grid, average_db_cm(settings)));
+    Ok(Derived { clutter })
+}
+
+/// Per sample: power of acoustic clutter and ring-down (`f32`).
+static CLUTTER: Buffer =
+    Buffer::new(280, "Clutter", 4, beam).of(|tables, _| bytes_of(&tables.effects.receiver.clutter));
 
 static PASSES: &[Pass] = &[Pass {
     name: "receiver",
@@ -116,7 +158,7 @@ static PASSES: &[Pass] = &[Pass {
         include_str!("../../shaders/receiver.wgsl")
     ),
     entry: "main",
-    bindings: &[(Label, Read), (Clutter, Read), (Amplitude, Write)],
+    bindings: &[(&LABEL, Read), (&CLUTTER, Read), (&AMPLITUDE, Write)],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
@@ -190,7 +232,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     store.amplitude[..tables.lines() * samples]
         .par_chunks_mut(chunk)
         .zip(store.label.par_chunks(chunk))
-        .zip(tables.clutter.par_chunks(chunk))
+        .zip(tables.effects.receiver.clutter.par_chunks(chunk))
         .enumerate()
         .for_each(|(at, ((amplitudes, labels), clutter))| {
             vectorised(Scanlines {

@@ -17,9 +17,10 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View};
-use super::shadow::reverberation::spacing;
-use super::{Effect, OutOfRange, Verdict, within};
+use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, LABEL, LABEL_ROWS};
+use super::common::spacing;
+use super::pass::{Access::*, Band, ParamBlock, Pass, View};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -38,9 +39,8 @@ impl Default for Refraction {
     }
 }
 
-impl Refraction {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Refraction {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("refraction.beam_mm", self.beam_mm, 0.5..=20.0)
     }
 }
@@ -86,8 +86,16 @@ pub fn units(impedance_mrayl: f64, tables: &Tables) -> u32 {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "refraction",
+    stage: Stage::Beam,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    differs: |old, new| old.probe != new.probe || old.effects.refraction != new.effects.refraction,
+    label_row: Some(|tables, label, row| {
+        let tissue = tables.anatomy.tissues.of(label as u8);
+        row.phase = units(tissue.impedance_mrayl, tables);
+    }),
+    remove: Some(|settings| settings.effects.refraction = None),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[
@@ -95,7 +103,7 @@ static PASSES: &[Pass] = &[
         name: "refraction_phase",
         shader: SHADER,
         entry: "phase",
-        bindings: &[(Label, Read), (LabelRows, Read), (AmplitudeNext, Write)],
+        bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&AMPLITUDE_NEXT, Write)],
         params,
         workgroups: |tables, _| [1, (tables.lines() / reach(tables)) as u32, 1],
         flips: false,
@@ -106,7 +114,7 @@ static PASSES: &[Pass] = &[
         name: "refraction",
         shader: SHADER,
         entry: "spread",
-        bindings: &[(AmplitudeNext, Read), (Amplitude, Write)],
+        bindings: &[(&AMPLITUDE_NEXT, Read), (&AMPLITUDE, Write)],
         params,
         workgroups: |tables, _| [1, tables.lines() as u32, 1],
         flips: false,

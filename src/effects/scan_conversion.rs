@@ -4,8 +4,9 @@
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, Verdict};
+use super::buffers::{AMPLITUDE, IMAGE, SCAN_MAP};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, Stage, Verdict};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -13,15 +14,17 @@ use crate::synth::tables::Tables;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "scan_conversion",
+    stage: Stage::Display,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
     name: "scan_conversion",
     shader: include_str!("../../shaders/scan_conversion.wgsl"),
     entry: "main",
-    bindings: &[(Amplitude, Read), (ScanMap, Read), (Image, Write)],
+    bindings: &[(&AMPLITUDE, Read), (&SCAN_MAP, Read), (&IMAGE, Write)],
     params,
     workgroups: |tables, band| [groups(tables.width(), 64), band.rows, 1],
     flips: false,

@@ -8,16 +8,25 @@
 //! beam shades its fraction of it. In the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone,
 //! air and the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
 
+use std::ops::Range;
+
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, within};
+pub use super::buffers::UNITS_PER_DB;
+use super::buffers::{
+    AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
+};
+use super::common;
+use super::lateral::LateralKernel;
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::Tables;
+use crate::synth::tables::{Inputs, Settings, Tables};
 use crate::tissue::Tissue;
 
 pub mod aperture;
@@ -64,8 +73,19 @@ impl Default for Shadow {
     }
 }
 
-/// Fixed-point units per decibel.
-pub const UNITS_PER_DB: f64 = 1_048_576.0;
+/// One-way attenuation of average soft tissue, dB/cm/MHz, that scanners compensate for (Szabo, Diagnostic Ultrasound
+/// Imaging, 2nd ed., 2014, appendix B).
+pub const SOFT_TISSUE_DB_CM_MHZ: f64 = 0.5;
+
+/// Two-way attenuation of average soft tissue, dB/cm; 0 if no attenuation is simulated.
+pub fn average_db_cm(settings: &Settings) -> f64 {
+    let own = settings.effects.shadow.as_ref();
+    if own.is_some_and(|own| own.attenuation) {
+        2.0 * SOFT_TISSUE_DB_CM_MHZ * settings.probe.frequency_mhz
+    } else {
+        0.0
+    }
+}
 
 /// Maximum loss per sample, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
 pub const MOST_PER_SAMPLE_DB: f64 = 256.0;
@@ -76,9 +96,8 @@ pub const MOST_UNITS: u32 = 0x7fff_ffff;
 /// Loss for an occlusion of 1 per mm, which would be infinite, dB per mm.
 const FULL_OCCLUSION_DB_MM: f64 = 200.0;
 
-impl Shadow {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Shadow {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)?;
         within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)?;
         within("shadow.reverberation", self.reverberation, 0.0..=1.0)?;
@@ -91,7 +110,9 @@ impl Shadow {
             ..error
         })
     }
+}
 
+impl Shadow {
     /// Two-way loss in a tissue, dB/mm, at a frequency in MHz.
     pub fn db_per_mm(&self, tissue: &Tissue, frequency_mhz: f64) -> f64 {
         let attenuation = 2.0 * tissue.attenuation_db_cm_mhz * frequency_mhz / 10.0;
@@ -108,6 +129,7 @@ pub fn units(db: f64) -> u32 {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "shadow",
+    stage: Stage::Beam,
     wanted,
     passes: |tables| {
         let [loss, rays] = match super::needle::present(tables) {
@@ -120,7 +142,7 @@ pub const EFFECT: Effect = Effect {
             (opens(tables), rays),
             (opens(tables), &APERTURE),
             (true, &PENUMBRA),
-            (mirrors || repeats, &REFLECTORS),
+            (mirrors || repeats, &FIND_REFLECTORS),
             (mirrors, &MIRROR),
             (repeats, &REVERBERATION),
         ];
@@ -128,7 +150,79 @@ pub const EFFECT: Effect = Effect {
             .filter_map(|(runs, pass)| runs.then_some(pass))
             .collect()
     },
+    buffers: &[&PENUMBRA_KERNEL, &APERTURE_SHIFTS, &THROUGH, &REFLECTORS],
+    differs: |old, new| old.probe != new.probe || old.effects.shadow != new.effects.shadow,
+    label_row: Some(|tables, label, row| {
+        let (settings, tissue) = (&tables.settings, tables.anatomy.tissues.of(label as u8));
+        let own = settings.effects.shadow.as_ref();
+        let db_per_mm = own.map_or(0.0, |own| own.db_per_mm(tissue, settings.probe.frequency_mhz));
+        row.loss = units(db_per_mm * tables.sample_mm());
+    }),
+    // Rays of the aperture.
+    memory: |settings, samples| {
+        let opens = settings.effects.shadow.as_ref().is_some_and(|own| own.f_number > 0.0);
+        if opens { 4 * aperture::RAYS as u64 * samples } else { 0 }
+    },
+    remove: Some(|settings| settings.effects.shadow = None),
+    ..Effect::PLAIN
 };
+
+/// Tables of the shadow; empty without one.
+#[derive(Clone, Debug, Default)]
+pub struct Derived {
+    /// Kernel of the beam.
+    pub penumbra: Option<LateralKernel>,
+    /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not widen.
+    pub aperture: Vec<u32>,
+    /// Ranges of samples on which the aperture shifts are constant.
+    pub aperture_runs: Vec<Range<usize>>,
+}
+
+/// Makes kernel and aperture.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let Some(own) = &inputs.settings.effects.shadow else {
+        return Ok(Derived::default());
+    };
+    let aperture = own.shifts(inputs.grid);
+    Ok(Derived {
+        penumbra: Some(own.kernel(inputs.grid)),
+        aperture_runs: aperture::runs(&aperture, inputs.grid.samples()),
+        aperture,
+    })
+}
+
+/// Weights of the beam, one row per depth (`f32`).
+static PENUMBRA_KERNEL: Buffer =
+    Buffer::new(210, "PenumbraKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
+
+fn weights(tables: &Tables) -> &[f32] {
+    let kernel = tables.effects.shadow.penumbra.as_ref();
+    kernel.map_or(&[], |kernel| kernel.weights.of())
+}
+
+/// Per off-centre ray of the aperture and sample depth: scanlines between a point and the ray's element (`u32`).
+static APERTURE_SHIFTS: Buffer = Buffer::new(250, "ApertureShifts", 4, |tables| tables.effects.shadow.aperture.len())
+    .of(|tables, _| bytes_of(&tables.effects.shadow.aperture));
+
+/// Per ray, element and sample: one-way transmittance of the occluders on it (`f32`).
+static THROUGH: Buffer = Buffer::new(260, "Through", 4, rays_of_beam);
+
+/// Per scanline: sample of the first opaque tissue, or the number of samples (`u32`).
+static REFLECTORS: Buffer = Buffer::new(270, "Reflectors", 4, Tables::lines);
+
+fn rays_of_beam(tables: &Tables) -> usize {
+    aperture::RAYS * beam(tables)
+}
+
+columns! {
+    /// Vectors of the shadow.
+    pub struct Columns<T> {
+        /// Data of [`THROUGH`].
+        through: [T; rays_of_beam] = T::zero(), THROUGH;
+        /// Data of [`REFLECTORS`].
+        reflectors: [u32; Tables::lines] = 0, REFLECTORS;
+    }
+}
 
 const SHADER: &str = concat!(
     include_str!("../../shaders/common/label_row.wgsl"),
@@ -137,43 +231,56 @@ const SHADER: &str = concat!(
 
 const TISSUE: Pass = loss_pass(
     "tissue",
-    &[(Label, Read), (LabelRows, Read), (AmplitudeNext, Write), (Loss, Write)],
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&AMPLITUDE_NEXT, Write),
+            (&LOSS, Write),
+        ]
+    },
 );
 
 const TISSUE_AND_NEEDLE: Pass = loss_pass(
     "tissue_and_needle",
-    &[
-        (Label, Read),
-        (LabelRows, Read),
-        (AmplitudeNext, Write),
-        (Loss, Write),
-        (NeedleMask, Read),
-    ],
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&AMPLITUDE_NEXT, Write),
+            (&LOSS, Write),
+            (&NEEDLE_MASK, Read),
+        ]
+    },
 );
 
 const RAYS: Pass = rays_pass(
     "rays",
-    &[
-        (Label, Read),
-        (LabelRows, Read),
-        (ApertureShifts, Read),
-        (Through, Write),
-    ],
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&APERTURE_SHIFTS, Read),
+            (&THROUGH, Write),
+        ]
+    },
 );
 
 const RAYS_AND_NEEDLE: Pass = rays_pass(
     "rays_and_needle",
-    &[
-        (Label, Read),
-        (LabelRows, Read),
-        (ApertureShifts, Read),
-        (Through, Write),
-        (NeedleMask, Read),
-    ],
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&APERTURE_SHIFTS, Read),
+            (&THROUGH, Write),
+            (&NEEDLE_MASK, Read),
+        ]
+    },
 );
 
 /// Pass for the transmittance of the rays of the aperture.
-const fn rays_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+const fn rays_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
     Pass {
         name: "shadow_rays",
         shader: SHADER,
@@ -191,7 +298,7 @@ const APERTURE: Pass = Pass {
     name: "shadow_aperture",
     shader: SHADER,
     entry: "aperture",
-    bindings: &[(ApertureShifts, Read), (Through, Read), (AmplitudeNext, Write)],
+    bindings: &[(&APERTURE_SHIFTS, Read), (&THROUGH, Read), (&AMPLITUDE_NEXT, Write)],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
@@ -217,7 +324,7 @@ pub fn opens(tables: &Tables) -> bool {
 }
 
 /// Pass for the loss down each scanline, and its one-way transmittance, which is stored in `AmplitudeNext`.
-const fn loss_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+const fn loss_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
     Pass {
         name: "shadow_loss",
         shader: SHADER,
@@ -236,11 +343,11 @@ const PENUMBRA: Pass = Pass {
     shader: SHADER,
     entry: "penumbra",
     bindings: &[
-        (Label, Read),
-        (LabelRows, Read),
-        (AmplitudeNext, Read),
-        (PenumbraKernel, Read),
-        (Amplitude, Write),
+        (&LABEL, Read),
+        (&LABEL_ROWS, Read),
+        (&AMPLITUDE_NEXT, Read),
+        (&PENUMBRA_KERNEL, Read),
+        (&AMPLITUDE, Write),
     ],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
@@ -249,11 +356,11 @@ const PENUMBRA: Pass = Pass {
     cpu_f64: penumbra::run::<f64>,
 };
 
-const REFLECTORS: Pass = Pass {
+const FIND_REFLECTORS: Pass = Pass {
     name: "shadow_reflectors",
     shader: SHADER,
     entry: "reflectors",
-    bindings: &[(Label, Read), (LabelRows, Read), (Reflectors, Write)],
+    bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&REFLECTORS, Write)],
     params,
     workgroups: |tables, _| [groups(tables.lines(), 64), 1, 1],
     flips: false,
@@ -266,11 +373,11 @@ const MIRROR: Pass = Pass {
     shader: SHADER,
     entry: "mirror",
     bindings: &[
-        (Reflectors, Read),
-        (Loss, Read),
-        (Amplitude, Write),
-        (Label, Read),
-        (LabelRows, Read),
+        (&REFLECTORS, Read),
+        (&LOSS, Read),
+        (&AMPLITUDE, Write),
+        (&LABEL, Read),
+        (&LABEL_ROWS, Read),
     ],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
@@ -342,11 +449,16 @@ pub struct Params {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let [spacing, spreading] = reverberation::spacing(tables).map(|x| x as f32);
+    let [spacing, spreading] = common::spacing(tables).map(|x| x as f32);
     ParamBlock::of(&Params {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
-        reach: tables.penumbra.as_ref().map_or(0, |kernel| kernel.reach as u32),
+        reach: tables
+            .effects
+            .shadow
+            .penumbra
+            .as_ref()
+            .map_or(0, |kernel| kernel.reach as u32),
         opaque_units: penumbra::opaque_units(tables.sample_mm()),
         needle_units: needle_units(tables),
         exponent: (0.5 * exponent_per_unit()) as f32,

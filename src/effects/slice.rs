@@ -12,9 +12,10 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::geometry::rows;
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, Verdict};
+use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
+use super::common::rows;
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Setting, Stage, Verdict};
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
@@ -28,6 +29,19 @@ pub struct Slice {
     pub boundary: Boundary,
     /// Continuation of the body beyond the faces of the volume that cut it.
     pub beyond: Beyond,
+}
+
+impl Setting for Slice {
+    fn usual() -> Self {
+        Self {
+            beyond: Beyond::Continue,
+            ..Self::default()
+        }
+    }
+
+    fn validate(&self) -> Result<(), OutOfRange> {
+        Ok(())
+    }
 }
 
 /// Continuation of the body beyond the faces of the volume that cut it.
@@ -57,8 +71,10 @@ pub enum Boundary {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "slice",
+    stage: Stage::Echoes,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
@@ -70,11 +86,11 @@ static PASSES: &[Pass] = &[Pass {
     ),
     entry: "main",
     bindings: &[
-        (Position, Read),
-        (Voxels, Read),
-        (LabelRows, Read),
-        (Label, Write),
-        (Amplitude, Write),
+        (&POSITION, Read),
+        (&VOXELS, Read),
+        (&LABEL_ROWS, Read),
+        (&LABEL, Write),
+        (&AMPLITUDE, Write),
     ],
     params,
     workgroups: |tables, _| {

@@ -21,15 +21,18 @@ use glam::Vec4;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-pub use scatter::scatterers;
 use scatter::{add_specular, scatter};
 use spread::{axial, lateral};
 pub use tables::SpeckleTables;
 
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, Resource, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, needle, within};
+use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
+use super::lateral::narrowed;
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::point_spread::PointSpread;
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, needle, within};
 use crate::random::seed_words;
-use crate::synth::tables::Tables;
+use crate::synth::SynthError;
+use crate::synth::tables::{Inputs, Tables};
 
 /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as
 /// measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
@@ -51,9 +54,8 @@ pub struct Speckle {
     pub focal_zone_mm: Option<f64>,
 }
 
-impl Speckle {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Speckle {
+    fn validate(&self) -> Result<(), OutOfRange> {
         let stated = |key: &str, value: Option<f64>, range| value.map_or(Ok(()), |value| within(key, value, range));
         stated("speckle.axial_mm", self.axial_mm, 0.05..=10.0)?;
         stated("speckle.lateral_mm", self.lateral_mm, 0.05..=20.0)?;
@@ -66,14 +68,80 @@ impl Speckle {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "speckle",
+    stage: Stage::Beam,
     wanted,
     passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
-        (None, false) => vec![&SCATTER, &AXIAL, &LATERAL],
-        (None, true) => vec![&SCATTER, &SPECULAR, &AXIAL, &LATERAL],
-        (Some(_), false) => vec![&WARPED_SCATTER, &AXIAL, &LATERAL],
-        (Some(_), true) => vec![&WARPED_SCATTER, &SPECULAR, &AXIAL, &LATERAL],
+        (None, false) => vec![&GATHER, &AXIAL, &LATERAL],
+        (None, true) => vec![&GATHER, &ADD_SPECULAR, &AXIAL, &LATERAL],
+        (Some(_), false) => vec![&GATHER_WARPED, &AXIAL, &LATERAL],
+        (Some(_), true) => vec![&GATHER_WARPED, &ADD_SPECULAR, &AXIAL, &LATERAL],
     },
+    buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL],
+    differs: |old, new| old.probe != new.probe || old.effects.speckle != new.effects.speckle,
+    warnings: |tables| {
+        let Some(own) = &tables.effects.speckle else {
+            return Vec::new();
+        };
+        let axial = narrowed("effects.speckle.axial_mm", own.axial_share, "samples");
+        let lateral = narrowed("effects.speckle.lateral_mm", own.lateral.least_share, "scanlines");
+        axial.into_iter().chain(lateral).collect()
+    },
+    remove: Some(|settings| settings.effects.speckle = None),
+    ..Effect::PLAIN
 };
+
+/// Lattice and kernels of the speckle.
+pub type Derived = Option<SpeckleTables>;
+
+/// Makes the lattice and the kernels.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let (own, probe) = (&inputs.settings.effects.speckle, &inputs.settings.probe);
+    Ok(own
+        .as_ref()
+        .map(|own| SpeckleTables::new(PointSpread::new(own, probe), inputs.grid)))
+}
+
+/// Per fine scanline and sample: complex echo (`vec2<f32>`).
+static SCATTER: Buffer = Buffer::new(160, "Scatter", 8, fine_samples);
+
+/// Complex echo after the axial point spread (`vec2<f32>`).
+static SCATTER_AXIAL: Buffer = Buffer::new(170, "ScatterAxial", 8, fine_samples);
+
+/// Weights of the axial point spread, then two factors per sample (`f32`).
+static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(tables).len())
+    .of(|tables, _| bytes_of(&axial_kernel(tables)));
+
+/// Weights of the lateral point spread, one row per depth (`f32`).
+static LATERAL_KERNEL: Buffer = Buffer::new(190, "LateralKernel", 4, |tables| lateral_kernel(tables).len())
+    .of(|tables, _| bytes_of(&lateral_kernel(tables)));
+
+fn axial_kernel(tables: &Tables) -> Vec<f32> {
+    let own = tables.effects.speckle.as_ref();
+    own.map_or(Vec::new(), |own| {
+        [own.axial.of::<f32>(), own.ends.of(), own.specular.of()].concat()
+    })
+}
+
+fn lateral_kernel(tables: &Tables) -> Vec<f32> {
+    let own = tables.effects.speckle.as_ref();
+    own.map_or(Vec::new(), |own| {
+        [own.lateral.weights.of::<f32>(), own.edges.of()].concat()
+    })
+}
+
+fn fine_samples(tables: &Tables) -> usize {
+    fine_lines(tables) * tables.samples()
+}
+
+columns! {
+    /// Vectors of the speckle.
+    pub struct Columns<T> {
+        /// Data of [`SCATTER`]: for each fine scanline its real parts, then its imaginary parts.
+        scatter: [T; |tables| 2 * fine_samples(tables)] = T::zero(), SCATTER;
+        /// Data of [`SCATTER_AXIAL`]: for each fine scanline its real parts, then its imaginary parts.
+        scatter_axial: [T; |tables| 2 * fine_samples(tables)] = T::zero(), SCATTER_AXIAL;
+    }
+}
 
 const SHADER: &str = concat!(
     include_str!("../../shaders/common/hash.wgsl"),
@@ -86,21 +154,26 @@ fn has_specular(tables: &Tables) -> bool {
     tables.settings.effects.interface.is_some() || needle::present(tables)
 }
 
-const SCATTER: Pass = scatter_pass("scatter_pass", &[(Position, Read), (Amplitude, Read), (Scatter, Write)]);
-
-/// Scatter pass for a deforming mesh, whose sub-planes bend with the tissue.
-const WARPED_SCATTER: Pass = scatter_pass(
-    "warped_scatter_pass",
-    &[
-        (Position, Read),
-        (Amplitude, Read),
-        (Scatter, Write),
-        (Element, Read),
-        (ElementMaps, Read),
-    ],
+const GATHER: Pass = scatter_pass(
+    "scatter_pass",
+    const { &[(&POSITION, Read), (&AMPLITUDE, Read), (&SCATTER, Write)] },
 );
 
-const fn scatter_pass(entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+/// Scatter pass for a deforming mesh, whose sub-planes bend with the tissue.
+const GATHER_WARPED: Pass = scatter_pass(
+    "warped_scatter_pass",
+    const {
+        &[
+            (&POSITION, Read),
+            (&AMPLITUDE, Read),
+            (&SCATTER, Write),
+            (&ELEMENT, Read),
+            (&ELEMENT_MAPS, Read),
+        ]
+    },
+);
+
+const fn scatter_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
     Pass {
         name: "speckle_scatter",
         shader: SHADER,
@@ -115,11 +188,11 @@ const fn scatter_pass(entry: &'static str, bindings: &'static [(Resource, Access
 }
 
 /// Adds the echoes of surfaces and needles to those of the scatterers.
-const SPECULAR: Pass = Pass {
+const ADD_SPECULAR: Pass = Pass {
     name: "speckle_specular",
     shader: SHADER,
     entry: "specular_pass",
-    bindings: &[(Specular, Read), (AxialKernel, Read), (Scatter, Write)],
+    bindings: &[(&SPECULAR, Read), (&AXIAL_KERNEL, Read), (&SCATTER, Write)],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
     flips: false,
@@ -131,7 +204,7 @@ const AXIAL: Pass = Pass {
     name: "speckle_axial",
     shader: SHADER,
     entry: "axial_pass",
-    bindings: &[(Scatter, Read), (AxialKernel, Read), (ScatterAxial, Write)],
+    bindings: &[(&SCATTER, Read), (&AXIAL_KERNEL, Read), (&SCATTER_AXIAL, Write)],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
     flips: false,
@@ -143,7 +216,7 @@ const LATERAL: Pass = Pass {
     name: "speckle_lateral",
     shader: SHADER,
     entry: "lateral_pass",
-    bindings: &[(ScatterAxial, Read), (LateralKernel, Read), (Amplitude, Write)],
+    bindings: &[(&SCATTER_AXIAL, Read), (&LATERAL_KERNEL, Read), (&AMPLITUDE, Write)],
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
@@ -153,13 +226,14 @@ const LATERAL: Pass = Pass {
 
 fn fine_lines(tables: &Tables) -> usize {
     tables
+        .effects
         .speckle
         .as_ref()
         .map_or(1, |speckle| speckle.fine_lines(tables.lines()))
 }
 
 fn wanted(tables: &Tables) -> Verdict {
-    match (&tables.settings.effects.speckle, &tables.speckle) {
+    match (&tables.settings.effects.speckle, &tables.effects.speckle) {
         (Some(_), Some(derived)) => Ok(format!(
             "speckle of {:.2} by {:.2} by {:.2} mm: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
             derived.spread.axial_mm,
@@ -207,7 +281,7 @@ pub struct Params {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let Some(own) = &tables.speckle else {
+    let Some(own) = &tables.effects.speckle else {
         return ParamBlock::of(&Params::zeroed());
     };
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);

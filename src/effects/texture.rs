@@ -12,13 +12,15 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, groups};
-use super::{Effect, OutOfRange, Verdict, within};
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::{Anatomy, Settings, Tables};
+use crate::synth::tables::{Anatomy, Inputs, Settings, Tables};
 use crate::tissue::{Tissue, bank};
-use crate::volume::texture::{Atlas, AtlasFull, Placement, SolidTexture};
+use crate::volume::texture::{Atlas, AtlasEntry, AtlasFull, Placement, SolidTexture};
 
 /// Solid textures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -34,9 +36,8 @@ impl Default for Texture {
     }
 }
 
-impl Texture {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Texture {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("texture.strength", self.strength, 0.0..=2.0)
     }
 }
@@ -44,9 +45,45 @@ impl Texture {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "texture",
+    stage: Stage::Echoes,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    buffers: &[&TEXTURE_ENTRIES, &TEXTURE_ATLAS],
+    differs: |old, new| old.effects.texture != new.effects.texture || old.seed != new.seed,
+    label_row: Some(|tables, label, row| {
+        if tables.effects.texture.is_some() {
+            row.texture = entry_of(&tables.anatomy, label as u8);
+        }
+    }),
+    remove: Some(|settings| settings.effects.texture = None),
+    ..Effect::PLAIN
 };
+
+/// Solid textures of the tissues.
+pub type Derived = Option<Atlas>;
+
+/// Packs the textures.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    Ok(atlas(inputs.anatomy, inputs.settings)?)
+}
+
+/// Placement of the solid textures in the atlas.
+static TEXTURE_ENTRIES: Buffer = Buffer::new(100, "TextureEntries", size_of::<AtlasEntry>(), |tables| {
+    entries(tables).len()
+})
+.of(|tables, _| bytes_of(entries(tables)));
+
+/// Voxels of the solid textures (`f32`).
+static TEXTURE_ATLAS: Buffer =
+    Buffer::new(110, "TextureAtlas", 4, |tables| voxels(tables).len()).of(|tables, _| bytes_of(voxels(tables)));
+
+fn entries(tables: &Tables) -> &[AtlasEntry] {
+    tables.effects.texture.as_ref().map_or(&[], |atlas| &atlas.entries)
+}
+
+fn voxels(tables: &Tables) -> &[f32] {
+    tables.effects.texture.as_ref().map_or(&[], |atlas| &atlas.data)
+}
 
 static PASSES: &[Pass] = &[Pass {
     name: "texture",
@@ -57,12 +94,12 @@ static PASSES: &[Pass] = &[Pass {
     ),
     entry: "main",
     bindings: &[
-        (Position, Read),
-        (Label, Read),
-        (LabelRows, Read),
-        (TextureEntries, Read),
-        (TextureAtlas, Read),
-        (Amplitude, Write),
+        (&POSITION, Read),
+        (&LABEL, Read),
+        (&LABEL_ROWS, Read),
+        (&TEXTURE_ENTRIES, Read),
+        (&TEXTURE_ATLAS, Read),
+        (&AMPLITUDE, Write),
     ],
     params,
     workgroups: |tables, _| {
@@ -78,7 +115,7 @@ static PASSES: &[Pass] = &[Pass {
 }];
 
 fn wanted(tables: &Tables) -> Verdict {
-    match (&tables.settings.effects.texture, &tables.atlas) {
+    match (&tables.settings.effects.texture, &tables.effects.texture) {
         (None, _) => Err("the scene names no textures".into()),
         (Some(_), None) => Err("no tissue of the volume has a texture".into()),
         (Some(_), Some(atlas)) => Ok(format!(
@@ -123,7 +160,7 @@ fn strength(tables: &Tables) -> f64 {
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(atlas) = &tables.atlas else { return };
+    let Some(atlas) = &tables.effects.texture else { return };
     let samples = tables.samples();
     let strength = T::of(strength(tables));
     let texture: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.texture));

@@ -9,9 +9,10 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::geometry::plane_step;
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, spread};
-use super::{Effect, OutOfRange, Verdict, within};
+use super::buffers::AMPLITUDE;
+use super::common::plane_step;
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, spread};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::real::Real;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -35,9 +36,10 @@ impl Default for Thickness {
     }
 }
 
-impl Thickness {
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Thickness {
+    const USUAL: bool = false;
+
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("thickness.width_mm", self.width_mm, 0.1..=20.0)?;
         if self.planes % 2 == 1 && (3..=MAX_PLANES as u32).contains(&self.planes) {
             return Ok(());
@@ -49,7 +51,9 @@ impl Thickness {
             expected,
         })
     }
+}
 
+impl Thickness {
     /// Distance between sub-planes, mm: together they span two widths, at whose ends the profile has fallen to
     /// 1/16.
     pub fn plane_mm(&self) -> f64 {
@@ -75,15 +79,18 @@ const MAX_PLANES: usize = 9;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "thickness",
+    stage: Stage::Echoes,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    remove: Some(|settings| settings.effects.thickness = None),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
     name: "thickness",
     shader: include_str!("../../shaders/thickness.wgsl"),
     entry: "main",
-    bindings: &[(Amplitude, Write)],
+    bindings: &[(&AMPLITUDE, Write)],
     params,
     workgroups: |tables, _| spread(tables.lines() * tables.samples(), 64),
     flips: false,

@@ -11,16 +11,17 @@ use rayon::prelude::*;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::buffers::{AMPLITUDE, Buffer, bytes_of, columns};
 use super::pass::{
     Access::{self, *},
-    Band, ParamBlock, Pass,
-    Resource::{self, AutoGain as AutoGains, *},
-    View, groups,
+    Band, ParamBlock, Pass, View, groups,
 };
-use super::{Effect, OutOfRange, Verdict, within};
-use crate::real::Real;
+use super::shadow::average_db_cm;
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::real::{Numbers, Real};
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::Tables;
+use crate::synth::tables::{Inputs, Settings, Tables};
 use auto_gain::{AutoGain, BANDS};
 
 /// Grey level of an echo of 0 dB, as a fraction of the scale: phantom frames among real B-mode data have a mean grey
@@ -82,30 +83,8 @@ impl Default for Tone {
     }
 }
 
-/// One-way attenuation of average soft tissue, dB/cm/MHz, that scanners compensate for (Szabo, Diagnostic Ultrasound
-/// Imaging, 2nd ed., 2014, appendix B).
-pub const SOFT_TISSUE_DB_CM_MHZ: f64 = 0.5;
-
-impl Tone {
-    /// Decibels per factor of two in amplitude.
-    pub const DB_PER_OCTAVE: f64 = 20.0 * std::f64::consts::LOG10_2;
-
-    /// Plain log compression: no automatic gain, grey levels linear in decibels.
-    pub fn linear() -> Self {
-        Self {
-            auto_gain: 0.0,
-            curve: Curve::Linear,
-            ..Self::default()
-        }
-    }
-
-    /// Fraction of the grey scale at a fraction of the dynamic range.
-    pub fn shown(&self, share: f64) -> f64 {
-        GreyMap::new(Some(self)).bent(share.clamp(0.0, 1.0)).powf(self.gamma)
-    }
-
-    /// Checks the ranges.
-    pub fn validate(&self) -> Result<(), OutOfRange> {
+impl Parameters for Tone {
+    fn validate(&self) -> Result<(), OutOfRange> {
         within("tone.gain_db", self.gain_db, -60.0..=60.0)?;
         within("tone.tgc_db_cm", self.tgc_db_cm.unwrap_or(0.0), -20.0..=20.0)?;
         within("tone.auto_gain", self.auto_gain, 0.0..=1.0)?;
@@ -123,6 +102,25 @@ impl Tone {
             }
         }
         Ok(())
+    }
+}
+
+impl Tone {
+    /// Decibels per factor of two in amplitude.
+    pub const DB_PER_OCTAVE: f64 = 20.0 * std::f64::consts::LOG10_2;
+
+    /// Plain log compression: no automatic gain, grey levels linear in decibels.
+    pub fn linear() -> Self {
+        Self {
+            auto_gain: 0.0,
+            curve: Curve::Linear,
+            ..Self::default()
+        }
+    }
+
+    /// Fraction of the grey scale at a fraction of the dynamic range.
+    pub fn shown(&self, share: f64) -> f64 {
+        GreyMap::new(Some(self)).bent(share.clamp(0.0, 1.0)).powf(self.gamma)
     }
 
     /// Gain at a depth, dB. `attenuation_db_cm` is the attenuation that the default compensation matches; it then ends where
@@ -164,6 +162,7 @@ impl Tone {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "tone",
+    stage: Stage::Display,
     wanted,
     passes: |tables| {
         if AutoGain::of(tables).is_some() {
@@ -172,9 +171,54 @@ pub const EFFECT: Effect = Effect {
             vec![&BY_HAND]
         }
     },
+    buffers: &[&GAIN, &AUTO_GAIN],
+    differs: |old, new| {
+        let noise_db = |settings: &Settings| settings.effects.receiver.as_ref().map(|receiver| receiver.noise_db);
+        old.probe != new.probe
+            || average_db_cm(old) != average_db_cm(new)
+            || old.effects.tone != new.effects.tone
+            || noise_db(old) != noise_db(new)
+    },
+    remove: Some(|settings| settings.effects.tone = None),
+    ..Effect::PLAIN
 };
 
-const BY_HAND: Pass = pass("tone", "by_hand", &[(Gain, Read), (Amplitude, Write)]);
+/// Tables of the tone.
+#[derive(Clone, Debug)]
+pub struct Derived {
+    /// Linear gain at each sample depth.
+    pub gain: Numbers,
+}
+
+/// Computes the gain.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let (effects, grid) = (&inputs.settings.effects, inputs.grid);
+    let matched = average_db_cm(inputs.settings);
+    let noise_db = effects.receiver.as_ref().map(|receiver| receiver.noise_db);
+    let gain = |sample: usize| match &effects.tone {
+        Some(tone) => 10f64.powf(tone.gain_at_db(grid.sample_depth_mm(sample), matched, noise_db) / 20.0),
+        None => 1.0,
+    };
+    let gain = Numbers::new((0..grid.samples()).map(gain).collect());
+    Ok(Derived { gain })
+}
+
+/// Per sample depth: linear gain (`f32`).
+static GAIN: Buffer =
+    Buffer::new(290, "Gain", 4, Tables::samples).of(|tables, _| bytes_of(tables.effects.tone.gain.of::<f32>()));
+
+/// Per band of depth: automatic gain, octaves (`f32`).
+static AUTO_GAIN: Buffer = Buffer::new(300, "AutoGain", 4, |_| BANDS);
+
+columns! {
+    /// Vectors of the tone.
+    pub struct Columns<T> {
+        /// Data of [`AUTO_GAIN`], interpolated from the bands to each sample depth.
+        auto_gain: [T; Tables::samples] = T::zero(), AUTO_GAIN;
+    }
+}
+
+const BY_HAND: Pass = pass("tone", "by_hand", const { &[(&GAIN, Read), (&AMPLITUDE, Write)] });
 
 const GAINS: Pass = Pass {
     workgroups: |_, _| [1, BANDS as u32, 1],
@@ -183,17 +227,17 @@ const GAINS: Pass = Pass {
     ..pass(
         "tone_auto_gain",
         "auto_gain",
-        &[(Gain, Read), (Amplitude, Read), (AutoGains, Write)],
+        const { &[(&GAIN, Read), (&AMPLITUDE, Read), (&AUTO_GAIN, Write)] },
     )
 };
 
 const AUTOMATIC: Pass = pass(
     "tone",
     "automatic",
-    &[(Gain, Read), (Amplitude, Write), (AutoGains, Read)],
+    const { &[(&GAIN, Read), (&AMPLITUDE, Write), (&AUTO_GAIN, Read)] },
 );
 
-const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(Resource, Access)]) -> Pass {
+const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
     Pass {
         name,
         shader: concat!(
@@ -332,8 +376,8 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let samples = tables.samples();
     let map = GreyMap::<T>::new(tables.settings.effects.tone.as_ref());
-    let gain = tables.gain.of::<T>();
-    let automatic = &store.auto_gain;
+    let gain = tables.effects.tone.gain.of::<T>();
+    let automatic = &store.effects.tone.auto_gain;
     let scanlines = store.amplitude[..tables.lines() * samples].par_chunks_mut(samples);
     // Two loops: a single one would compute the power for every sample, needed or not.
     if map.gamma == T::one() {

@@ -5,8 +5,9 @@
 
 use bytemuck::Zeroable;
 
-use super::pass::{Access::*, Band, ParamBlock, Pass, Resource::*, View, spread};
-use super::{Effect, Verdict};
+use super::buffers::{ADJACENCY, CELL_ELEMENTS, CELL_STARTS, ELEMENT, ELEMENT_MAPS, POSITION};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, spread};
+use super::{Effect, Stage, Verdict};
 use crate::mechanics::mesh::map::map_lines;
 use crate::mechanics::mesh::pack::WarpParams;
 use crate::real::Real;
@@ -16,8 +17,12 @@ use crate::synth::tables::Tables;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "warp",
+    stage: Stage::Echoes,
     wanted,
     passes: |_| PASSES.iter().collect(),
+    // The mesh is part of the anatomy.
+    remove: Some(|_| {}),
+    ..Effect::PLAIN
 };
 
 static PASSES: &[Pass] = &[Pass {
@@ -25,12 +30,12 @@ static PASSES: &[Pass] = &[Pass {
     shader: include_str!("../../shaders/warp.wgsl"),
     entry: "main",
     bindings: &[
-        (Position, Write),
-        (Element, Write),
-        (ElementMaps, Read),
-        (Adjacency, Read),
-        (CellStarts, Read),
-        (CellElements, Read),
+        (&POSITION, Write),
+        (&ELEMENT, Write),
+        (&ELEMENT_MAPS, Read),
+        (&ADJACENCY, Read),
+        (&CELL_STARTS, Read),
+        (&CELL_ELEMENTS, Read),
     ],
     params,
     workgroups: |tables, _| spread(tables.lines() * tables.samples() * tables.planes(), 64),

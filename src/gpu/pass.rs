@@ -9,8 +9,8 @@ use super::{Gpu, GpuError, Parameters, StorageBuffer};
 pub enum Access {
     /// Read only: `var<storage, read>`.
     Read,
-    /// Read and write: `var<storage, read_write>`.
-    ReadWrite,
+    /// Written, and possibly read: `var<storage, read_write>`.
+    Write,
 }
 
 /// Source and layout of a pass.

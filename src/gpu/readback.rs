@@ -185,7 +185,7 @@ mod tests {
                     out[0] = x | 1u;
                 }",
             entry: "spin",
-            storage: &[Access::ReadWrite],
+            storage: &[Access::Write],
             constants: &[],
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();

@@ -144,7 +144,7 @@ mod tests {
                 @group(0) @binding(1) var<storage, read_write> out: array<u32>;
                 @compute @workgroup_size(1) fn touch() { out[0] = value; }",
             entry: "touch",
-            storage: &[Access::ReadWrite],
+            storage: &[Access::Write],
             constants: &[],
         };
         let pipeline = Pipeline::new(&gpu, &pass).unwrap();

@@ -149,7 +149,7 @@ mod tests {
                 label,
                 source: SPIN,
                 entry: "spin",
-                storage: &[Access::ReadWrite],
+                storage: &[Access::Write],
                 constants: &constants,
             };
             let pipeline = Pipeline::new(&gpu, &pass).unwrap();

@@ -45,7 +45,7 @@ pub struct Declared {
 }
 
 const R: Access = Access::Read;
-const W: Access = Access::ReadWrite;
+const W: Access = Access::Write;
 
 const fn declared(entry: &'static str, storage: &'static [Access], workgroup: u32) -> Declared {
     Declared {

@@ -10,6 +10,7 @@ mod report;
 
 use std::time::{Duration, Instant};
 
+use crate::effects::LISTED;
 use crate::gpu::Gpu;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
@@ -175,7 +176,7 @@ impl Clock<'_> {
             passes: synth.plan().passes.len(),
             time: full,
         }];
-        for removal in REMOVALS {
+        for removal in removals() {
             let mut settings = synth.settings().clone();
             (removal.take)(&mut settings);
             let warp = removal.effect == "warp";
@@ -203,70 +204,21 @@ impl Clock<'_> {
     }
 }
 
-/// Removable effect of a frame.
+/// Effect that can be taken out of the settings.
 struct Removal {
     effect: &'static str,
     take: fn(&mut Settings),
 }
 
-/// Effects in the order of removal, from the last stage of a frame to the first.
-const REMOVALS: &[Removal] = &[
-    Removal {
-        effect: "noise",
-        take: |settings| settings.effects.noise = None,
-    },
-    Removal {
-        effect: "tone",
-        take: |settings| settings.effects.tone = None,
-    },
-    Removal {
-        effect: "receiver",
-        take: |settings| settings.effects.receiver = None,
-    },
-    Removal {
-        effect: "blur",
-        take: |settings| settings.effects.blur = None,
-    },
-    Removal {
-        effect: "refraction",
-        take: |settings| settings.effects.refraction = None,
-    },
-    Removal {
-        effect: "shadow",
-        take: |settings| settings.effects.shadow = None,
-    },
-    Removal {
-        effect: "needle",
-        take: |settings| {
-            settings.effects.needle = None;
-            settings.has_needle = false;
-        },
-    },
-    Removal {
-        effect: "interface",
-        take: |settings| settings.effects.interface = None,
-    },
-    Removal {
-        effect: "speckle",
-        take: |settings| settings.effects.speckle = None,
-    },
-    Removal {
-        effect: "thickness",
-        take: |settings| settings.effects.thickness = None,
-    },
-    Removal {
-        effect: "texture",
-        take: |settings| settings.effects.texture = None,
-    },
-    Removal {
-        effect: "warp",
-        take: |_| {},
-    },
-    Removal {
-        effect: "contact",
-        take: |settings| settings.effects.contact = None,
-    },
-];
+/// Effects in the order of removal, from the last of the list to the first.
+fn removals() -> impl Iterator<Item = Removal> {
+    LISTED.iter().rev().filter_map(|effect| {
+        effect.remove.map(|take| Removal {
+            effect: effect.name,
+            take,
+        })
+    })
+}
 
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,8 @@ mod report;
 
 use nalgebra::{Matrix4, Point3, Vector4};
 
-use crate::effects::pass::{Access, Pass, Resource};
+use crate::effects::buffers::AMPLITUDE;
+use crate::effects::pass::{Access, Pass};
 use crate::effects::shadow::{UNITS_PER_DB, transmittance};
 use crate::effects::tone::Tone;
 use crate::effects::tone::auto_gain::{self, AutoGain};
@@ -86,7 +87,14 @@ fn sample_report(synth: &mut Synthesizer, state: &FrameState, at: [f32; 2]) -> R
         needle_share: last.needle.get(index).copied(),
         shadow: shadow_report(tables, last, line, sample),
         auto_gain_db: stages.auto_gain_db(tables, sample),
-        gain_db: 20.0 * tables.gain.of::<f64>().get(sample).map_or(0.0, |gain| gain.log10()),
+        gain_db: 20.0
+            * tables
+                .effects
+                .tone
+                .gain
+                .of::<f64>()
+                .get(sample)
+                .map_or(0.0, |gain| gain.log10()),
         blur: blur_report(tables, stages.before_blur.as_deref(), line, sample),
         interpolation: corners(last, at),
         stages: stages.list,
@@ -103,7 +111,7 @@ struct Stages {
 
 impl Stages {
     fn run(synth: &mut Synthesizer, state: &FrameState, index: usize) -> Result<Self, SynthError> {
-        let writes = |pass: &Pass| pass.flips || pass.bindings.contains(&(Resource::Amplitude, Access::Write));
+        let writes = |pass: &Pass| pass.flips || pass.bindings.contains(&(&AMPLITUDE, Access::Write));
         let names: Vec<&'static str> = synth
             .plan()
             .passes
@@ -135,7 +143,7 @@ impl Stages {
 
     /// Returns the automatic gain at a sample depth, dB; `None` without automatic gain.
     fn auto_gain_db(&self, tables: &Tables, sample: usize) -> Option<f64> {
-        let gains = auto_gain::gains(&AutoGain::of(tables)?, tables.gain.of(), &self.before_tone);
+        let gains = auto_gain::gains(&AutoGain::of(tables)?, tables.effects.tone.gain.of(), &self.before_tone);
         Some(Tone::DB_PER_OCTAVE * auto_gain::at(&gains, sample, tables.samples()))
     }
 
@@ -201,7 +209,7 @@ fn label_report(tables: &Tables, index: u8, reference: [f64; 3]) -> LabelReport 
 }
 
 fn texture_report(tables: &Tables, label: u8, reference: [f64; 3]) -> Option<TextureReport> {
-    let atlas = tables.atlas.as_ref()?;
+    let atlas = tables.effects.texture.as_ref()?;
     let entry = tables.label_rows.get(usize::from(label))?.texture.checked_sub(1)?;
     Some(TextureReport {
         name: tables.anatomy.tissues.of(label).texture.as_deref()?.to_owned(),
@@ -252,7 +260,7 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
 }
 
 fn blur_report(tables: &Tables, before: Option<&[f64]>, line: usize, sample: usize) -> Vec<BlurNeighbour> {
-    let (Some(kernel), Some(before)) = (&tables.blur, before) else {
+    let (Some(kernel), Some(before)) = (&tables.effects.blur, before) else {
         return Vec::new();
     };
     let taps = kernel.at(sample).enumerate().filter_map(|(tap, weight)| {

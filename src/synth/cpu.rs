@@ -52,9 +52,9 @@ impl<T: PassScalar> CpuExecutor<T> {
 
     /// Adapts the memory to a changed plan; an error if too little is available.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
-        let written = |resource| {
+        let written = |buffer| {
             let mut bindings = plan.passes.iter().flat_map(|planned| planned.pass.bindings);
-            bindings.any(|binding| *binding == (resource, Access::Write))
+            bindings.any(|binding| *binding == (buffer, Access::Write))
         };
         let resources = plan.resources.iter().filter(|planned| written(planned.resource));
         // The plan counts numbers of 4 bytes.
@@ -92,6 +92,9 @@ impl<T: PassScalar> CpuExecutor<T> {
         for planned in passes {
             let start = Instant::now();
             T::reference(planned.pass)(&view, &mut self.store);
+            if planned.pass.flips {
+                self.store.flip();
+            }
             if self.timed {
                 self.times.push(PassTime {
                     name: planned.pass.name,

@@ -1,7 +1,6 @@
-//! GPU execution of a plan: buffers by resource, pipelines by pass, persistent bind groups, one submission per
+//! GPU execution of a plan: its buffers, pipelines by pass, persistent bind groups, one submission per
 //! frame.
 
-mod contents;
 mod warp;
 
 use std::borrow::Cow;
@@ -10,17 +9,15 @@ use std::collections::BTreeMap;
 use super::layers::Beam;
 use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
-use glam::{DVec4, Vec4};
-
-use crate::effects::contact;
-use crate::effects::needle::{self, Segment};
-use crate::effects::pass::{Access, Band, Pass, Resource, View};
+use crate::effects::buffers::{
+    AMPLITUDE, AMPLITUDE_NEXT, Buffer, ELEMENT, ELEMENT_MAPS, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION, SCAN_MAP,
+};
+use crate::effects::pass::{Access, Band, Pass, View};
 use crate::gpu::{
-    self, Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer,
+    Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer,
 };
 use crate::memory;
 use crate::plan::Plan;
-use contents::contents;
 use warp::Warp;
 
 /// Device requirements of a plan beyond the default limits.
@@ -28,7 +25,7 @@ pub fn needs(plan: &Plan) -> Needs {
     let largest = plan
         .resources
         .iter()
-        .filter(|planned| !planned.resource.is_per_pixel())
+        .filter(|planned| !planned.resource.is_per_pixel)
         .map(|planned| planned.bytes)
         .max();
     let most = plan.passes.iter().map(|planned| planned.pass.bindings.len()).max();
@@ -53,16 +50,15 @@ struct Step {
 pub struct GpuExecutor {
     gpu: Gpu,
     pipelines: BTreeMap<(&'static str, &'static str), Pipeline>,
-    buffers: BTreeMap<(Resource, usize), StorageBuffer>,
+    buffers: BTreeMap<(&'static Buffer, usize), StorageBuffer>,
     bands: Vec<Band>,
     steps: Vec<Step>,
     parameters: Parameters,
     readbacks: Vec<Readback>,
     texture: Option<TextureOut>,
     warp: Option<Warp>,
-    segments: Vec<[Vec4; 3]>,
-    gaps: Vec<f64>,
-    rounded_gaps: Vec<f32>,
+    /// Numbers of a buffer in a frame.
+    numbers: Vec<f32>,
     timer: Option<Timer>,
     times: Vec<PassTime>,
     frame_ms: Option<f64>,
@@ -82,9 +78,7 @@ impl GpuExecutor {
             readbacks: Vec::new(),
             texture: None,
             warp: None,
-            segments: Vec::with_capacity(needle::MAX_SEGMENTS),
-            gaps: Vec::new(),
-            rounded_gaps: Vec::new(),
+            numbers: Vec::new(),
             timer: None,
             times: Vec::new(),
             frame_ms: None,
@@ -94,29 +88,32 @@ impl GpuExecutor {
     }
 
     /// Adapts to a changed plan: creates new objects, drops unused ones, and uploads changed data.
-    pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[Resource]) -> Result<(), SynthError> {
+    pub fn fit(&mut self, plan: &Plan, tables: &Tables, changed: &[&'static Buffer]) -> Result<(), SynthError> {
         if self.gpu.report().software {
             memory::check(plan.bytes().saturating_sub(self.bytes()), "a frame on software Vulkan")?;
         }
         self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
-        let parts = |resource: Resource, bands: &[Band]| if resource.is_per_pixel() { bands.len() } else { 1 };
+        let parts = |buffer: &Buffer, bands: &[Band]| if buffer.is_per_pixel { bands.len() } else { 1 };
         self.buffers
-            .retain(|&(resource, part), _| plan.uses(resource) && part < parts(resource, &self.bands));
+            .retain(|&(buffer, part), _| plan.uses(buffer) && part < parts(buffer, &self.bands));
+        let per_frame = plan
+            .resources
+            .iter()
+            .filter(|planned| planned.resource.per_frame.is_some());
+        // Twice their size, as some compute them in two steps.
+        let most = per_frame.map(|planned| planned.bytes as usize / 2).max().unwrap_or(0);
+        self.numbers.clear();
+        self.numbers.reserve(most);
         match &tables.mesh {
-            Some(mesh) if plan.uses(Resource::ElementMaps) => {
+            Some(mesh) if plan.uses(&ELEMENT_MAPS) => {
                 self.warp.get_or_insert_with(|| Warp::new(mesh));
             }
             _ => self.warp = None,
         }
         for planned in &plan.resources {
             for part in 0..parts(planned.resource, &self.bands) {
-                self.fit_buffer(
-                    planned.resource,
-                    planned.bytes,
-                    part,
-                    tables,
-                    changed.contains(&planned.resource),
-                )?;
+                let changed = changed.contains(&planned.resource);
+                self.fit_buffer(planned.resource, planned.bytes, part, tables, changed)?;
             }
         }
         self.fit_steps(plan, tables)?;
@@ -143,34 +140,35 @@ impl GpuExecutor {
 
     fn fit_buffer(
         &mut self,
-        resource: Resource,
+        buffer: &'static Buffer,
         bytes: u64,
         part: usize,
         tables: &Tables,
         changed: bool,
     ) -> Result<(), GpuError> {
-        let bytes = if resource.is_per_pixel() {
+        let bytes = if buffer.is_per_pixel {
             bytes / tables.height() as u64 * u64::from(self.bands[part].rows)
         } else {
             bytes
         };
-        let key = (resource, part);
+        let key = (buffer, part);
         let fits = self
             .buffers
             .get(&key)
-            .is_some_and(|buffer| buffer.bytes() == bytes.next_multiple_of(4).max(4));
+            .is_some_and(|made| made.bytes() == bytes.next_multiple_of(4).max(4));
         if !fits {
-            let buffer = StorageBuffer::zeroed(&self.gpu, &format!("{resource:?}"), bytes)?;
-            self.buffers.insert(key, buffer);
+            let made = StorageBuffer::zeroed(&self.gpu, buffer.name, bytes)?;
+            self.buffers.insert(key, made);
             if let Some(warp) = &mut self.warp {
-                warp.buffer_is_new(resource);
+                warp.buffer_is_new(buffer);
             }
         }
-        if !fits || changed {
-            let contents = contents(resource, tables, self.bands[part]);
-            self.buffers[&key].write(&self.gpu, 0, &contents)?;
+        match buffer.contents {
+            Some(contents) if !fits || changed => {
+                self.buffers[&key].write(&self.gpu, 0, &contents(tables, self.bands[part]))
+            }
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     fn fit_steps(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
@@ -200,11 +198,8 @@ impl GpuExecutor {
                 let bound: Vec<&StorageBuffer> = pass
                     .bindings
                     .iter()
-                    .map(|&(resource, _)| {
-                        &self.buffers[&(
-                            actual(resource, flipped),
-                            if resource.is_per_pixel() { part } else { 0 },
-                        )]
+                    .map(|&(buffer, _)| {
+                        &self.buffers[&(actual(buffer, flipped), if buffer.is_per_pixel { part } else { 0 })]
                     })
                     .collect();
                 let bindings = pipeline.bind(&self.gpu, &self.parameters, &bound)?;
@@ -232,14 +227,7 @@ impl GpuExecutor {
         if let Some(pipeline) = self.pipelines.get(&(pass.name, pass.entry)) {
             return Ok(pipeline.clone());
         }
-        let storage: Vec<gpu::Access> = pass
-            .bindings
-            .iter()
-            .map(|(_, access)| match access {
-                Access::Read => gpu::Access::Read,
-                Access::Write => gpu::Access::ReadWrite,
-            })
-            .collect();
+        let storage: Vec<Access> = pass.bindings.iter().map(|&(_, access)| access).collect();
         let source = PassSource {
             label: pass.name,
             source: pass.shader,
@@ -272,10 +260,10 @@ impl GpuExecutor {
                 None => recorder.run("frame", dispatches)?,
             }
             match into_texture {
-                Some(texture) => recorder.copy_to_texture(&self.buffers[&(Resource::Pixels, 0)], texture)?,
+                Some(texture) => recorder.copy_to_texture(&self.buffers[&(&PIXELS, 0)], texture)?,
                 None => {
                     for (part, readback) in self.readbacks.iter().enumerate() {
-                        recorder.read_back(&self.buffers[&(Resource::Pixels, part)], readback)?;
+                        recorder.read_back(&self.buffers[&(&PIXELS, part)], readback)?;
                     }
                 }
             }
@@ -308,8 +296,8 @@ impl GpuExecutor {
     fn upload(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         if let Some(warp) = &mut self.warp {
             warp.update(state)?;
-            for (resource, piece) in warp.pieces() {
-                self.buffers[&(resource, 0)].write(&self.gpu, piece.at, piece.bytes)?;
+            for (buffer, piece) in warp.pieces() {
+                self.buffers[&(buffer, 0)].write(&self.gpu, piece.at, piece.bytes)?;
             }
             warp.is_uploaded();
         }
@@ -318,17 +306,11 @@ impl GpuExecutor {
             state,
             warp: self.warp.as_ref().map(Warp::params),
         };
-        if let Some(buffer) = self.buffers.get(&(Resource::Gaps, 0)) {
-            contact::gaps(tables, state, &mut self.gaps);
-            self.rounded_gaps.clear();
-            self.rounded_gaps.extend(self.gaps.iter().map(|&gap| gap as f32));
-            buffer.write(&self.gpu, 0, &self.rounded_gaps)?;
-        }
-        if let Some(buffer) = self.buffers.get(&(Resource::Needle, 0)) {
-            let rounded = |segment: Segment<f64>| segment.map(|end| DVec4::from(end).as_vec4());
-            self.segments.clear();
-            self.segments.extend(needle::segments(tables, state).map(rounded));
-            buffer.write(&self.gpu, 0, &self.segments)?;
+        for (&(buffer, _), made) in &self.buffers {
+            if let Some(numbers) = buffer.per_frame {
+                numbers(tables, state, &mut self.numbers);
+                made.write(&self.gpu, 0, &self.numbers)?;
+            }
         }
         for (slot, step) in self.steps.iter().enumerate() {
             self.parameters
@@ -342,7 +324,7 @@ impl GpuExecutor {
             return Err(GpuError::Limit {
                 what: "a frame left on the GPU in one piece".into(),
                 limit: "max_storage_buffer_binding_size",
-                needed: tables.bytes(Resource::ScanMap),
+                needed: SCAN_MAP.bytes(tables),
                 available: self.gpu.limits().max_storage_buffer_binding_size,
             });
         }
@@ -381,8 +363,8 @@ impl GpuExecutor {
     /// Reads the beam-space results of the last frame, relative to the local origin, as they were after the last executed pass.
     pub fn beam(&self, flipped: bool, tables: &Tables) -> Result<Beam, SynthError> {
         let count = tables.lines() * tables.samples();
-        let words = |resource: Resource, per_sample: usize| -> Result<Vec<u32>, GpuError> {
-            let Some(buffer) = self.buffers.get(&(resource, 0)) else {
+        let words = |buffer: &'static Buffer, per_sample: usize| -> Result<Vec<u32>, GpuError> {
+            let Some(buffer) = self.buffers.get(&(buffer, 0)) else {
                 return Ok(Vec::new());
             };
             let mut readback = Readback::new(&self.gpu, "beam", (count * per_sample * 4) as u64)?;
@@ -394,20 +376,20 @@ impl GpuExecutor {
         };
         let numbers =
             |words: Vec<u32>| -> Vec<f64> { words.into_iter().map(|word| f64::from(f32::from_bits(word))).collect() };
-        let mask = numbers(words(Resource::NeedleMask, 2)?);
+        let mask = numbers(words(&NEEDLE_MASK, 2)?);
         Ok(Beam {
             lines: tables.lines(),
             samples: tables.samples(),
-            position: numbers(words(Resource::Position, 4)?)
+            position: numbers(words(&POSITION, 4)?)
                 .chunks_exact(4)
                 .map(|p| [p[0], p[1], p[2], p[3]])
                 .collect(),
-            element: words(Resource::Element, 1)?,
-            label: words(Resource::Label, 1)?.into_iter().map(|word| word as u8).collect(),
-            amplitude: numbers(words(actual(Resource::Amplitude, flipped), 1)?),
+            element: words(&ELEMENT, 1)?,
+            label: words(&LABEL, 1)?.into_iter().map(|word| word as u8).collect(),
+            amplitude: numbers(words(actual(&AMPLITUDE, flipped), 1)?),
             needle: mask.iter().step_by(2).copied().collect(),
             shade: mask.iter().skip(1).step_by(2).copied().collect(),
-            loss: words(Resource::Loss, 1)?,
+            loss: words(&LOSS, 1)?,
         })
     }
 
@@ -452,14 +434,14 @@ fn dispatches(steps: &[Step]) -> impl Iterator<Item = Dispatch<'_>> {
 }
 
 fn is_per_pixel(pass: &Pass) -> bool {
-    pass.bindings.iter().any(|(resource, _)| resource.is_per_pixel())
+    pass.bindings.iter().any(|(buffer, _)| buffer.is_per_pixel)
 }
 
-/// Buffer bound as a resource, given whether the number of flips is odd.
-fn actual(resource: Resource, flipped: bool) -> Resource {
-    match (resource, flipped) {
-        (Resource::Amplitude, true) => Resource::AmplitudeNext,
-        (Resource::AmplitudeNext, true) => Resource::Amplitude,
-        (other, _) => other,
+/// Buffer that is bound in place of one, given whether the number of flips is odd.
+fn actual(buffer: &'static Buffer, flipped: bool) -> &'static Buffer {
+    match flipped {
+        true if *buffer == AMPLITUDE => &AMPLITUDE_NEXT,
+        true if *buffer == AMPLITUDE_NEXT => &AMPLITUDE,
+        _ => buffer,
     }
 }

@@ -31,7 +31,7 @@ pub struct Beam {
     pub needle: Vec<f64>,
     /// Fraction of the beam blocked by needle and seeds.
     pub shade: Vec<f64>,
-    /// Two-way loss, in units of [`crate::effects::shadow::UNITS_PER_DB`].
+    /// Two-way loss, in units of [`crate::effects::buffers::UNITS_PER_DB`].
     pub loss: Vec<u32>,
 }
 
@@ -153,7 +153,7 @@ impl Layer {
             }
             Self::Needle => beam.needle.iter().map(|&share| fixed(255.0 * share)).collect(),
             Self::Loss => {
-                let db = |&units: &u32| f64::from(units) / crate::effects::shadow::UNITS_PER_DB;
+                let db = |&units: &u32| f64::from(units) / crate::effects::buffers::UNITS_PER_DB;
                 beam.loss.iter().map(|units| fixed(100.0 * db(units))).collect()
             }
         }

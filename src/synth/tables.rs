@@ -2,32 +2,21 @@
 //! read by both backends, and recomputed part by part when a setting changes.
 
 use std::collections::BTreeMap;
-use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
 use super::SynthError;
 use super::local_origin::LocalOrigin;
-use crate::effects::lateral::{LateralKernel, MAX_REACH};
-use crate::effects::needle::MAX_SEGMENTS;
-use crate::effects::pass::Resource;
-use crate::effects::point_spread::PointSpread;
-use crate::effects::refraction;
-use crate::effects::shadow::aperture::{self, RAYS};
-use crate::effects::shadow::units;
-use crate::effects::speckle::SpeckleTables;
-use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
-use crate::effects::tone::auto_gain::BANDS;
-use crate::effects::{Effects, texture};
+use crate::effects::buffers::{Buffer, LABEL_ROWS, RAYS, SCAN_MAP};
+use crate::effects::{EffectTables, Effects, REGISTRY};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::pack::WarpCapacities;
 use crate::memory;
-use crate::real::Numbers;
 use crate::tissue::TissueTable;
 use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 use crate::volume::LabelVolume;
-use crate::volume::texture::{Atlas, SolidTexture};
+use crate::volume::texture::SolidTexture;
 
 /// Imaged anatomy in the world: fixed for the life of a synthesizer.
 #[derive(Clone, Debug)]
@@ -74,32 +63,39 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Two-way attenuation of average soft tissue, dB/cm; 0 if no attenuation is simulated.
-    fn average_attenuation_db_cm(&self) -> f64 {
-        let shadow = &self.effects.shadow;
-        if shadow.as_ref().is_some_and(|shadow| shadow.attenuation) {
-            2.0 * SOFT_TISSUE_DB_CM_MHZ * self.probe.frequency_mhz
-        } else {
-            0.0
-        }
+    /// Number of elevational sub-planes.
+    fn planes(&self) -> usize {
+        let thickness = &self.effects.thickness;
+        thickness.as_ref().map_or(1, |thickness| thickness.planes as usize)
     }
+}
+
+/// What effects derive their tables from.
+#[derive(Clone, Copy)]
+pub struct Inputs<'a> {
+    /// Imaged anatomy in the world.
+    pub anatomy: &'a Anatomy,
+    /// Settings of the synthesizer.
+    pub settings: &'a Settings,
+    /// Grid of scanlines and samples.
+    pub grid: &'a BeamGrid,
 }
 
 /// Imaging properties of one label.
 #[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct LabelRow {
     /// Mean echo amplitude.
     pub echo: f32,
     /// Acoustic impedance, MRayl.
     pub impedance: f32,
-    /// Two-way loss over one sample, in units of [`crate::effects::shadow::UNITS_PER_DB`].
+    /// Two-way loss over one sample, in units of [`crate::effects::buffers::UNITS_PER_DB`].
     pub loss: u32,
     /// Index of its texture in the atlas plus one; 0 for none.
     pub texture: u32,
     /// Reflection coefficient of its capsule.
     pub capsule: f32,
-    /// Phase over one sample, in the units of [`crate::effects::refraction`].
+    /// Phase over one sample, in units that depend on the beam.
     pub phase: u32,
 }
 
@@ -137,23 +133,8 @@ pub struct Tables {
     pub scan_map: Vec<[f32; 2]>,
     /// One row per label index.
     pub label_rows: Vec<LabelRow>,
-    /// Solid textures of the tissues.
-    pub atlas: Option<Atlas>,
-    /// Lattice and kernels of the speckle.
-    pub speckle: Option<SpeckleTables>,
-    /// Kernel of the beam used for shadows.
-    pub penumbra: Option<LateralKernel>,
-    /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not
-    /// widen.
-    pub aperture: Vec<u32>,
-    /// Ranges of samples on which the aperture shifts are constant.
-    pub aperture_runs: Vec<Range<usize>>,
-    /// Kernel of the radial blur.
-    pub blur: Option<LateralKernel>,
-    /// Power of acoustic clutter and ring-down at each sample; empty without a receiver.
-    pub clutter: Vec<f32>,
-    /// Linear gain at each sample depth.
-    pub gain: Numbers,
+    /// Tables of the effects.
+    pub effects: EffectTables,
     /// Sizes of the buffers of the warp, if a mesh deforms.
     pub warp: Option<WarpCapacities>,
 }
@@ -166,6 +147,11 @@ impl Tables {
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings)?;
         let origin = LocalOrigin::of(&anatomy.volume);
+        let inputs = Inputs {
+            anatomy: &anatomy,
+            settings: &settings,
+            grid: &grid,
+        };
         let mut tables = Self {
             origin,
             volume: origin.volume(&anatomy.volume)?,
@@ -173,117 +159,57 @@ impl Tables {
             scan_map: clamped_scan_map(&grid, &image_grid),
             rays: rays(&grid),
             label_rows: Vec::new(),
-            atlas: None,
-            speckle: settings
-                .effects
-                .speckle
-                .as_ref()
-                .map(|speckle| SpeckleTables::new(PointSpread::new(speckle, &settings.probe), &grid)),
-            penumbra: settings.effects.shadow.as_ref().map(|shadow| shadow.kernel(&grid)),
-            aperture: settings
-                .effects
-                .shadow
-                .as_ref()
-                .map_or(Vec::new(), |shadow| shadow.shifts(&grid)),
-            aperture_runs: Vec::new(),
-            blur: settings
-                .effects
-                .blur
-                .as_ref()
-                .map(|blur| blur.kernel(&grid, settings.probe.frequency_mhz)),
-            clutter: Vec::new(),
-            gain: Numbers::default(),
+            effects: EffectTables::new(&inputs)?,
             warp: anatomy.mesh.as_ref().map(|mesh| WarpCapacities::of(mesh)),
             grid,
             image_grid,
             anatomy,
             settings,
         };
-        tables.clutter = tables.clutter();
-        tables.gain = tables.gain_table();
-        tables.atlas = texture::atlas(&tables.anatomy, &tables.settings)?;
         tables.label_rows = tables.rows();
-        tables.aperture_runs = aperture::runs(&tables.aperture, tables.samples());
         Ok(tables)
     }
 
-    /// Changes the settings and returns the resources whose contents changed. Nothing else is recomputed; on an error the
+    /// Changes the settings and returns the buffers whose contents changed. Nothing else is recomputed; on an error the
     /// tables are unchanged.
-    pub fn set(&mut self, settings: Settings) -> Result<Vec<Resource>, SynthError> {
+    pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
         settings.effects.validate()?;
-        let (old, new) = (&self.settings, &settings);
-        let probe = old.probe != new.probe;
+        let probe = self.settings.probe != settings.probe;
         let grid = if probe {
-            BeamGrid::new(&new.probe)?
+            BeamGrid::new(&settings.probe)?
         } else {
             self.grid.clone()
         };
-        let image_grid = image_grid(&grid, &new.image)?;
-        check_memory(&grid, new)?;
-        let speckle = probe || old.effects.speckle != new.effects.speckle;
-        let blur = probe || old.effects.blur != new.effects.blur;
-        let shadow = probe || old.effects.shadow != new.effects.shadow;
-        let attenuation = old.average_attenuation_db_cm() != new.average_attenuation_db_cm();
-        let clutter = attenuation || speckle || old.seed != new.seed || old.effects.receiver != new.effects.receiver;
-        let noise_db = |settings: &Settings| settings.effects.receiver.as_ref().map(|receiver| receiver.noise_db);
-        let gain = probe || attenuation || old.effects.tone != new.effects.tone || noise_db(old) != noise_db(new);
-        let refraction = old.effects.refraction != new.effects.refraction;
-        let texture = old.effects.texture != new.effects.texture || old.seed != new.seed;
-        let atlas = if texture {
-            texture::atlas(&self.anatomy, new)?
-        } else {
-            None
+        let image_grid = image_grid(&grid, &settings.image)?;
+        check_memory(&grid, &settings)?;
+        let inputs = Inputs {
+            anatomy: &self.anatomy,
+            settings: &settings,
+            grid: &grid,
         };
-        let mut changed = Vec::new();
+        self.effects.set(&self.settings, &inputs)?;
         let remap = probe || image_grid != self.image_grid;
-
-        self.settings = settings;
+        let old = std::mem::replace(&mut self.settings, settings);
         self.grid = grid;
         self.image_grid = image_grid;
+        let mut changed = Vec::new();
         if remap {
             self.scan_map = clamped_scan_map(&self.grid, &self.image_grid);
-            changed.push(Resource::ScanMap);
+            changed.push(&SCAN_MAP);
         }
         if probe {
             self.rays = rays(&self.grid);
-            changed.push(Resource::Rays);
+            changed.push(&RAYS);
         }
-        if speckle {
-            self.speckle = self
-                .settings
-                .effects
-                .speckle
-                .as_ref()
-                .map(|speckle| SpeckleTables::new(PointSpread::new(speckle, &self.settings.probe), &self.grid));
-            changed.extend([Resource::AxialKernel, Resource::LateralKernel]);
+        let differs = REGISTRY.iter().filter(|effect| (effect.differs)(&old, &self.settings));
+        let mut relabel = false;
+        for effect in differs {
+            changed.extend(effect.buffers.iter().filter(|buffer| buffer.contents.is_some()));
+            relabel |= effect.label_row.is_some();
         }
-        if blur {
-            let (own, mhz) = (&self.settings.effects.blur, self.settings.probe.frequency_mhz);
-            self.blur = own.as_ref().map(|blur| blur.kernel(&self.grid, mhz));
-            changed.push(Resource::BlurKernel);
-        }
-        if shadow {
-            let own = &self.settings.effects.shadow;
-            self.penumbra = own.as_ref().map(|own| own.kernel(&self.grid));
-            self.aperture = own.as_ref().map_or(Vec::new(), |own| own.shifts(&self.grid));
-            self.aperture_runs = aperture::runs(&self.aperture, self.samples());
-            changed.extend([Resource::PenumbraKernel, Resource::ApertureShifts]);
-        }
-        if clutter {
-            self.clutter = self.clutter();
-            changed.push(Resource::Clutter);
-        }
-        if gain {
-            self.gain = self.gain_table();
-            changed.push(Resource::Gain);
-        }
-        if texture {
-            self.atlas = atlas;
-            changed.extend([Resource::TextureAtlas, Resource::TextureEntries]);
-        }
-        if texture || shadow || refraction {
+        if relabel {
             self.label_rows = self.rows();
-            changed.push(Resource::LabelRows);
+            changed.push(&LABEL_ROWS);
         }
         Ok(changed)
     }
@@ -305,11 +231,7 @@ impl Tables {
 
     /// Number of elevational sub-planes.
     pub fn planes(&self) -> usize {
-        self.settings
-            .effects
-            .thickness
-            .as_ref()
-            .map_or(1, |thickness| thickness.planes as usize)
+        self.settings.planes()
     }
 
     /// Distance between sub-planes, mm.
@@ -337,126 +259,19 @@ impl Tables {
         self.width().div_ceil(256) * 64
     }
 
-    /// Size of a resource on the GPU, bytes.
-    pub fn bytes(&self, resource: Resource) -> u64 {
-        let beam = (self.lines() * self.samples()) as u64;
-        let pixels = (self.width() * self.height()) as u64;
-        let fine = self
-            .speckle
-            .as_ref()
-            .map_or(0, |speckle| speckle.fine_lines(self.lines()) * self.samples()) as u64;
-        let depth_kernel = |reach: usize| ((2 * reach + 1) * self.samples() * 4) as u64;
-        match resource {
-            Resource::Rays => self.lines() as u64 * 16,
-            Resource::Gaps => (self.lines() * self.planes()) as u64 * 4,
-            Resource::Position => beam * self.planes() as u64 * 16,
-            Resource::Element | Resource::Label | Resource::Amplitude => beam * self.planes() as u64 * 4,
-            Resource::ElementMaps => self.warp_items(|warp| warp.frames) * 16,
-            Resource::Adjacency => self.warp_items(|warp| warp.neighbours) * 16,
-            Resource::CellStarts => self.warp_items(|warp| warp.starts) * 4,
-            Resource::CellElements => self.warp_items(|warp| warp.lists) * 4,
-            Resource::Voxels => self.volume.voxels().len().div_ceil(4) as u64 * 4,
-            Resource::LabelRows => size_of_val(self.label_rows.as_slice()) as u64,
-            Resource::TextureEntries => {
-                self.atlas
-                    .as_ref()
-                    .map_or(0, |atlas| size_of_val(atlas.entries.as_slice())) as u64
-            }
-            Resource::TextureAtlas => self
-                .atlas
-                .as_ref()
-                .map_or(0, |atlas| size_of_val(atlas.data.as_slice())) as u64,
-            Resource::AmplitudeNext | Resource::Loss | Resource::Clutter => beam * 4,
-            Resource::ApertureShifts => size_of_val(self.aperture.as_slice()) as u64,
-            Resource::Reflectors => self.lines() as u64 * 4,
-            Resource::Through => beam * 4 * RAYS as u64,
-            Resource::NeedleMask | Resource::Specular => beam * 8,
-            Resource::Scatter | Resource::ScatterAxial => fine * 8,
-            Resource::AxialKernel => self
-                .speckle
-                .as_ref()
-                .map_or(0, |speckle| (speckle.axial.of::<f32>().len() + 2 * self.samples()) * 4)
-                as u64,
-            Resource::LateralKernel => self.speckle.as_ref().map_or(0, |speckle| {
-                depth_kernel(speckle.lateral.reach) + 4 * speckle.edges.of::<f32>().len() as u64
-            }),
-            Resource::PenumbraKernel => self.penumbra.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
-            Resource::BlurKernel => self.blur.as_ref().map_or(0, |kernel| depth_kernel(kernel.reach)),
-            Resource::Gain => self.samples() as u64 * 4,
-            Resource::AutoGain => 4 * BANDS as u64,
-            Resource::Needle => (MAX_SEGMENTS * size_of::<[[f32; 4]; 3]>()) as u64,
-            Resource::ScanMap => pixels * 8,
-            Resource::Image => pixels * 4,
-            Resource::Pixels => (self.words_per_row() * self.height() * 4) as u64,
-        }
-    }
-
-    /// Deviations of the output from the settings, for the user.
-    pub fn warnings(&self) -> Vec<String> {
-        let narrowed = |key: &str, share: f64, finer: &str| {
-            (share < 0.99).then(|| {
-                format!(
-                    "{key} comes out at {:.0} % of what is asked where the grid is finest: a kernel reaches {MAX_REACH} \
-                     {finer} to each side; fewer of them in the probe reach further",
-                    100.0 * share
-                )
-            })
-        };
-        let speckle = self.speckle.as_ref();
-        [
-            speckle.and_then(|speckle| narrowed("effects.speckle.axial_mm", speckle.axial_share, "samples")),
-            speckle
-                .and_then(|speckle| narrowed("effects.speckle.lateral_mm", speckle.lateral.least_share, "scanlines")),
-            self.blur
-                .as_ref()
-                .and_then(|blur| narrowed("effects.blur.width_mm", blur.least_share, "scanlines")),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
-    }
-
-    fn warp_items(&self, pick: fn(&WarpCapacities) -> usize) -> u64 {
-        self.warp.as_ref().map_or(0, pick) as u64
-    }
-
-    fn clutter(&self) -> Vec<f32> {
-        let effects = &self.settings.effects;
-        effects.receiver.as_ref().map_or_else(Vec::new, |receiver| {
-            receiver.clutter(&self.settings, &self.grid, self.settings.average_attenuation_db_cm())
-        })
-    }
-
-    fn gain_table(&self) -> Numbers {
-        let effects = &self.settings.effects;
-        let matched = self.settings.average_attenuation_db_cm();
-        let noise_db = effects.receiver.as_ref().map(|receiver| receiver.noise_db);
-        let gain = |sample: usize| match &effects.tone {
-            Some(tone) => 10f64.powf(tone.gain_at_db(self.grid.sample_depth_mm(sample), matched, noise_db) / 20.0),
-            None => 1.0,
-        };
-        Numbers::new((0..self.samples()).map(gain).collect())
-    }
-
     fn rows(&self) -> Vec<LabelRow> {
-        let effects = &self.settings.effects;
         let row = |label: usize| {
             let tissue = self.anatomy.tissues.of(label as u8);
-            let db = effects.shadow.as_ref().map_or(0.0, |shadow| {
-                shadow.db_per_mm(tissue, self.settings.probe.frequency_mhz) * self.sample_mm()
-            });
-            LabelRow {
+            let mut row = LabelRow {
                 echo: 10f64.powf(tissue.echogenicity_db / 20.0) as f32,
                 impedance: tissue.impedance_mrayl as f32,
-                loss: units(db),
-                texture: if self.atlas.is_some() {
-                    texture::entry_of(&self.anatomy, label as u8)
-                } else {
-                    0
-                },
                 capsule: tissue.capsule as f32,
-                phase: refraction::units(tissue.impedance_mrayl, self),
+                ..LabelRow::default()
+            };
+            for write in REGISTRY.iter().filter_map(|effect| effect.label_row) {
+                write(self, label, &mut row);
             }
+            row
         };
         (0..self.volume.labels().len()).map(row).collect()
     }
@@ -470,25 +285,18 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
 }
 
 /// Refuses a frame that does not fit into memory, before any allocation: map, grey levels and bytes of its pixels, the copy
-/// that is returned, a position, an amplitude and a label per sample, the clutter during its computation, and the rays of the
-/// aperture.
+/// that is returned, a position, an amplitude and a label per sample, and what effects need besides their buffers.
 fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
-    let (ImageSize { width, height, .. }, effects) = (settings.image, &settings.effects);
-    let planes = effects
-        .thickness
-        .as_ref()
-        .map_or(1, |thickness| u64::from(thickness.planes));
+    let ImageSize { width, height, .. } = settings.image;
     let samples = (grid.lines() * grid.samples()) as u64;
-    let clutter = if effects.receiver.is_some() { 20 * samples } else { 0 };
-    let opens = effects.shadow.as_ref().is_some_and(|shadow| shadow.f_number > 0.0);
-    let aperture = if opens { 4 * RAYS as u64 * samples } else { 0 };
+    let effects: u64 = REGISTRY.iter().map(|effect| (effect.memory)(settings, samples)).sum();
     let what = format!(
         "a frame of {width} x {height} pixels from {} x {} samples",
         grid.lines(),
         grid.samples()
     );
     Ok(memory::check(
-        14 * (width * height) as u64 + 21 * samples * planes + clutter + aperture,
+        14 * (width * height) as u64 + 21 * samples * settings.planes() as u64 + effects,
         &what,
     )?)
 }

@@ -126,3 +126,149 @@ fn every_shader_belongs_to_an_effect_or_to_remeshing_or_is_shared() {
         }
     }
 }
+
+/// Places besides its own files, the registry and the parity analysis where an effect may be named, and why.
+const NAMED: &[(&str, &[&str], &str)] = &[
+    (
+        "lib.rs",
+        &[
+            "contact",
+            "slice",
+            "texture",
+            "thickness",
+            "speckle",
+            "interface",
+            "needle",
+            "shadow",
+            "refraction",
+            "blur",
+            "receiver",
+            "tone",
+            "noise",
+        ],
+        "the public interface has the parameters of each",
+    ),
+    (
+        "effects/point_spread.rs",
+        &["speckle"],
+        "the point spread is stated with the speckle",
+    ),
+    (
+        "effects/speckle.rs",
+        &["interface", "needle"],
+        "adds their echoes before the point spread",
+    ),
+    (
+        "effects/interface.rs",
+        &["slice", "speckle"],
+        "reads labels as they are sliced; writes its echo where the speckle adds it",
+    ),
+    (
+        "effects/needle.rs",
+        &["speckle", "interface", "shadow"],
+        "writes its echo where the speckle adds it, after the surfaces; shades a part of the beam",
+    ),
+    (
+        "effects/needle/segments.rs",
+        &["speckle"],
+        "the echo of a thick shaft passes its kernels",
+    ),
+    ("effects/shadow.rs", &["needle"], "the needle shades"),
+    ("effects/shadow/aperture.rs", &["needle"], "the needle shades"),
+    (
+        "effects/receiver.rs",
+        &["speckle", "shadow"],
+        "clutter has the point spread, and attenuates",
+    ),
+    (
+        "effects/tone.rs",
+        &["shadow", "receiver"],
+        "compensates for attenuation down to the noise",
+    ),
+    ("effects/tone/auto_gain.rs", &["receiver"], "amplifies no noise"),
+    (
+        "synth/tables.rs",
+        &["thickness"],
+        "sub-planes are part of the grid of all passes",
+    ),
+    (
+        "output/overlay.rs",
+        &["speckle", "tone"],
+        "draws the focus and the grey scale",
+    ),
+    ("scenario/scene.rs", &["needle"], "an insertion shows its needle"),
+    ("scene/check.rs", &["tone"], "tells that grey levels are linear"),
+    (
+        "scene/resolve.rs",
+        &["contact", "needle"],
+        "tells of gaps under the array and of needles beside the plane",
+    ),
+];
+
+/// The source without comments and unit tests.
+fn code(path: &Path) -> String {
+    let text = std::fs::read_to_string(path).expect("a source");
+    let text = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+    let lines = text.lines().map(|line| line.split("//").next().unwrap_or_default());
+    lines.collect::<Vec<_>>().join("\n")
+}
+
+/// Whether a text has a word right after a prefix.
+fn has(text: &str, prefix: &str, word: &str) -> bool {
+    let found = text.split(prefix).skip(1);
+    found.map(words).any(|mut words| words.next() == Some(word))
+}
+
+fn words(text: &str) -> impl Iterator<Item = &str> {
+    text.split(|c: char| !c.is_alphanumeric() && c != '_')
+}
+
+/// Whether a list of imports after a prefix has a word.
+fn imports(text: &str, prefix: &str, word: &str) -> bool {
+    let lists = text.split(prefix).skip(1).filter_map(|rest| rest.split(';').next());
+    lists.into_iter().any(|list| words(list).any(|found| found == word))
+}
+
+/// Holds what can be read off the text: paths (`effects::NAME`, `super::NAME` beside the effects, lists of imports) and keys (`effects.NAME`).
+/// Names as text, such as those of passes in reports, are not found. Studies, which measure single effects, are exempt, but not their ladder of
+/// removals.
+#[test]
+fn an_effect_is_named_in_its_own_files_and_the_registry_alone() {
+    let mut found = Vec::new();
+    for path in sources("") {
+        let name = path
+            .strip_prefix(root().join("src"))
+            .expect("a source")
+            .to_string_lossy()
+            .replace('\\', "/");
+        let is_test = name.split(['/', '.']).any(|part| part == "tests");
+        if is_test || (name.starts_with("study/") && !name.starts_with("study/bench")) {
+            continue;
+        }
+        let mut text = code(&path);
+        if name == "effects.rs" {
+            let start = text.find("\nregistry! {").expect("the registry");
+            let end = start + text[start..].find("\n}\n").expect("its end");
+            text.replace_range(start..end, "");
+        }
+        for effect in REGISTRY {
+            let is_own =
+                name == format!("effects/{}.rs", effect.name) || name.starts_with(&format!("effects/{}/", effect.name));
+            let beside = name.starts_with("effects");
+            let is_named = has(&text, "effects::", effect.name)
+                || has(&text, "effects.", effect.name)
+                || imports(&text, "effects::{", effect.name)
+                || beside && (has(&text, "super::", effect.name) || imports(&text, "super::{", effect.name));
+            if is_named && !is_own {
+                found.push((name.clone(), effect.name));
+            }
+        }
+    }
+    let mut allowed: Vec<(String, &str)> = Vec::new();
+    for (file, effects, _) in NAMED {
+        allowed.extend(effects.iter().map(|effect| ((*file).to_owned(), *effect)));
+    }
+    found.sort();
+    allowed.sort();
+    assert_eq!(found, allowed);
+}

@@ -3,10 +3,11 @@
 use std::mem::offset_of;
 
 use insonify::effects::{
-    blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion, shadow, slice,
-    speckle, texture, thickness, tone,
+    Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
+    shadow, slice, speckle, texture, thickness, tone,
 };
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
+use serde_json::Value;
 
 use crate::shaders::{block_of, layout, parse, passes};
 
@@ -193,4 +194,62 @@ fn the_search_grids_in_the_block_of_the_warp_have_the_layout_of_their_struct() {
     for (name, offset) in grid.members {
         assert_eq!(members.get(name), Some(&offset), "{name}");
     }
+}
+
+/// Ranges stand in the description of a key and in its check: they are the same.
+#[test]
+fn ranges_are_those_described() {
+    let all = Effects {
+        thickness: Some(Default::default()),
+        noise: Some(Default::default()),
+        ..Effects::usual()
+    };
+    let all = serde_json::to_value(all).expect("effects");
+    let schema = serde_json::to_value(schemars::schema_for!(Effects)).expect("a schema");
+    let definitions = schema["$defs"].as_object().expect("definitions");
+    let mut checked = 0;
+    for (effect, values) in all.as_object().expect("effects") {
+        let keys = values.as_object().expect("keys");
+        let same = |definition: &&Value| {
+            let properties = definition["properties"].as_object();
+            properties.is_some_and(|properties| properties.keys().eq(keys.keys()))
+        };
+        let described = definitions
+            .values()
+            .find(same)
+            .unwrap_or_else(|| panic!("no schema of {effect}"));
+        for key in keys.keys() {
+            let description = described["properties"][key]["description"].as_str().unwrap_or_default();
+            let description = description.replace('\n', " ");
+            let Some((low, high)) = range(&description) else {
+                continue;
+            };
+            let above = high.parse::<f64>().expect("a number") + 2.0;
+            let mut changed = all.clone();
+            changed[effect][key] = match &keys[key] {
+                Value::Number(number) if number.is_u64() => (above as u64).into(),
+                _ => above.into(),
+            };
+            let changed: Effects =
+                serde_json::from_value(changed).unwrap_or_else(|error| panic!("{effect}.{key}: {error}"));
+            let refused = changed.validate().expect_err(key);
+            assert_eq!(refused.key, format!("{effect}.{key}"));
+            assert!(
+                refused.expected.ends_with(&format!("number from {low} to {high}")),
+                "{effect}.{key}: {refused}, described as {low} to {high}"
+            );
+            checked += 1;
+        }
+    }
+    assert!(checked >= 35, "{checked}");
+}
+
+/// The range in a description: `(-40 to 80)`.
+fn range(description: &str) -> Option<(&str, &str)> {
+    description.split('(').skip(1).find_map(|part| {
+        let (low, rest) = part.split_once(" to ")?;
+        let end = rest.find([')', ';', ',', ':'])?;
+        let is_number = |text: &str| text.parse::<f64>().is_ok();
+        (is_number(low) && is_number(&rest[..end])).then(|| (low, &rest[..end]))
+    })
 }

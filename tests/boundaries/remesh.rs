@@ -53,7 +53,7 @@ fn the_passes_of_remeshing_are_those_declared() {
             let (space, usage) = used[&number];
             let expected = match access {
                 Access::Read => StorageAccess::LOAD,
-                Access::ReadWrite => StorageAccess::LOAD | StorageAccess::STORE,
+                Access::Write => StorageAccess::LOAD | StorageAccess::STORE,
             };
             assert_eq!(
                 space,
@@ -63,7 +63,7 @@ fn the_passes_of_remeshing_are_those_declared() {
             );
             assert_eq!(
                 usage.contains(GlobalUse::WRITE),
-                *access == Access::ReadWrite,
+                *access == Access::Write,
                 "{}: binding {number}",
                 pass.entry
             );

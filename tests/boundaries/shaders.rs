@@ -115,6 +115,51 @@ fn no_resource_is_bound_twice_to_a_pass() {
     }
 }
 
+/// Plans list buffers by place, and reports name them.
+#[test]
+fn buffers_have_names_and_places_of_their_own() {
+    let mut names: BTreeMap<&str, u32> = BTreeMap::new();
+    let mut places: BTreeMap<u32, &str> = BTreeMap::new();
+    let bound = passes()
+        .into_iter()
+        .flat_map(|pass| pass.bindings)
+        .map(|(buffer, _)| *buffer);
+    let own = REGISTRY.iter().flat_map(|effect| effect.buffers.iter().copied());
+    for buffer in bound.chain(own) {
+        assert_eq!(
+            *names.entry(buffer.name).or_insert(buffer.place),
+            buffer.place,
+            "{buffer:?}"
+        );
+        assert_eq!(
+            *places.entry(buffer.place).or_insert(buffer.name),
+            buffer.name,
+            "{buffer:?}"
+        );
+    }
+    assert!(names.len() >= 30, "{names:?}");
+}
+
+/// What no other effect binds is listed by its effect, which renews it when its tables change.
+#[test]
+fn effects_list_the_buffers_that_they_alone_bind() {
+    let scene = everything();
+    let tables = tables(&scene);
+    for effect in REGISTRY {
+        for buffer in effect.buffers {
+            for other in REGISTRY.iter().filter(|other| other.name != effect.name) {
+                let mut bindings = (other.passes)(&tables).into_iter().flat_map(|pass| pass.bindings);
+                assert!(
+                    bindings.all(|(bound, _)| bound != buffer),
+                    "{} binds {buffer:?} of {}",
+                    other.name,
+                    effect.name
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn workgroups_cover_the_work_and_no_more() {
     let mut checked = 0;
@@ -158,7 +203,11 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         "thickness" => [lines * samples, 1, 1],
         "speckle_scatter" | "speckle_specular" | "speckle_axial" => [
             samples,
-            tables.speckle.as_ref().map_or(0, |own| own.fine_lines(tables.lines())) as u64,
+            tables
+                .effects
+                .speckle
+                .as_ref()
+                .map_or(0, |own| own.fine_lines(tables.lines())) as u64,
             1,
         ],
         "speckle_lateral"

@@ -1,6 +1,5 @@
 //! Live changes: only what depends on a change is rebuilt, and the result is that of a synthesizer made anew.
 
-use insonify::effects::pass::Resource;
 use insonify::effects::slice::Boundary;
 use insonify::effects::tone::Tone;
 use insonify::gpu::Gpu;
@@ -96,31 +95,30 @@ fn edits_give_the_frames_of_a_fresh_synthesizer_on_the_gpu() {
 
 #[test]
 fn a_change_touches_only_what_depends_on_it() {
-    use Resource::*;
     let (anatomy, settings, _) = everything();
-    let table: &[(&str, fn(&mut Settings), &[Resource])] = &[
+    let table: &[(&str, fn(&mut Settings), &[&str])] = &[
         ("nothing", |_| {}, &[]),
         (
             "gain",
             |settings| settings.effects.tone.as_mut().expect("tone").gain_db = 9.0,
-            &[Gain],
+            &["Gain"],
         ),
         ("fill", |settings| settings.image.fill = 3, &[]),
-        ("size", |settings| settings.image.width = 80, &[ScanMap]),
+        ("size", |settings| settings.image.width = 80, &["ScanMap"]),
         (
             "focus",
             |settings| settings.effects.speckle.as_mut().expect("speckle").focus_mm = Some(5.0),
-            &[AxialKernel, LateralKernel, Clutter],
+            &["AxialKernel", "LateralKernel", "Clutter"],
         ),
         (
             "blur",
             |settings| settings.effects.blur.as_mut().expect("blur").width_mm = Some(2.0),
-            &[BlurKernel],
+            &["BlurKernel"],
         ),
         (
             "clutter",
             |settings| settings.effects.receiver.as_mut().expect("receiver").clutter_db = -30.0,
-            &[Clutter],
+            &["Clutter"],
         ),
         (
             "mirror",
@@ -137,22 +135,22 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "occlusion",
             |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
-            &[PenumbraKernel, ApertureShifts, LabelRows],
+            &["PenumbraKernel", "ApertureShifts", "LabelRows"],
         ),
         (
             "depth",
             |settings| settings.probe.depth_mm = 30.0,
             &[
-                ScanMap,
-                Rays,
-                AxialKernel,
-                LateralKernel,
-                BlurKernel,
-                PenumbraKernel,
-                ApertureShifts,
-                Clutter,
-                Gain,
-                LabelRows,
+                "ScanMap",
+                "Rays",
+                "AxialKernel",
+                "LateralKernel",
+                "BlurKernel",
+                "PenumbraKernel",
+                "ApertureShifts",
+                "Clutter",
+                "Gain",
+                "LabelRows",
             ],
         ),
     ];
@@ -161,7 +159,11 @@ fn a_change_touches_only_what_depends_on_it() {
         let mut changed = settings.clone();
         edit(&mut changed);
         let found = tables.set(changed).expect("a valid change");
-        assert_eq!(found, *expected, "{name}");
+        let mut found: Vec<&str> = found.iter().map(|buffer| buffer.name).collect();
+        let mut expected = expected.to_vec();
+        found.sort_unstable();
+        expected.sort_unstable();
+        assert_eq!(found, expected, "{name}");
     }
 }
 

@@ -60,7 +60,7 @@ fn crossing(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment
         })
     });
     let world_to_probe = state.probe_to_world.try_inverse();
-    let speckle = tables.speckle.as_ref();
+    let speckle = tables.effects.speckle.as_ref();
     pieces.filter_map(move |(pair, diameter_mm, [start, end, number])| {
         let world_to_probe = world_to_probe?;
         let ends = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));

@@ -1,7 +1,7 @@
 //! Straight cylinder in the thickened scan plane: filled fraction of the plane, and echo along a scanline.
 
 use super::{BEVEL, BEVEL_MM, GRAIN_MM, Params, Segment};
-use crate::effects::speckle::scatterers;
+use crate::effects::common::scatterers;
 use crate::real::Real;
 
 /// A straight segment of the needle in the probe frame.

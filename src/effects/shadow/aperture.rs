@@ -100,15 +100,22 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
     let exponent = T::of(0.5 * exponent_per_unit());
     let (labels, mask) = (&store.label, &store.needle_mask);
     store
+        .effects
+        .shadow
         .through
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(row, through)| {
             let (ray, element) = (row / lines, row % lines);
             let (mut above, mut left) = (0u32, T::one());
-            for run in &tables.aperture_runs {
+            for run in &tables.effects.shadow.aperture_runs {
                 let out = &mut through[run.clone()];
-                let Some(line) = line_at(&tables.aperture, samples, [ray, element, run.start], lines) else {
+                let Some(line) = line_at(
+                    &tables.effects.shadow.aperture,
+                    samples,
+                    [ray, element, run.start],
+                    lines,
+                ) else {
                     out.fill(left);
                     continue;
                 };
@@ -133,16 +140,18 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
 pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let through = &store.through;
+    let through = &store.effects.shadow.through;
     store.amplitude_next[..lines * samples]
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(line, left)| {
-            for run in &tables.aperture_runs {
+            for run in &tables.effects.shadow.aperture_runs {
                 let mut rays: [&[T]; RAYS] = [&[]; RAYS];
                 let mut count = 0;
                 for ray in 0..RAYS {
-                    if let Some(element) = element_at(&tables.aperture, samples, [ray, line, run.start], lines) {
+                    if let Some(element) =
+                        element_at(&tables.effects.shadow.aperture, samples, [ray, line, run.start], lines)
+                    {
                         rays[count] = &through[(ray * lines + element) * samples..][run.clone()];
                         count += 1;
                     }

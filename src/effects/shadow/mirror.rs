@@ -8,6 +8,7 @@
 use rayon::prelude::*;
 
 use super::{exponent_per_unit, penumbra, reverberation};
+use crate::effects::common::spacing;
 use crate::effects::pass::View;
 use crate::real::Real;
 use crate::synth::store::Store;
@@ -101,9 +102,9 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let mirror = Mirror {
-        tops: &store.reflectors,
+        tops: &store.effects.shadow.reflectors,
         samples,
-        spacing: reverberation::spacing(tables).map(T::of),
+        spacing: spacing(tables).map(T::of),
     };
     let share = T::of(share(tables));
     let exponent = T::of(exponent_per_unit());

@@ -40,7 +40,9 @@ impl Shadow {
 pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let Some(kernel) = &tables.penumbra else { return };
+    let Some(kernel) = &tables.effects.shadow.penumbra else {
+        return;
+    };
     let opaque = opaque_units(tables.sample_mm());
     let is_opaque: [bool; 256] =
         std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque));

@@ -9,6 +9,7 @@
 use rayon::prelude::*;
 
 use super::{Shadow, exponent_per_unit, penumbra};
+use crate::effects::common::spacing;
 use crate::effects::pass::View;
 use crate::real::Real;
 use crate::synth::store::Store;
@@ -24,16 +25,6 @@ pub fn repeats(tables: &Tables) -> bool {
     let mut rows = tables.label_rows.iter().enumerate();
     shadow.is_some_and(|shadow| shadow.reverberation > 0.0)
         && rows.any(|(index, row)| row.loss >= opaque && tables.volume.holds(index))
-}
-
-/// Distance between scanlines at the array and its growth per sample, in sample distances.
-pub fn spacing(tables: &Tables) -> [f64; 2] {
-    let grid = &tables.grid;
-    let at = |sample: usize| grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / tables.sample_mm();
-    [
-        at(0),
-        (at(tables.samples() - 1) - at(0)) / (tables.samples() - 1).max(1) as f64,
-    ]
 }
 
 /// First opaque sample of a scanline below non-opaque ones; the number of samples if there is none.
@@ -80,7 +71,7 @@ pub(super) fn reflectors<T: Real>(view: &View, store: &mut Store<T>) {
             .is_some_and(|row| row.loss >= opaque)
     };
     let lines = store.label.chunks(tables.samples());
-    for (found, labels) in store.reflectors.iter_mut().zip(lines) {
+    for (found, labels) in store.effects.shadow.reflectors.iter_mut().zip(lines) {
         *found = top(labels, is_opaque);
     }
 }
@@ -92,7 +83,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let share = T::of(share(tables));
     let spacing = spacing(tables).map(T::of);
     let exponent = T::of(exponent_per_unit());
-    let (tops, losses, labels) = (&store.reflectors, &store.loss, &store.label);
+    let (tops, losses, labels) = (&store.effects.shadow.reflectors, &store.loss, &store.label);
     let scanlines = store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate();
     scanlines.for_each(|(line, amplitudes)| {
         let top = tops[line] as usize;

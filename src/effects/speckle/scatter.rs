@@ -4,16 +4,17 @@ use rayon::prelude::*;
 
 use super::BLOCK;
 use super::tables::MAX_PLANES;
+use crate::effects::common::scatterers;
 use crate::effects::pass::View;
 use crate::mechanics::mesh::{Locator, NONE};
-use crate::random::{pcg_mix, pcg_step, seed_words, seeded};
+use crate::random::seed_words;
 use crate::real::Real;
 use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 
 pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.speckle else { return };
+    let Some(own) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
     let step = [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm));
@@ -31,6 +32,8 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
         .map(|states| (states.deformed(), &store.element[..]));
     // A fine scanline stores its real parts, then its imaginary parts.
     store
+        .effects
+        .speckle
         .scatter
         .par_chunks_mut(2 * samples)
         .enumerate()
@@ -63,11 +66,13 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
 /// surfaces.
 pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.speckle else { return };
+    let Some(own) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let factors = own.specular.of::<T>();
     let specular = &store.specular;
     store
+        .effects
+        .speckle
         .scatter
         .par_chunks_mut(2 * samples)
         .enumerate()
@@ -176,57 +181,4 @@ impl<T: Real> Lattice<T> {
             im[i] = amplitudes[i] * sum_im[i];
         }
     }
-}
-
-/// Complex values of unit mean power at positions in lattice units: the eight scatterers around each, linearly weighted, over
-/// the root of the sum of the squared weights. Corner by corner, so that the inner loops run in vector registers.
-#[inline(always)]
-pub fn scatterers<T: Real, const N: usize>(p: &[[T; N]; 3], seed: [u32; 2]) -> ([T; N], [T; N]) {
-    let mut side = [[[T::zero(); N]; 2]; 3];
-    let mut step = [[[0u32; N]; 2]; 3];
-    let mut scale = [T::of(UNIFORM_TO_UNIT * UNIFORM_TO_UNIT); N];
-    for axis in 0..3 {
-        for i in 0..N {
-            let base = floor(p[axis][i]);
-            let f = p[axis][i] - T::from_signed(base);
-            let g = T::one() - f;
-            side[axis][0][i] = g;
-            side[axis][1][i] = f;
-            step[axis][0][i] = pcg_step(seeded(axis, base, seed));
-            step[axis][1][i] = pcg_step(seeded(axis, base.wrapping_add(1), seed));
-            scale[i] /= f * f + g * g;
-        }
-    }
-    let (mut re, mut im) = ([T::zero(); N], [T::zero(); N]);
-    for corner in 0..8 {
-        let [x, y, z] = [corner & 1, corner >> 1 & 1, corner >> 2];
-        for i in 0..N {
-            let words = pcg_mix([step[0][x][i], step[1][y][i], step[2][z][i]]);
-            let weight = side[0][x][i] * side[1][y][i] * side[2][z][i];
-            re[i] += weight * centred(words[0]);
-            im[i] += weight * centred(words[1]);
-        }
-    }
-    for i in 0..N {
-        let scale = scale[i].sqrt();
-        re[i] *= scale;
-        im[i] *= scale;
-    }
-    (re, im)
-}
-
-/// Scale of two uniform numbers of width 65,536 to a complex number of unit power: sqrt(12 / 2) / 65,536.
-const UNIFORM_TO_UNIT: f64 = 2.449_489_742_783_178 / 65_536.0;
-
-/// Upper half of a word, centred on zero.
-#[inline(always)]
-fn centred<T: Real>(word: u32) -> T {
-    T::from_signed((word >> 16) as i32 - 32_768) + T::of(0.5)
-}
-
-/// Largest integer not above `x`, for |x| below 2^31.
-#[inline(always)]
-fn floor<T: Real>(x: T) -> i32 {
-    let cut = x.truncate();
-    cut.wrapping_sub(i32::from(x < T::from_signed(cut)))
 }

@@ -9,11 +9,15 @@ use crate::simd::{Kernel, vectorised};
 use crate::synth::store::Store;
 
 pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
-    let Some(own) = &view.tables.speckle else { return };
+    let Some(own) = &view.tables.effects.speckle else {
+        return;
+    };
     let samples = view.tables.samples();
     let (weights, ends) = (own.axial.of::<T>(), own.ends.of::<T>());
-    let input = &store.scatter;
+    let input = &store.effects.speckle.scatter;
     store
+        .effects
+        .speckle
         .scatter_axial
         .par_chunks_mut(samples)
         .enumerate()
@@ -71,11 +75,11 @@ impl<T: Real> Kernel for Along<'_, T> {
 
 pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let Some(own) = &tables.speckle else { return };
+    let Some(own) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let fine_lines = own.fine_lines(lines);
     let weights = own.lateral.weights.of::<T>();
-    let input = &store.scatter_axial;
+    let input = &store.effects.speckle.scatter_axial;
     store.amplitude[..lines * samples]
         .par_chunks_mut(samples)
         .enumerate()

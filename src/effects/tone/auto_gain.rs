@@ -151,10 +151,10 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let samples = tables.samples();
     let octaves = gains(
         &own,
-        tables.gain.of::<T>(),
+        tables.effects.tone.gain.of::<T>(),
         &store.amplitude[..tables.lines() * samples],
     );
-    for (sample, gain) in store.auto_gain.iter_mut().enumerate() {
+    for (sample, gain) in store.effects.tone.auto_gain.iter_mut().enumerate() {
         *gain = at(&octaves, sample, samples);
     }
 }

@@ -17,7 +17,7 @@ fn scale<'a>(source: &'a str, constants: &'a [(&'a str, f64)]) -> PassSource<'a>
         label: "scale",
         source,
         entry: "scale",
-        storage: &[Access::Read, Access::ReadWrite],
+        storage: &[Access::Read, Access::Write],
         constants,
     }
 }

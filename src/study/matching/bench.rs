@@ -6,7 +6,7 @@ use super::model::rounded;
 use super::outline::{Outline, Shape};
 use super::{AtDepth, Side, refuse};
 use crate::effects::Effects;
-use crate::effects::tone::SOFT_TISSUE_DB_CM_MHZ;
+use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use crate::error::Error;
 use crate::study::anatomies::{Acoustics, uniform};
 use crate::study::realism::picture::Picture;

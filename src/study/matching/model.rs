@@ -2,7 +2,8 @@
 
 use crate::effects::point_spread::{self, PointSpread};
 use crate::effects::receiver::Receiver;
-use crate::effects::tone::{MID_GREY, SOFT_TISSUE_DB_CM_MHZ, Tone};
+use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use crate::effects::tone::{MID_GREY, Tone};
 use crate::effects::{Effects, blur::Blur, speckle::Speckle};
 use crate::study::statistics::mean;
 use crate::tracking::probe::Probe;

@@ -2,8 +2,9 @@ use nalgebra::Matrix4;
 
 use super::*;
 use crate::effects::receiver::Receiver;
+use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use crate::effects::speckle::Speckle;
-use crate::effects::tone::{SOFT_TISSUE_DB_CM_MHZ, Tone};
+use crate::effects::tone::Tone;
 use crate::scene::SceneFile;
 use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
 use crate::synth::tables::{Anatomy, ImageSize, Settings};

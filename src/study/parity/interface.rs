@@ -51,7 +51,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
         }
         for (sample, [off, size]) in sums.into_iter().enumerate() {
             let index = line * samples + sample;
-            if tables.speckle.is_some() {
+            if tables.effects.speckle.is_some() {
                 slack.specular[index] = [off + 5.0 * ULP * size, size];
             } else {
                 slack.amplitude[index] += off + (ROOT + 5.0 * ULP) * size + ULP * step.after.amplitude[index];

@@ -157,7 +157,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
                     let loud = echo * share * square;
                     let departs = echo * (square * (share_off + repeated) + square_off) * (grain + grain_off) * share
                         + loud * (grain_off + 6.0 * ULP * grain);
-                    if step.tables.speckle.is_some() {
+                    if step.tables.effects.speckle.is_some() {
                         slack.specular[index][0] += departs + ULP * slack.specular[index][1];
                         slack.specular[index][1] += loud * grain;
                     } else {

@@ -12,7 +12,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
     for index in 0..step.after.amplitude.len() {
         let (line, sample) = step.place(index);
         let drawn = f64::from(draw(line, sample, step.state.frame, tables.settings.seed));
-        let heard = f64::from(tables.clutter[index]) + noise * drawn;
+        let heard = f64::from(tables.effects.receiver.clutter[index]) + noise * drawn;
         let silent = [step.after, step.twin].map(|beam| beam.label[index] == 0);
         let (echo, off) = (step.before.amplitude[index].abs(), slack.amplitude[index]);
         // Power stored (1/2), integer rounded (1), product (1), added to the clutter (1); square of the echo (1); their sum (1).

@@ -1,9 +1,10 @@
 //! Error bounds of shadows: sums of integers, equal wherever the labels above agree, their exponentials, and their means over the aperture
 //! and over the beam.
 
+use crate::effects::common::spacing;
 use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
 use crate::effects::shadow::penumbra::opaque_units;
-use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, spacing, top};
+use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
 use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, mirror, needle_units, opens};
 
 use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
@@ -72,7 +73,7 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
         return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
     }
     let opaque = opaque_units(step.tables.sample_mm());
-    let shifts = &step.tables.aperture;
+    let shifts = &step.tables.effects.shadow.aperture;
     let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
         .flat_map(|row| {
             let (ray, element) = (row / lines, row % lines);
@@ -128,7 +129,7 @@ fn one_way(loss: f64, off: f64) -> [f64; 2] {
 
 /// Propagates the bounds through the mean over the beam.
 pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(kernel) = &step.tables.penumbra else {
+    let Some(kernel) = &step.tables.effects.shadow.penumbra else {
         return slack.fault("a shadow without a kernel");
     };
     let (lines, samples) = (step.lines(), step.samples());

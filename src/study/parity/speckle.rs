@@ -28,7 +28,7 @@ const MIX: f64 = DIVIDE + 3.0 * ULP;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
-    let Some(own) = &tables.speckle else {
+    let Some(own) = &tables.effects.speckle else {
         return slack.fault("speckle without tables");
     };
     let (lines, samples) = (step.lines(), step.samples());

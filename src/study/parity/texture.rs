@@ -15,7 +15,7 @@ const MIXES: f64 = 3.0 * 4.0 + 3.0;
 const APPLY: f64 = 4.5;
 
 pub fn carry(step: &Step, slack: &mut Slack) {
-    let Some(atlas) = &step.tables.atlas else {
+    let Some(atlas) = &step.tables.effects.texture else {
         return slack.fault("a texture pass without an atlas");
     };
     let strength = step
@@ -47,7 +47,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 
 /// Returns the error bound of a look-up and the largest value that it can give.
 fn look_up(step: &Step, entry: usize, p: [f64; 3], off: [f64; 3]) -> (f64, f64) {
-    let Some(atlas) = &step.tables.atlas else {
+    let Some(atlas) = &step.tables.effects.texture else {
         return (0.0, 0.0);
     };
     let placed = &atlas.entries[entry];

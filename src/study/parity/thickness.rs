@@ -1,7 +1,7 @@
 //! Error bounds of slice thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are treated as
 //! central planes of probes moved in elevation, where every label possible within rounding is taken into account.
 
-use crate::effects::geometry::plane_step;
+use crate::effects::common::plane_step;
 use nalgebra::{Matrix4, Vector3};
 
 use super::rounding::{ROOT, ULP};
@@ -97,7 +97,8 @@ fn doubt(tables: &Tables, beam: &Beam, slack: &Slack) -> Vec<f64> {
         .map(|row| f64::from(row.echo))
         .fold(0.0, f64::max);
     let texture = tables
-        .atlas
+        .effects
+        .texture
         .as_ref()
         .map_or(1.0, |atlas| f64::from(atlas.data.iter().fold(1.0f32, |a, &b| a.max(b))));
     let strength = tables.settings.effects.texture.as_ref().map_or(0.0, |own| own.strength);

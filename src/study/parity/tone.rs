@@ -17,12 +17,12 @@ type Ends = [f64; 2];
 pub fn carry(step: &Step, slack: &mut Slack) {
     let effects = &step.tables.settings.effects;
     let bands = AutoGain::of(step.tables).map(|own| {
-        let exact = gains(&own, step.tables.gain.of::<f64>(), &step.before.amplitude);
+        let exact = gains(&own, step.tables.effects.tone.gain.of::<f64>(), &step.before.amplitude);
         (exact, std::array::from_fn(|band| band_ends(&own, step, slack, band)))
     });
     for index in 0..step.after.amplitude.len() {
         let (_, sample) = step.place(index);
-        let gain = step.tables.gain.of::<f64>()[sample];
+        let gain = step.tables.effects.tone.gain.of::<f64>()[sample];
         let (amplitude, off) = (step.before.amplitude[index], slack.amplitude[index]);
         // Gain stored (1/2), product (1).
         let off = gain * (off + 1.5 * ULP * (amplitude + off));
@@ -46,7 +46,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 
 /// Returns the bounds of the automatic gain of a band, octaves.
 fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
-    let gain = step.tables.gain.of::<f64>();
+    let gain = step.tables.effects.tone.gain.of::<f64>();
     let range = range(band, step.samples());
     let count = (range.len() * step.lines()) as f64;
     let (mut weight, mut value) = ([0.0; 2], [0.0; 2]);

@@ -1,6 +1,6 @@
 //! Deforming mesh on the GPU: buffers of the warp pass, synchronised with the states of the mesh.
 
-use crate::effects::pass::Resource;
+use crate::effects::buffers::{ADJACENCY, Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::mechanics::mesh::map::{Moved, States};
@@ -29,13 +29,10 @@ impl Warp {
         }
     }
 
-    /// Marks the buffer of a resource as recreated and empty.
-    pub fn buffer_is_new(&mut self, resource: Resource) {
-        self.topology_due |= resource == Resource::Adjacency;
-        if matches!(
-            resource,
-            Resource::ElementMaps | Resource::CellStarts | Resource::CellElements
-        ) {
+    /// Marks a buffer as recreated and empty.
+    pub fn buffer_is_new(&mut self, buffer: &Buffer) {
+        self.topology_due |= *buffer == ADJACENCY;
+        if [&ELEMENT_MAPS, &CELL_STARTS, &CELL_ELEMENTS].contains(&buffer) {
             (self.due.deformed, self.due.reference) = (true, true);
         }
     }
@@ -52,19 +49,19 @@ impl Warp {
     }
 
     /// Data to be written before the next frame.
-    pub fn pieces(&self) -> impl Iterator<Item = (Resource, Piece<'_>)> {
+    pub fn pieces(&self) -> impl Iterator<Item = (&'static Buffer, Piece<'_>)> {
         let topology = self.topology_due.then(|| pack::topology(&self.states));
         let reference = self.due.reference.then(|| pack::reference(&self.states));
         let deformed = self.due.deformed.then(|| pack::deformed(&self.states));
         let pieces = topology.into_iter().chain(reference.into_iter().flatten());
         pieces.chain(deformed.into_iter().flatten()).map(|piece| {
-            let resource = match piece.buffer {
-                WarpBuffer::Frames => Resource::ElementMaps,
-                WarpBuffer::Neighbours => Resource::Adjacency,
-                WarpBuffer::Starts => Resource::CellStarts,
-                WarpBuffer::Lists => Resource::CellElements,
+            let buffer: &'static Buffer = match piece.buffer {
+                WarpBuffer::Frames => &ELEMENT_MAPS,
+                WarpBuffer::Neighbours => &ADJACENCY,
+                WarpBuffer::Starts => &CELL_STARTS,
+                WarpBuffer::Lists => &CELL_ELEMENTS,
             };
-            (resource, piece)
+            (buffer, piece)
         })
     }
 

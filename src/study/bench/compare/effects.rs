@@ -3,9 +3,9 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use super::super::{REMOVALS, Removal};
+use super::super::{Removal, removals};
 use super::{CompareError, CompareOptions, Subject, factor};
-use crate::effects::pass::Resource;
+use crate::effects::buffers::Buffer;
 use crate::plan::Plan;
 use crate::study::spread::Spread;
 use crate::study::tradeoff::{Axis, Table};
@@ -19,7 +19,7 @@ const MOST: usize = 60;
 /// Returns the scene with only the effects to keep.
 fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> bool) -> (Anatomy, Settings) {
     let (mut anatomy, mut settings) = (subject.anatomy.clone(), settings.clone());
-    for removal in REMOVALS.iter().filter(|removal| !keep(removal)) {
+    for removal in removals().filter(|removal| !keep(removal)) {
         (removal.take)(&mut settings);
         if removal.effect == "warp" {
             anatomy.mesh = None;
@@ -29,13 +29,13 @@ fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> b
 }
 
 /// Returns the effects that the scene has and that can be removed.
-fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<&'static Removal>, CompareError> {
+fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<Removal>, CompareError> {
     let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
-    let changes = |removal: &&Removal| {
+    let changes = |removal: &Removal| {
         let (anatomy, without) = with(subject, settings, |other| other.effect != removal.effect);
         plan.has(removal.effect) && (without != *settings || anatomy.mesh.is_none() != subject.anatomy.mesh.is_none())
     };
-    Ok(REMOVALS.iter().filter(changes).collect())
+    Ok(removals().filter(changes).collect())
 }
 
 fn backends(options: &CompareOptions) -> Vec<(String, Box<dyn Fn() -> Backend + '_>)> {
@@ -191,8 +191,8 @@ pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table,
 }
 
 /// Returns the resources that only the passes of one effect bind.
-fn own(plan: &Plan, effect: &str) -> BTreeSet<Resource> {
-    let bound = |of: bool| -> BTreeSet<Resource> {
+fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
+    let bound = |of: bool| -> BTreeSet<&'static Buffer> {
         let passes = plan.passes.iter().filter(|planned| (planned.effect == effect) == of);
         passes
             .flat_map(|planned| planned.pass.bindings)

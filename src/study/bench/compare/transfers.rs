@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::{CompareError, CompareOptions, GPU_MS, Subject, factor};
-use crate::effects::pass::Resource;
+use crate::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
 use crate::plan::Plan;
 use crate::study::spread::Spread;
@@ -14,7 +14,7 @@ use crate::synth::tables::Tables;
 const TIMES: usize = 7;
 
 /// Data sent for a frame with a moving mesh: the element maps and the search grid.
-const MOVED: [Resource; 3] = [Resource::ElementMaps, Resource::CellStarts, Resource::CellElements];
+const MOVED: [&Buffer; 3] = [&ELEMENT_MAPS, &CELL_STARTS, &CELL_ELEMENTS];
 
 pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, CompareError> {
     if options.gpus.is_empty() {
@@ -36,13 +36,13 @@ pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Opti
             let mut moves: Vec<(&str, u64, Transfer)> = Vec::new();
             // The mesh is independent of the image grid.
             if at == 0 && plan.has("warp") {
-                let bytes = MOVED.iter().map(|&resource| tables.bytes(resource)).sum();
+                let bytes = MOVED.iter().map(|buffer| buffer.bytes(&tables)).sum();
                 moves.push(("up: the moved mesh", bytes, upload));
             }
             if at == 0 {
                 moves.push(("up: parameters", 256 * plan.passes.len() as u64, upload));
             }
-            moves.push(("back: pixels", tables.bytes(Resource::Pixels), read_back));
+            moves.push(("back: pixels", PIXELS.bytes(&tables), read_back));
             for (what, bytes, transfer) in moves {
                 if bytes == 0 || bytes > limit {
                     continue;

@@ -52,7 +52,7 @@ pub fn apart(gpu: &Gpu, seeds: &[u64], count: usize) -> Result<[usize; 2], GpuEr
             label: "hash",
             source: SHADER,
             entry: "main",
-            storage: &[Access::Read, Access::ReadWrite],
+            storage: &[Access::Read, Access::Write],
             constants: &[],
         },
     )?;

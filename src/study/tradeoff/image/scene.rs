@@ -81,7 +81,7 @@ pub fn too_large(subject: &Subject, settings: &Settings, gpus: &[Gpu]) -> Result
     let largest = plan
         .resources
         .iter()
-        .filter(|planned| !planned.resource.is_per_pixel())
+        .filter(|planned| !planned.resource.is_per_pixel)
         .map(|planned| planned.bytes)
         .max();
     let too_small = gpus
