@@ -52,7 +52,7 @@ impl Bone {
 
     /// Returns whether bone lies along `direction` in the tissue at rest, from 0.25 mm behind a point to 0.25 mm beyond the
     /// largest penetration.
-    pub(super) fn is_ahead(&self, anatomy: &dyn Anatomy, at_rest: &Point3<f64>, direction: &Vector3<f64>) -> bool {
+    pub(super) fn is_in_front(&self, anatomy: &dyn Anatomy, at_rest: &Point3<f64>, direction: &Vector3<f64>) -> bool {
         let samples = ((self.penetration_mm + 2.0 * AROUND_MM) / AROUND_MM).ceil() as usize;
         (0..=samples).any(|at| {
             let point = at_rest + direction * (AROUND_MM * (at as f64 - 1.0));

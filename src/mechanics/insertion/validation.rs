@@ -1,6 +1,8 @@
 //! Validation of the inputs common to all models on a mesh.
 
-use super::{Interaction, InvalidInteraction};
+use nalgebra::Isometry3;
+
+use super::{Interaction, InvalidInteraction, StepError};
 
 /// Reason why an input common to all models on a mesh cannot be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -65,4 +67,21 @@ pub(super) fn above_zero(given: &[(&'static str, f64)]) -> Result<(), InvalidPar
         }),
         None => Ok(()),
     }
+}
+
+/// Checks that the values of a step are finite.
+pub(super) fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(), StepError> {
+    match values.into_iter().find(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(found) => Err(StepError::Input {
+            what,
+            found,
+            expected: "finite numbers",
+        }),
+    }
+}
+
+/// Returns all numbers of a pose.
+pub(super) fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
+    pose.to_homogeneous().data.0.into_iter().flatten()
 }

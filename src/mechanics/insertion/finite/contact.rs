@@ -1,9 +1,19 @@
-//! Contact node on the needle: arc length, stick-slip state, and the tissue layers around the shaft.
+//! Contact node on the needle: arc length, stick-slip state, the tissue layers around the shaft, and their friction.
+//!
+//! Each contact carries the length of shaft from itself to the next one, or to the tip (Goksel et al. 2011, equation 3),
+//! with the densities of the layers recorded there (Dehghan et al. 2008), over the current lengths between them on the
+//! shaft: the sum over all contacts is the density over the embedded length in the deformed tissue. The cutting force acts
+//! at the tip.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
 use super::slider::Slider;
+use crate::mechanics::insertion::Anatomy;
+use crate::mechanics::insertion::anatomy::interaction;
+
+/// Distance between samples of the regions along a path, mm.
+pub(super) const SAMPLE_MM: f64 = 0.25;
 
 /// Length of the path cut by the tip beyond a contact, within one region.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,7 +51,7 @@ impl Contact {
     }
 
     /// Returns the length of the path from here to the next contact or the tip, mm.
-    pub fn laid(&self) -> f64 {
+    pub fn path_mm(&self) -> f64 {
         self.layers.iter().map(|layer| layer.length).sum()
     }
 
@@ -56,10 +66,43 @@ impl Contact {
     }
 }
 
+/// Sets the bounds of all contacts, base first, with the tip at arc `tip` (mm), behind which `cut_mm` are newly cut.
+pub(super) fn friction(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, cut_mm: f64) {
+    for at in 0..contacts.len() {
+        let end = contacts.get(at + 1).map_or(tip, |next| next.arc.min(tip));
+        let contact = &mut contacts[at];
+        let length = (end - contact.arc).max(0.0);
+        let path = contact.path_mm();
+        let all = [Layer {
+            region: contact.region,
+            length,
+        }];
+        let (layers, stretch) = match path > 0.0 {
+            true => (&contact.layers[..], length / path),
+            false => (&all[..], 1.0),
+        };
+        let mut behind = tip - end + length;
+        let (mut sliding, mut holding) = ([0.0; 2], [0.0; 2]);
+        for layer in layers {
+            let within = [behind - layer.length * stretch, behind];
+            let of = interaction(anatomy, layer.region);
+            for (direction, cut_mm) in [cut_mm, 0.0].into_iter().enumerate() {
+                let force = of.shaft_n(within, cut_mm);
+                sliding[direction] += force;
+                holding[direction] += force * of.static_ratio;
+            }
+            behind = within[0];
+        }
+        contact.slider.sliding = [sliding[0], -sliding[1]];
+        contact.slider.holding = [holding[0], -holding[1]];
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::mechanics::insertion::finite::slider::State;
+    use crate::mechanics::insertion::{Interaction, Peak};
 
     #[test]
     fn the_path_grows_and_shrinks_by_region() {
@@ -88,5 +131,96 @@ mod tests {
         assert_eq!(contact.layers, [layer(1, 1.0)]);
         contact.shorten(-1.0);
         assert_eq!(contact.layers, []);
+    }
+
+    fn contact(arc: f64, layers: &[(i32, f64)]) -> Contact {
+        Contact {
+            node: 0,
+            reference: Point3::origin(),
+            arc,
+            slider: Slider::new(State::Stuck),
+            region: Some(1),
+            drift: 0.0,
+            layers: layers
+                .iter()
+                .map(|&(region, length)| Layer {
+                    region: Some(region),
+                    length,
+                })
+                .collect(),
+        }
+    }
+
+    /// Region 1 has friction only, region 2 also a peak, all others exert nothing.
+    #[derive(Debug)]
+    struct Two;
+
+    impl Anatomy for Two {
+        fn region(&self, _: &Point3<f64>) -> Option<i32> {
+            None
+        }
+
+        fn interaction(&self, region: i32) -> Interaction {
+            match region {
+                1 => Interaction {
+                    friction_n_per_mm: 0.02,
+                    static_ratio: 1.5,
+                    ..Interaction::default()
+                },
+                2 => Interaction {
+                    friction_n_per_mm: 0.05,
+                    peak: Some(Peak {
+                        density_n_per_mm: 0.1,
+                        width_mm: 6.0,
+                    }),
+                    ..Interaction::default()
+                },
+                _ => Interaction::default(),
+            }
+        }
+    }
+
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 1e-14
+    }
+
+    #[test]
+    fn forces_sum_to_the_density_over_the_embedded_length() {
+        // 10 mm of region 1, stretched to 12 on the shaft; 4 of 1 and 4 of 2; 5 of 2 up to the tip.
+        let mut contacts = [
+            contact(100.0, &[(1, 10.0)]),
+            contact(112.0, &[(1, 4.0), (2, 4.0)]),
+            contact(120.0, &[(2, 5.0)]),
+        ];
+        friction(&Two, &mut contacts, 125.0, f64::INFINITY);
+        let resting = [12.0 * 0.02, 4.0 * 0.02 + 4.0 * 0.05, 5.0 * 0.05];
+        // One of the 6 mm of the peak lies before the last contact.
+        let cutting = [12.0 * 0.02, 4.0 * 0.02 + 3.0 * 0.05 + 0.1, 5.0 * 0.1];
+        for at in 0..3 {
+            let slider = &contacts[at].slider;
+            assert!(near(slider.sliding[0], cutting[at]) && near(slider.sliding[1], -resting[at]));
+        }
+        assert!(near(contacts[0].slider.holding[1], -1.5 * resting[0]));
+        // A tip in a channel has no peak; an unknown region does nothing.
+        friction(&Two, &mut contacts, 125.0, 0.0);
+        assert!(near(contacts[1].slider.sliding[0], resting[1]));
+        // 3 mm beyond the end of a channel.
+        friction(&Two, &mut contacts, 125.0, 3.0);
+        assert!(near(contacts[2].slider.sliding[0], 3.0 * 0.1 + 2.0 * 0.05));
+        let mut alone = [contact(0.0, &[(7, 3.0)])];
+        friction(&Two, &mut alone, 3.0, f64::INFINITY);
+        assert!(near(alone[0].slider.sliding[0], 0.0));
+    }
+
+    /// The tip goes from region 1 into region 2: no length of shaft changes its density abruptly.
+    #[test]
+    fn the_force_is_continuous_across_a_boundary() {
+        let force = |depth: f64| {
+            let mut contacts = [contact(0.0, &[(1, depth.min(10.0)), (2, (depth - 10.0).max(0.0))])];
+            friction(&Two, &mut contacts, depth, f64::INFINITY);
+            contacts[0].slider.sliding[0]
+        };
+        assert!((force(10.0 + 1e-9) - force(10.0 - 1e-9)).abs() < 1e-9);
+        assert!(near(force(13.0), 10.0 * 0.02 + 3.0 * 0.1) && near(force(20.0), 10.0 * 0.02 + 6.0 * 0.1 + 4.0 * 0.05));
     }
 }

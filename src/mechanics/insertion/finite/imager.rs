@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use super::Finite;
 use crate::mechanics::insertion::{Field, Imager, Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::dofs::Dofs;
@@ -59,39 +58,5 @@ impl Imager for FiniteImager {
         into.current
             .extend(pairs.map(|(place, u)| [place[0] + u[0], place[1] + u[1], place[2] + u[2]]));
         into.inverted = self.mesh.volumes(&into.current).filter(|volume| *volume <= 0.0).count();
-    }
-}
-
-impl Finite {
-    pub(super) fn write_snapshot(&mut self, into: &mut Snapshot) {
-        into.step = self.steps;
-        into.time_s = self.time_s;
-        into.line.clone_from(&self.line);
-        into.seeds.clone_from(&self.seeds);
-        into.moved.clear();
-        let mesh = self.adaptation.mesh();
-        into.moved
-            .extend(mesh.away().iter().map(|node| (*node, mesh.nodes()[*node as usize])));
-        if self.adaptation.remesher().carries_on_base() {
-            if !matches!(into.field, Field::BaseForces(_)) {
-                into.field = Field::BaseForces(Vec::new());
-            }
-            if let Field::BaseForces(forces) = &mut into.field {
-                forces.clear();
-                forces.extend(self.carried.iter().map(|(dof, force)| (*dof as u32, *force)));
-            }
-            return;
-        }
-        let mut all = vec![0.0; mesh.dofs().free()];
-        let mut nodes = vec![[0.0; 3]; mesh.nodes().len()];
-        let forces = &self.memory.contact_forces;
-        if let Err(error) = self
-            .adaptation
-            .ask(|_, remesher| remesher.displacement(forces, &mut all))
-        {
-            unreachable!("one force a contact, one displacement a degree of freedom: {error}");
-        }
-        self.adaptation.mesh().dofs().scatter(&all, &mut nodes);
-        into.field = Field::Displacement(nodes);
     }
 }

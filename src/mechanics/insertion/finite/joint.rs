@@ -23,6 +23,7 @@ use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::contact::Contact;
 use super::reduced::{Reduced, TipRow};
+use super::tissue::Tissue;
 use crate::mechanics::ldl::{Ldl, Signs};
 use crate::mechanics::needle::{CentreLine, across};
 
@@ -36,6 +37,8 @@ const ROUNDS_AT_ONCE: usize = 4;
 #[derive(Debug, Default)]
 pub(super) struct Joint {
     pub tissue: Reduced,
+    /// Version of the compliance that `tissue` holds.
+    version: Option<u64>,
     /// Guide hole of the needle, mm.
     guide: Option<Point3<f64>>,
     /// Number of loads of released nodes: the line still lies under them, the solution excludes them.
@@ -80,9 +83,29 @@ fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl Joint {
-    /// Sets the guide behind the tissue at the tip, if any, and the number of fading loads behind that.
-    pub fn set_others(&mut self, guide: Option<Point3<f64>>, fading: usize) {
+    /// Takes the compliance at the contacts, if it has changed, the tissue at the tip, the guide behind it, if any, and the
+    /// number of fading loads behind that.
+    pub fn take_compliance(
+        &mut self,
+        tissue: &Tissue,
+        contacts: usize,
+        tip: Option<&TipRow>,
+        guide: Option<Point3<f64>>,
+        fading: usize,
+    ) {
+        let (probes, rows) = match &tissue.probe {
+            None => (0, &[][..]),
+            Some(probe) => (probe.nodes().len(), probe.rows()),
+        };
+        let condensed = tissue.adaptation.remesher().condensed();
+        if self.version != Some(tissue.version) {
+            self.tissue.condense(condensed, probes, contacts, rows);
+            self.version = Some(tissue.version);
+        }
+        self.tissue.set_tip(condensed, probes, tip);
         (self.guide, self.fading) = (guide, fading);
+        self.tissue
+            .press(tissue.probe.iter().flat_map(|probe| probe.displacements()));
     }
 
     /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and fading loads.

@@ -42,6 +42,11 @@ impl Slider {
         self.state == State::Stuck
     }
 
+    /// Sets the bounds for both states.
+    pub fn set_bounds(&mut self, bounds: [f64; 2]) {
+        (self.sliding, self.holding) = (bounds, bounds);
+    }
+
     /// Returns the force on the tissue if it slips, N.
     pub fn force(&self) -> Option<f64> {
         match self.state {

@@ -90,12 +90,23 @@ fn what_remeshing_moves_is_foreseen() {
         ..Interaction::default()
     };
     let mut finite = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
-    let nodes = |finite: &Finite| -> Vec<u32> { finite.contacts.iter().map(|contact| contact.node).collect() };
+    let nodes = |finite: &Finite| -> Vec<u32> { finite.contact_states().map(|(node, _)| node).collect() };
+    let next_corner = |finite: &Finite| {
+        let Finite {
+            contacts,
+            needle,
+            tip,
+            tissue,
+            options,
+            ..
+        } = finite;
+        prediction::next_corner(contacts, needle, tip, tissue, options)
+    };
     let (mut foreseen, mut made, mut gone) = (0, 0, 0);
     for step in 0..1000 {
         // In by 50 mm, and out.
         let z = 0.1 * f64::from(500 - (step - 500i32).abs());
-        let (before, expected) = (nodes(&finite), finite.next_corner());
+        let (before, expected) = (nodes(&finite), next_corner(&finite));
         finite.step(&at(z), 0.001).expect("a step");
         let after = nodes(&finite);
         if after.len() > before.len() {

@@ -47,7 +47,7 @@ impl MassSpring {
         // Bone does not move with the springs.
         let tip = self.tip().point_mm;
         if let Some(hold) = &mut self.body.hold
-            && !(hold.bone.holds() && hold.bone.is_ahead(self.anatomy.as_ref(), &tip, &hold.direction))
+            && !(hold.bone.holds() && hold.bone.is_in_front(self.anatomy.as_ref(), &tip, &hold.direction))
         {
             hold.leave(hand, length);
         }
