@@ -11,7 +11,7 @@ use super::tissue::ColumnsName;
 use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
-use crate::mechanics::needle::{Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+use crate::mechanics::needle::{Constrained, Flexible, InvalidNeedleModel, Needle, Rigid, Shaft, Stiffness};
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
 use crate::remesh_gpu::maker;
 
@@ -98,7 +98,7 @@ impl Scenario {
                 bevel,
             } => {
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
-                Box::new(Springs::new(shaft, stiffness, link_mm, bevel)?)
+                Box::new(Flexible::springs(shaft, stiffness, link_mm, bevel)?)
             }
             Bending::Beam {
                 stiffness_nmm2,
@@ -106,7 +106,7 @@ impl Scenario {
                 bevel,
             } => {
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
-                Box::new(Cantilever::new(shaft, stiffness, element_mm, bevel)?)
+                Box::new(Flexible::beam(shaft, stiffness, element_mm, bevel)?)
             }
         })
     }

@@ -7,11 +7,8 @@
 mod body;
 mod contact;
 mod contacts;
-mod imager;
 mod joint;
 mod location;
-mod log;
-mod nearby;
 mod needle;
 mod path;
 mod prediction;
@@ -20,7 +17,6 @@ mod reduced;
 mod saved;
 mod settle;
 mod setup;
-mod slider;
 #[cfg(test)]
 mod tests;
 mod tip;
@@ -31,16 +27,15 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
+use super::imager::MeshImager;
 use super::validation::{finite, numbers};
-use super::{EventKind, Imager, Instruments, LevelChange, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use super::{Event, EventKind, Imager, Instruments, LevelChange, Model, Outcome, Saved, Snapshot, StepError, Wrench};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::remesh::{Adaptation, Level, Maker};
 use body::Body;
 use contacts::Contacts;
-use imager::FiniteImager;
 use joint::Joint;
-use log::Log;
 use needle::PlacedNeedle;
 use prediction::Prediction;
 use probe::ProbeNodes;
@@ -68,6 +63,28 @@ pub struct Finite {
     log: Log,
     /// Centre line of the unloaded needle.
     unloaded: CentreLine,
+}
+
+/// Progress and outcome of the steps.
+#[derive(Debug, Default)]
+struct Log {
+    steps: u64,
+    time_s: f64,
+    /// Pose of the base given by the hand at the end of the last step.
+    base: Option<Isometry3<f64>>,
+    seeds: Vec<Point3<f64>>,
+    outcome: Outcome,
+}
+
+impl Log {
+    fn note(&mut self, kind: EventKind, at_mm: Point3<f64>, region: Option<i32>) {
+        self.outcome.events.push(Event {
+            kind,
+            time_s: self.time_s,
+            at_mm,
+            region,
+        });
+    }
 }
 
 impl Finite {
@@ -380,8 +397,8 @@ impl Model for Finite {
 
     fn imager(&self) -> Box<dyn Imager> {
         let dofs = self.tissue.adaptation.mesh().dofs().clone();
-        let (mesh, factor) = (Arc::clone(&self.tissue.mesh), Arc::clone(&self.base.factor));
-        Box::new(FiniteImager::new(mesh, factor, dofs))
+        let base = (Arc::clone(&self.base.factor), dofs);
+        Box::new(MeshImager::new(Arc::clone(&self.tissue.mesh), Some(base)))
     }
 
     fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {

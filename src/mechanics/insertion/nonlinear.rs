@@ -15,9 +15,7 @@
 //! cannot be solved is bisected; where that does not help either, the tissue lags behind until the next step, which is
 //! reported.
 
-mod imager;
 mod needle_line;
-mod outcome;
 mod saved;
 mod setup;
 #[cfg(test)]
@@ -27,12 +25,15 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-use super::anatomy::interaction;
+use super::imager::MeshImager;
+use super::interaction::interaction;
 use super::pushing::{Phase, Pushing};
-use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError};
+use super::validation::finite;
+use super::{
+    Anatomy, Event, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench,
+};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
-use imager::Unchanging;
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
 pub use setup::{InvalidSetup, Options, Setup, Viscosity};
@@ -203,12 +204,73 @@ impl Nonlinear {
         let layer = self.needle.tip_layer()?;
         self.way.as_ref().and_then(|way| way.region(layer))
     }
+
+    /// Places the needle at the pose of the hand.
+    fn place(&mut self, base: &Isometry3<f64>) {
+        let length = self.shaft.length_mm;
+        let tip = base * Point3::new(0.0, 0.0, length);
+        self.line.set([(0.0, base.translation.vector.into()), (length, tip)]);
+    }
+
+    /// Sets the wrench on the hand from a force against the direction of insertion, N.
+    fn feel(&mut self, force_n: f64) {
+        let mut on_hand = Wrench::default();
+        let (hub, tip) = (self.line.at(0.0), self.line.tip());
+        on_hand.add(-force_n * hub.tangent.into_inner(), &tip, &hub.point_mm);
+        self.outcome.on_hand = on_hand;
+    }
+
+    fn note(&mut self, kind: EventKind, region: Option<i32>) {
+        self.outcome.events.push(Event {
+            kind,
+            time_s: self.time_s,
+            at_mm: self.line.tip(),
+            region,
+        });
+    }
+
+    /// Fills in the results known at the end of a step.
+    fn conclude(&mut self, instruments: &Instruments, was_crushed: bool) {
+        let tip = self.line.tip();
+        let depth = self.needle.depth_mm();
+        let inside = self.way.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
+        let at_rest = inside.map(|way| way.entry + depth * way.direction.into_inner());
+        if let Some(place) = at_rest.filter(|_| instruments.deposit) {
+            self.seeds.push(place);
+            self.note(EventKind::Seed, self.region);
+        }
+        self.outcome.crushed = self.crushed();
+        if self.outcome.crushed > 0 && !was_crushed {
+            self.note(EventKind::Crushed, self.region);
+        }
+        let pushes = matches!(self.needle.phase(), Phase::Pushing(_));
+        self.outcome.tip_mm = tip;
+        self.outcome.tip_at_rest_mm = at_rest;
+        self.outcome.inserted_mm = depth;
+        self.outcome.contacts = self.needle.pieces() + usize::from(pushes);
+        self.outcome.stuck *= self.outcome.contacts;
+    }
+
+    /// Returns the number of inverted elements on the line of the needle.
+    fn crushed(&self) -> usize {
+        let displacement = self.needle.structure().displacement();
+        let now = |node: u32| {
+            let first = 3 * node as usize;
+            let at = self.mesh.nodes()[node as usize];
+            Point3::from([0, 1, 2].map(|axis| at[axis] + displacement[first + axis]))
+        };
+        let is_inverted = |element: &&u32| {
+            let [a, b, c, d] = self.mesh.elements()[**element as usize].map(now);
+            (b - a).cross(&(c - a)).dot(&(d - a)) <= 0.0
+        };
+        self.needle.elements().iter().filter(is_inverted).count()
+    }
 }
 
 impl Model for Nonlinear {
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         let base = &instruments.base;
-        finite("the time", [dt_s].into_iter())?;
+        finite("the time", [dt_s])?;
         if dt_s <= 0.0 {
             return Err(StepError::Input {
                 what: "the time",
@@ -250,7 +312,7 @@ impl Model for Nonlinear {
     }
 
     fn imager(&self) -> Box<dyn Imager> {
-        Box::new(Unchanging(Arc::clone(&self.mesh)))
+        Box::new(MeshImager::new(Arc::clone(&self.mesh), None))
     }
 
     fn save(&mut self) -> Saved {
@@ -259,16 +321,5 @@ impl Model for Nonlinear {
 
     fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
         self.take_saved(saved)
-    }
-}
-
-fn finite(what: &'static str, mut numbers: impl Iterator<Item = f64>) -> Result<(), StepError> {
-    match numbers.find(|number| !number.is_finite()) {
-        None => Ok(()),
-        Some(found) => Err(StepError::Input {
-            what,
-            found,
-            expected: "finite numbers",
-        }),
     }
 }

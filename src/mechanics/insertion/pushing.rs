@@ -20,7 +20,6 @@
 //! The position of the tip in the tissue follows from the displacements of the previous step: steps should be small against
 //! the elements.
 
-mod layer;
 mod line;
 mod slide;
 
@@ -30,10 +29,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::mechanics::tissue::nonlinear::creep::CreepError;
 use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
-use layer::check;
-pub use layer::{InvalidWay, Layer};
-use line::Line;
-pub use line::crossings;
+pub use line::{InvalidWay, Layer, crossings};
+use line::{Line, check};
 pub(super) use slide::At;
 
 /// Phase of the tip.

@@ -4,8 +4,8 @@ use nalgebra::{Point3, Vector3};
 
 use super::body::Body;
 use super::contact::{Contact, SAMPLE_MM};
+use super::contact::{Slider, State};
 use super::joint::{Joint, MOST_FADING};
-use super::slider::{Slider, State};
 use crate::mechanics::needle::{CentreLine, ShaftPoint};
 
 /// Force below which a fading load is dropped, N.

@@ -18,7 +18,6 @@
 //! their friction stick; if that does not settle, only the lowest such node changes at a time, which must terminate (Murty,
 //! 1974).
 
-use faer::Mat;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::contact::Contact;
@@ -56,12 +55,18 @@ pub(super) struct Joint {
 }
 
 /// Linearised response of the needle along the three directions of each frame.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Yielding {
-    /// Response to additional forces, mm/N.
-    pub flexibility: Mat<f64>,
+    /// Response to additional forces, column by column, mm/N.
+    pub flexibility: Vec<f64>,
     /// Displacement under unchanged forces, mm.
     pub drift: Vec<f64>,
+}
+
+impl Yielding {
+    fn entry(&self, row: usize, column: usize) -> f64 {
+        self.flexibility[column * self.drift.len() + row]
+    }
 }
 
 /// Effort and outcome of a contact solve.
@@ -194,7 +199,7 @@ impl Joint {
             .map(|(force, before)| force - before);
         let given = changes
             .enumerate()
-            .map(|(column, change)| yields.flexibility[(row, column)] * change);
+            .map(|(column, change)| yields.entry(row, column) * change);
         given.sum::<f64>() - yields.drift[row]
     }
 
@@ -266,7 +271,7 @@ impl Joint {
         if let Some(yields) = yields {
             for (j, &column) in self.rows.iter().enumerate() {
                 for (i, &row) in self.rows.iter().enumerate().skip(j) {
-                    *self.system.entry(i, j) += yields.flexibility[(row, column)];
+                    *self.system.entry(i, j) += yields.entry(row, column);
                 }
                 // Unknown forces are still zero: known forces have changed, and the previous ones are removed.
                 self.right[j] -= self.gives(column, Some(yields));

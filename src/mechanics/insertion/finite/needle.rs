@@ -1,6 +1,5 @@
 //! The needle with its pose and shape, and its response where forces act.
 
-use faer::Mat;
 use nalgebra::{Isometry3, Matrix3, Point3};
 
 use super::contacts::Contacts;
@@ -33,10 +32,7 @@ impl PlacedNeedle {
             line: CentreLine::default(),
             entry: None,
             guide: None,
-            yielding: Yielding {
-                flexibility: Mat::new(),
-                drift: Vec::new(),
-            },
+            yielding: Yielding::default(),
             loads: Vec::new(),
             about: Vec::new(),
             rows: Vec::new(),
@@ -119,11 +115,8 @@ impl PlacedNeedle {
         let Yielding { flexibility, drift } = &mut self.yielding;
         let count = self.rows.len();
         drift.resize(count, 0.0);
-        if flexibility.nrows() == count {
-            flexibility.fill(0.0);
-        } else {
-            *flexibility = Mat::zeros(count, count);
-        }
+        flexibility.clear();
+        flexibility.resize(count * count, 0.0);
         let modes = self
             .model
             .linearise(&self.line, &self.about, &self.rows, drift, flexibility);

@@ -4,8 +4,8 @@ use nalgebra::Point3;
 
 use super::Finite;
 use super::contact::SAMPLE_MM;
+use super::contact::State;
 use super::location::Place;
-use super::slider::State;
 use super::tip::TipForce;
 use crate::mechanics::insertion::EventKind;
 use crate::mechanics::needle::{Entry, ShaftPoint};

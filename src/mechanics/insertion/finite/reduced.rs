@@ -13,7 +13,7 @@ use faer::MatRef;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::slider::Slider;
+use super::contact::Slider;
 use crate::mechanics::ldl::Ldl;
 use crate::simd::{Kernel, vectorised};
 

@@ -3,9 +3,9 @@
 use nalgebra::{Isometry3, Vector3};
 
 use super::Finite;
+use super::contact::Slider;
 use super::contacts::Contacts;
 use super::needle::PlacedNeedle;
-use super::slider::Slider;
 use super::tip::Tip;
 use crate::mechanics::needle::CentreLine;
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::body::{Body, Channel};
 use super::{Attempt, Contacts, Finite, Joint, Log, PlacedNeedle, Prediction, ProbeNodes, Tip, Tissue};
-use crate::mechanics::insertion::anatomy::MeshRegions;
+use crate::mechanics::insertion::interaction::MeshRegions;
 use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, ProbeContact, validation};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Needle};

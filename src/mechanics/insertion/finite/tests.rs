@@ -1,4 +1,3 @@
-use faer::Mat;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
@@ -30,7 +29,7 @@ impl Needle for Straight {
         line.set([0.0, self.length].map(|arc| (arc, base * Point3::new(0.0, 0.0, arc))));
     }
 
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut Mat<f64>) -> usize {
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut [f64]) -> usize {
         0
     }
 }

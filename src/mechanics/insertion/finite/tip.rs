@@ -3,16 +3,16 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use super::Log;
 use super::body::Body;
 use super::contact::friction;
+use super::contact::{Slider, State};
 use super::contacts::Contacts;
 use super::location::Place;
-use super::log::Log;
 use super::needle::PlacedNeedle;
 use super::reduced::TipRow;
-use super::slider::{Slider, State};
 use super::tissue::Tissue;
-use crate::mechanics::insertion::anatomy::BORDER_MM;
+use crate::mechanics::insertion::interaction::BORDER_MM;
 use crate::mechanics::insertion::{Bone, EventKind};
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::dofs::NONE;

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::MassSpring;
 use super::body::TipNode;
 use super::contacts::{SAME_ARC_MM, Travel};
-use crate::mechanics::insertion::anatomy::interaction;
+use crate::mechanics::insertion::interaction::interaction;
 use crate::mechanics::insertion::{Event, EventKind};
 use crate::mechanics::needle::ShaftPoint;
 

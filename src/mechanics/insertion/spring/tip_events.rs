@@ -3,14 +3,13 @@
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::MassSpring;
-use super::body::TipNode;
-use super::bone::{self, Hold};
+use super::body::{Hold, TipNode, unloaded_tip};
 use super::contacts::{Contact, SAME_ARC_MM};
-use super::geometry::Simplex;
+use super::geometry::{FarFace, Simplex};
 use super::step::STILL_MM;
-use super::tip::FarFace;
+
 use crate::mechanics::insertion::EventKind;
-use crate::mechanics::insertion::anatomy::{BORDER_MM, interaction};
+use crate::mechanics::insertion::interaction::{BORDER_MM, interaction};
 use crate::mechanics::needle::{Entry, ShaftPoint};
 
 /// Bisections of a step to locate the tip at a surface: 0.4 mm become 1e-12 mm.
@@ -222,7 +221,7 @@ impl MassSpring {
             }
         }
         self.body.hold = Some(Hold {
-            at: bone::unloaded_tip(hand, self.needle.length_mm()) + (inside - tip.point_mm),
+            at: unloaded_tip(hand, self.needle.length_mm()) + (inside - tip.point_mm),
             direction: tip.tangent,
             bone,
         });
