@@ -180,7 +180,7 @@ pub use scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioError, ScenarioFile,
 pub use scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneError, SceneFile};
 pub use simulator::{
     Damper, Forces, Guided, Haptic, HoldOptions, HoleError, Imaging, Input as RecordedInput, InvalidDevice,
-    InvalidImaging, InvalidInput, LateralHold, Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator,
+    InvalidImaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator,
     State as SimulatorState, TwoPoints,
 };
 pub use synth::layers::Layer;

@@ -22,7 +22,7 @@ pub use interaction::{Anatomy, Bone, Interaction, InvalidInteraction, MeshRegion
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::ProbeContact;
 pub(crate) use probe::{lever, pointed};
-pub use validation::InvalidPart;
+pub use validation::InvalidSetup;
 
 /// Poses of the instruments at one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,7 +59,7 @@ pub enum StepError {
     NoLevel,
     /// A remeshing level that cannot be used.
     #[error("the level of remeshing stays as it was: {0}")]
-    Level(#[from] finite::InvalidSetup),
+    Level(#[from] InvalidSetup),
 }
 
 impl StepError {

@@ -29,7 +29,10 @@ use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
 use super::imager::MeshImager;
 use super::validation::{finite, numbers};
-use super::{Event, EventKind, Imager, Instruments, LevelChange, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use super::{
+    Event, EventKind, Imager, Instruments, InvalidSetup, LevelChange, Model, Outcome, Saved, Snapshot, StepError,
+    Wrench,
+};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::remesh::{Adaptation, Level, Maker};
@@ -41,7 +44,7 @@ use prediction::Prediction;
 use probe::ProbeNodes;
 use settle::Attempt;
 use setup::Base;
-pub use setup::{InvalidSetup, Options, Setup};
+pub use setup::{Options, Setup};
 use tip::Tip;
 use tissue::Tissue;
 

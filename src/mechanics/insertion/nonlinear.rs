@@ -36,7 +36,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
-pub use setup::{InvalidSetup, Options, Setup, Viscosity};
+pub use setup::{Options, Setup, Viscosity};
 
 /// Maximum distance of a needle from its line of insertion, mm: rounding of poses, and hands that are nearly still.
 const BESIDE_MM: f64 = 0.05;
@@ -55,7 +55,7 @@ pub struct Nonlinear {
     name: String,
     needle: Pushing<3, 4>,
     /// Line of the needle with its layers, once found.
-    way: Option<NeedleLine>,
+    axis: Option<NeedleLine>,
     steps: u64,
     time_s: f64,
     /// Time by which the tissue lags behind, s.
@@ -74,13 +74,13 @@ impl Nonlinear {
     fn on_line(&mut self, base: &Isometry3<f64>) -> Result<f64, StepError> {
         let tip = base * Point3::new(0.0, 0.0, self.shaft.length_mm);
         let direction = base.rotation * Vector3::z_axis();
-        if let Some(way) = &self.way {
+        if let Some(axis) = &self.axis {
             let hub = Point3::from(base.translation.vector);
-            let beside = way.beside_mm(&tip).max(way.beside_mm(&hub));
+            let beside = axis.beside_mm(&tip).max(axis.beside_mm(&hub));
             // For a needle that may start on a new line, only rounding counts as being on it.
             let most = if self.needle.is_outside() { 1e-9 } else { BESIDE_MM };
-            if beside <= most && way.direction.dot(&direction) > 0.0 {
-                return Ok(way.travel_mm(&tip));
+            if beside <= most && axis.direction.dot(&direction) > 0.0 {
+                return Ok(axis.travel_mm(&tip));
             }
             if !self.needle.is_outside() {
                 return Err(StepError::Input {
@@ -91,8 +91,8 @@ impl Nonlinear {
             }
         }
         self.aim(&tip, &direction);
-        let way = self.way.as_ref();
-        let travel = way.map_or(0.0, |way| way.travel_mm(&tip));
+        let axis = self.axis.as_ref();
+        let travel = axis.map_or(0.0, |axis| axis.travel_mm(&tip));
         // A needle first seen in tissue has been pushed in along its axis.
         self.travel_mm = travel.min(0.0);
         Ok(travel)
@@ -101,18 +101,18 @@ impl Nonlinear {
     /// Finds the line of a needle outside.
     fn aim(&mut self, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) {
         let body = Arc::clone(self.needle.body());
-        self.way = Some(NeedleLine::find(&body, self.anatomy.as_ref(), tip, direction));
-        self.take_way();
+        self.axis = Some(NeedleLine::find(&body, self.anatomy.as_ref(), tip, direction));
+        self.take_axis();
     }
 
     /// Aims the needle along its line.
-    fn take_way(&mut self) {
+    fn take_axis(&mut self) {
         let anatomy = self.anatomy.as_ref();
         let of = |region: i32| interaction(anatomy, Some(region));
-        let way = self.way.as_ref().filter(|way| !way.regions.is_empty());
-        let aimed = way.map(|way| {
+        let axis = self.axis.as_ref().filter(|axis| !axis.regions.is_empty());
+        let aimed = axis.map(|axis| {
             self.needle
-                .aim(way.entry.into(), (*way.direction).into(), way.layers(of))
+                .aim(axis.entry.into(), (*axis.direction).into(), axis.layers(of))
         });
         if aimed.is_none_or(|aimed| aimed.is_err()) {
             self.needle.withdraw();
@@ -156,14 +156,14 @@ impl Nonlinear {
             Ok(pushed) => {
                 self.outcome.iterations += self.needle.structure().solver().progress().iterations;
                 self.outcome.stuck = usize::from(pushed.phase == Phase::Held);
-                self.feel(pushed.force_n);
+                self.set_force(pushed.force_n);
                 self.travel_mm = to_mm;
                 let at = self.entered();
                 if was_outside && pushed.phase != Phase::Free {
                     self.note(EventKind::Skin, at);
                 }
                 if let Some(layer) = pushed.punctured {
-                    let region = self.way.as_ref().and_then(|way| way.region(layer));
+                    let region = self.axis.as_ref().and_then(|axis| axis.region(layer));
                     self.note(EventKind::Puncture, region);
                 }
                 let region = self.tip_region();
@@ -196,13 +196,13 @@ impl Nonlinear {
 
     /// Returns the first region on the line.
     fn entered(&self) -> Option<i32> {
-        self.way.as_ref().and_then(|way| way.region(0))
+        self.axis.as_ref().and_then(|axis| axis.region(0))
     }
 
     /// Returns the region of the tip, not one whose membrane it still pushes.
     fn tip_region(&self) -> Option<i32> {
         let layer = self.needle.tip_layer()?;
-        self.way.as_ref().and_then(|way| way.region(layer))
+        self.axis.as_ref().and_then(|axis| axis.region(layer))
     }
 
     /// Places the needle at the pose of the hand.
@@ -213,7 +213,7 @@ impl Nonlinear {
     }
 
     /// Sets the wrench on the hand from a force against the direction of insertion, N.
-    fn feel(&mut self, force_n: f64) {
+    fn set_force(&mut self, force_n: f64) {
         let mut on_hand = Wrench::default();
         let (hub, tip) = (self.line.at(0.0), self.line.tip());
         on_hand.add(-force_n * hub.tangent.into_inner(), &tip, &hub.point_mm);
@@ -233,8 +233,8 @@ impl Nonlinear {
     fn conclude(&mut self, instruments: &Instruments, was_crushed: bool) {
         let tip = self.line.tip();
         let depth = self.needle.depth_mm();
-        let inside = self.way.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
-        let at_rest = inside.map(|way| way.entry + depth * way.direction.into_inner());
+        let inside = self.axis.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
+        let at_rest = inside.map(|axis| axis.entry + depth * axis.direction.into_inner());
         if let Some(place) = at_rest.filter(|_| instruments.deposit) {
             self.seeds.push(place);
             self.note(EventKind::Seed, self.region);

@@ -165,8 +165,8 @@ impl MassSpring {
         let length = self.body.line.length_mm();
         let measured = self
             .body
-            .hold
-            .map_or(instruments.base, |hold| hold.hold_back(&instruments.base, length));
+            .bone_contact
+            .map_or(instruments.base, |met| met.stopped(&instruments.base, length));
         self.needle.place(&measured, None, &[], &[], &mut self.measured);
         let inside = self.body.awake && !self.contacts.stack.is_empty();
         let found = inside

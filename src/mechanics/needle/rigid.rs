@@ -154,8 +154,8 @@ impl Needle for Constrained {
         match entry {
             // Otherwise nodes would coincide.
             Some(entry) if outside > LEAST_MM && inserted > LEAST_MM => {
-                let held = self.constraint.direction(&entry.direction, &measured, inserted);
-                let tip = entry.point_mm + held.scale(inserted);
+                let constrained = self.constraint.direction(&entry.direction, &measured, inserted);
+                let tip = entry.point_mm + constrained.scale(inserted);
                 line.set([(0.0, hub), (outside, entry.point_mm), (length, tip)]);
             }
             _ => line.set([(0.0, hub), (length, hub + measured.scale(length))]),
@@ -227,9 +227,9 @@ mod tests {
         let outside = 6.0f64.hypot(40.0);
         let (arc, middle) = line.nodes()[1];
         assert!((arc - outside).abs() < 1e-12 && middle == entry.point_mm);
-        let held = constraint.direction(&entry.direction, &measured, 200.0 - outside);
-        assert!((line.tip() - (entry.point_mm + held.scale(200.0 - outside))).norm() < 1e-12);
-        assert!(held.angle(&entry.direction) < held.angle(&measured));
+        let constrained = constraint.direction(&entry.direction, &measured, 200.0 - outside);
+        assert!((line.tip() - (entry.point_mm + constrained.scale(200.0 - outside))).norm() < 1e-12);
+        assert!(constrained.angle(&entry.direction) < constrained.angle(&measured));
         // Too short, or with its base at the entry: straight.
         for point in [Point3::new(0.0, 0.0, 200.0), Point3::origin()] {
             let entry = Entry {
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn the_weight_rises_from_free_to_held() {
+    fn the_weight_rises_from_free_to_constrained() {
         let constraint = BendingConstraint::default();
         assert!((constraint.weight(120.0) - 0.45).abs() < 1e-12);
         // The numbers of Zhu et al. in metres: 0.9 / (1 + exp(-60 (0.05 - 0.12))).

@@ -110,7 +110,7 @@ impl Joint {
         self.tissue.set_tip(condensed, probes, tip);
         (self.guide, self.fading) = (guide, fading);
         self.tissue
-            .press(tissue.probe.iter().flat_map(|probe| probe.displacements()));
+            .set_probe(tissue.probe.iter().flat_map(|probe| probe.displacements()));
     }
 
     /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and fading loads.

@@ -5,17 +5,16 @@ use std::sync::Arc;
 use super::body::{Body, Channel};
 use super::{Attempt, Contacts, Finite, Joint, Log, PlacedNeedle, Prediction, ProbeNodes, Tip, Tissue};
 use crate::mechanics::insertion::interaction::MeshRegions;
-use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, ProbeContact, validation};
+use crate::mechanics::insertion::{Anatomy, Interaction, InvalidSetup, ProbeContact, validation};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Needle};
-use crate::mechanics::tissue::assembly::AssemblyError;
 use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
-use crate::mechanics::tissue::factor::{Factor, FactorError};
+use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::inverse::{InverseError, invert};
 use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, RemeshError, Source};
-use crate::mechanics::tissue::rigid::{self, RigidError};
+use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, Source};
+use crate::mechanics::tissue::rigid;
 
 /// Options for the subdivision and iteration of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,51 +86,8 @@ pub struct Setup {
     pub options: Options,
 }
 
-/// Reason why an insertion cannot be set up.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidSetup {
-    /// An invalid input common to all models on a mesh.
-    #[error(transparent)]
-    Part(#[from] InvalidPart),
-    /// A candidate node of the probe that is missing, listed twice, or fixed.
-    #[error("node {node} cannot be a candidate of the probe: it {reason}")]
-    Candidate {
-        /// The candidate node.
-        node: u32,
-        /// Description of the fault.
-        reason: &'static str,
-    },
-    /// A mesh that cannot be assembled.
-    #[error(transparent)]
-    Assembly(#[from] AssemblyError),
-    /// Supports that do not prevent rigid-body motion.
-    #[error(transparent)]
-    Rigid(#[from] RigidError),
-    /// A stiffness matrix that cannot be factored.
-    #[error(transparent)]
-    Factor(#[from] FactorError),
-    /// A dense inverse that cannot be computed.
-    #[error(transparent)]
-    Inverse(#[from] InverseError),
-    /// A remeshing level that cannot be used.
-    #[error(transparent)]
-    Remesh(#[from] RemeshError),
-}
-
-impl InvalidSetup {
-    /// Returns whether the machine failed rather than the input: too little memory, or a device.
-    pub fn is_machine(&self) -> bool {
-        matches!(
-            self,
-            Self::Factor(FactorError::Memory { .. })
-                | Self::Inverse(InverseError::Memory { .. })
-                | Self::Remesh(RemeshError::Device(_))
-        )
-    }
-}
-
 impl Setup {
-    fn check(&self) -> Result<(), InvalidPart> {
+    fn check(&self) -> Result<(), InvalidSetup> {
         validation::interactions(&self.interactions)?;
         validation::fixed(&self.fixed, self.mesh.nodes().len())?;
         let options = &self.options;

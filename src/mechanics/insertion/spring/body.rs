@@ -38,7 +38,7 @@ pub(super) struct Body {
     pub element: u32,
     /// Whether the event that no node can be moved to the tip has been reported here.
     pub refused: bool,
-    pub hold: Option<Hold>,
+    pub bone_contact: Option<BoneContact>,
     /// Whether anything may move: tissue at rest costs nothing.
     pub awake: bool,
     pub seeds: Vec<Point3<f64>>,
@@ -49,7 +49,7 @@ const CATCH_UP_MM: f64 = 0.1;
 
 /// Bone met by the tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Hold {
+pub(super) struct BoneContact {
     /// Position of the tip of the unloaded needle when the tip met the bone, mm.
     pub at: Point3<f64>,
     /// Direction of the needle when the tip met the bone.
@@ -57,7 +57,7 @@ pub(super) struct Hold {
     pub bone: Bone,
 }
 
-impl Hold {
+impl BoneContact {
     /// Returns the depth that the tip would have if nothing stopped it, mm.
     fn depth(&self, base: &Isometry3<f64>, length_mm: f64) -> f64 {
         (unloaded_tip(base, length_mm) - self.at).dot(&self.direction)
@@ -78,7 +78,7 @@ impl Hold {
     }
 
     /// Returns the pose of the needle's base while the hand is at `base`: the depth of the tip is limited by the bone.
-    pub fn hold_back(&self, base: &Isometry3<f64>, length_mm: f64) -> Isometry3<f64> {
+    pub fn stopped(&self, base: &Isometry3<f64>, length_mm: f64) -> Isometry3<f64> {
         let behind = self.bone.behind_mm(self.depth(base, length_mm));
         Translation3::from(self.direction.into_inner() * -behind) * base
     }

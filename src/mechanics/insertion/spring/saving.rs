@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Quaternion, Translation3, Unit, UnitQuaternion
 use serde::{Deserialize, Serialize};
 
 use super::MassSpring;
-use super::body::{Body, Hold, TipNode};
+use super::body::{Body, BoneContact, TipNode};
 use super::contacts::Contact;
 use crate::mechanics::insertion::{Bone, Event, EventKind, Outcome, Saved, StepError, Wrench};
 use crate::mechanics::needle::{CentreLine, Entry};
@@ -138,11 +138,11 @@ fn put_body(to: &mut Words, body: &Body) {
     to.vector(&body.crossed);
     to.whole(body.element.into());
     to.flag(body.refused);
-    to.optional(body.hold, |to, hold| {
-        to.vector(&hold.at.coords);
-        to.vector(&hold.direction);
-        to.real(hold.bone.stiffness_n_per_mm);
-        to.real(hold.bone.penetration_mm);
+    to.optional(body.bone_contact, |to, bone_contact| {
+        to.vector(&bone_contact.at.coords);
+        to.vector(&bone_contact.direction);
+        to.real(bone_contact.bone.stiffness_n_per_mm);
+        to.real(bone_contact.bone.penetration_mm);
     });
     to.flag(body.awake);
     to.list(&body.seeds, |to, seed| to.vector(&seed.coords));
@@ -179,8 +179,8 @@ fn get_body(from: &mut Reader, elements: usize) -> Result<Body, String> {
         crossed: from.vector()?,
         element: from.below(elements, "an element")?,
         refused: from.flag()?,
-        hold: from.optional(|from| {
-            Ok(Hold {
+        bone_contact: from.optional(|from| {
+            Ok(BoneContact {
                 at: from.point()?,
                 direction: from.direction()?,
                 bone: Bone {

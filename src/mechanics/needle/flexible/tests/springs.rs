@@ -92,7 +92,7 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
     let mut lines = [Stiffness::KappaNmmPerDeg(10.7), Stiffness::BendingNmm2(stiffness)].map(|stiffness| {
         let mut line = CentreLine::default();
         let mut needle = Flexible::springs(Shaft::default(), stiffness, 8.0, None).expect("needle");
-        assert_eq!(needle.jointed.chain.joints().len(), 25);
+        assert_eq!(needle.chain.joints().len(), 25);
         settle(&mut needle, &slanted(), &[load(180.0, [0.1, 0.2, 0.0])], &mut line);
         line
     });
