@@ -8,7 +8,7 @@ use std::time::Instant;
 use insonify::mechanics::insertion::finite::{Finite, Options, Setup};
 use insonify::mechanics::insertion::{Instruments, Interaction, Model, ProbeContact};
 use insonify::mechanics::mesh::TetMesh;
-use insonify::mechanics::needle::{Bevel, Needle, Rigid, Shaft, Springs, Stiffness};
+use insonify::mechanics::needle::{Bevel, Flexible, Needle, Rigid, Shaft, Stiffness};
 use insonify::mechanics::tissue::material::Material;
 use insonify::mechanics::tissue::remesh::{Level, Precision};
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
@@ -136,7 +136,7 @@ fn main() {
         length_mm: 10.0,
     };
     let springs =
-        || Box::new(Springs::new(Shaft::default(), Stiffness::default(), 10.0, Some(bevel)).expect("a needle"));
+        || Box::new(Flexible::springs(Shaft::default(), Stiffness::default(), 10.0, Some(bevel)).expect("a needle"));
     run("rigid", rigid(), false);
     run("rigid, probe", rigid(), true);
     run("springs, bevel", springs(), false);

@@ -7,9 +7,9 @@
 use std::error::Error;
 
 use insonify::{
-    BEVEL_MM, Bevel, Damper, Finite, FiniteOptions, Guided, Haptic, HoldOptions, Interaction, LINK_MM, LateralHold,
-    Level, Material, Precision, ProbeContact, Setup, Shaft, SimulatorOptions, Springs, Stiffness, Template, TetMesh,
-    TwoPoints,
+    BEVEL_MM, Bevel, Damper, Finite, FiniteOptions, Flexible, Guided, Haptic, HoldOptions, Interaction, LINK_MM,
+    LateralHold, Level, Material, Precision, ProbeContact, Setup, Shaft, SimulatorOptions, Stiffness, Template,
+    TetMesh, TwoPoints,
 };
 use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
@@ -166,7 +166,7 @@ fn model() -> Result<Finite, Box<dyn Error>> {
         fixed: far.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
         interactions: vec![(0, tissue)],
         anatomy: None,
-        needle: Box::new(Springs::new(shaft, Stiffness::default(), LINK_MM, Some(bevel))?),
+        needle: Box::new(Flexible::springs(shaft, Stiffness::default(), LINK_MM, Some(bevel))?),
         probe: Some(ProbeContact {
             nominal: Translation3::from(PROBE_MM).into(),
             length_mm: BLOCK_MM[2],

@@ -11,8 +11,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use insonify::{
-    BEVEL_MM, Backend, Bevel, Finite, FiniteOptions, Haptic, Imaging, Instruments, Interaction, LINK_MM, Level,
-    Material, Policy, Precision, SceneFile, Setup, Shaft, Simulator, SimulatorOptions, Springs, Stiffness, Synthesizer,
+    BEVEL_MM, Backend, Bevel, Finite, FiniteOptions, Flexible, Haptic, Imaging, Instruments, Interaction, LINK_MM,
+    Level, Material, Policy, Precision, SceneFile, Setup, Shaft, Simulator, SimulatorOptions, Stiffness, Synthesizer,
     TetMesh,
 };
 use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
@@ -98,7 +98,7 @@ fn model(mesh: TetMesh) -> Result<Finite, Box<dyn Error>> {
             fixed: fixed.flat_map(|node| [0, 1, 2].map(|axis| (node, axis))).collect(),
             interactions: vec![(mesh.regions()[0], tissue)],
             anatomy: None,
-            needle: Box::new(Springs::new(SHAFT, Stiffness::default(), LINK_MM, Some(bevel))?),
+            needle: Box::new(Flexible::springs(SHAFT, Stiffness::default(), LINK_MM, Some(bevel))?),
             probe: None,
             level: Level::Exact,
             precision: Precision::Double,

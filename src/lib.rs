@@ -166,7 +166,7 @@ pub use mechanics::insertion::{
 };
 pub use mechanics::mesh::file::read_mesh;
 pub use mechanics::mesh::{Displacement, InvalidMesh, TetMesh};
-pub use mechanics::needle::{BEVEL_MM, Bevel, Cantilever, LINK_MM, Needle, Rigid, Shaft, Springs, Stiffness};
+pub use mechanics::needle::{BEVEL_MM, Bevel, Flexible, LINK_MM, Needle, Rigid, Shaft, Stiffness};
 pub use mechanics::tissue::material::Material;
 pub use mechanics::tissue::remesh::{Level, Precision};
 pub use output::png::{PngError, write_grey as write_png};
@@ -180,7 +180,7 @@ pub use scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioError, ScenarioFile,
 pub use scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneError, SceneFile};
 pub use simulator::{
     Damper, Forces, Guided, Haptic, HoldOptions, HoleError, Imaging, Input as RecordedInput, InvalidDevice,
-    InvalidImaging, InvalidInput, LateralHold, Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator,
+    InvalidImaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator,
     State as SimulatorState, TwoPoints,
 };
 pub use synth::layers::Layer;

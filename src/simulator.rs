@@ -35,7 +35,7 @@ pub use devices::{Damper, Guided, HoldOptions, HoleError, InvalidDevice, Lateral
 pub use forces::Forces;
 pub use haptic::Haptic;
 pub use imaging::{Imaging, InvalidImaging};
-pub use recording::{Input, InvalidInput, Recording, State};
+pub use recording::{Input, Recording, State};
 
 /// Time budget of a step, and the policy for steps that exceed it.
 #[derive(Clone, Copy, Debug, PartialEq)]

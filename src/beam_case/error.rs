@@ -3,7 +3,6 @@
 use super::file::CaseFile;
 use crate::document::{Fault, Unreadable};
 use crate::mechanics::needle::beam::BeamError;
-use crate::mechanics::needle::beam::inverse::InverseError;
 
 /// Error of a case: the cause, the key concerned and its place in the file.
 pub type BeamCaseError = Fault<Wrong>;
@@ -30,12 +29,9 @@ pub enum Wrong {
         /// What was expected.
         expected: String,
     },
-    /// The shape of the needle cannot be computed.
+    /// The shape of the needle, or the wanted motion of its base, cannot be computed.
     #[error(transparent)]
     Beam(BeamError),
-    /// No base motion gives the wanted result.
-    #[error(transparent)]
-    Inverse(InverseError),
 }
 
 impl BeamCaseError {

@@ -3,7 +3,7 @@
 use super::error::{BeamCaseError, Wrong};
 use super::file::{CaseFile, CompressionName, LayerSpec, ModelName};
 use crate::mechanics::needle::InvalidNeedleModel;
-use crate::mechanics::needle::beam::inverse::{self, InverseError, Wanted};
+use crate::mechanics::needle::beam::inverse::{self, Wanted};
 use crate::mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
@@ -201,10 +201,7 @@ impl Case {
     /// # Errors
     /// [`BeamCaseError`] if there is none.
     pub fn find(&self, wanted: &Wanted) -> Result<(Base, Shape), BeamCaseError> {
-        inverse::find(&mut self.beam()?, wanted).map_err(|error| match error {
-            InverseError::Beam(error) => self.blame(error),
-            error => self.file.fault("base", Wrong::Inverse(error)),
-        })
+        inverse::find(&mut self.beam()?, wanted).map_err(|error| self.blame(error))
     }
 
     fn beam(&self) -> Result<FoundationBeam, BeamCaseError> {

@@ -4,8 +4,8 @@
 //! element model, a mass-spring model, or a model of tissue that stiffens and creeps; all of them return the same outcome
 //! and snapshots.
 
-mod anatomy;
 pub mod finite;
+mod imager;
 mod interaction;
 pub mod nonlinear;
 mod outcome;
@@ -18,12 +18,11 @@ use nalgebra::{Isometry3, Point3};
 
 use super::needle::CentreLine;
 use super::tissue::remesh::Level;
-pub use anatomy::{Anatomy, MeshRegions};
-pub use interaction::{Bone, Interaction, InvalidInteraction, Peak};
+pub use interaction::{Anatomy, Bone, Interaction, InvalidInteraction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::ProbeContact;
 pub(crate) use probe::{lever, pointed};
-pub use validation::InvalidPart;
+pub use validation::InvalidSetup;
 
 /// Poses of the instruments at one step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,7 +59,7 @@ pub enum StepError {
     NoLevel,
     /// A remeshing level that cannot be used.
     #[error("the level of remeshing stays as it was: {0}")]
-    Level(#[from] finite::InvalidSetup),
+    Level(#[from] InvalidSetup),
 }
 
 impl StepError {

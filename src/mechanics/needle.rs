@@ -5,28 +5,22 @@
 //! torsion is neglected (Goksel et al. 2011, section III-B).
 
 pub mod beam;
-mod bending;
-mod cantilever;
 mod chain;
-mod jointed;
+mod flexible;
 mod line;
 mod rigid;
 mod shaft;
-mod springs;
 mod tangent;
 
 use std::fmt::Debug;
 
-use faer::Mat;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-pub use bending::BendingConstraint;
-pub use cantilever::{Cantilever, ELEMENT_MM};
+pub use flexible::{ELEMENT_MM, Flexible, LINK_MM, Stiffness};
 pub(in crate::mechanics) use line::across;
 pub use line::{CentreLine, ShaftPoint};
-pub use rigid::{Constrained, Rigid};
+pub use rigid::{BendingConstraint, Constrained, Rigid};
 pub use shaft::{BEVEL_MM, Bevel, InvalidNeedleModel, Shaft};
-pub use springs::{LINK_MM, Springs, Stiffness};
 
 /// A force on the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -84,7 +78,7 @@ pub trait Needle: Send + Debug {
     );
 
     /// Linearises [`place`](Self::place) about the shape in `line` under `loads`, with the base fixed. Adds to `out` (rows x
-    /// rows, mm/N) the displacement along row i of the shaft under an additional unit force along row j: symmetric, and
+    /// rows, column by column, mm/N) the displacement along row i of the shaft under an additional unit force along row j: symmetric, and
     /// positive semidefinite unless the loads would buckle the unsupported needle. Writes to `drift` the remaining motion of
     /// the rows under unchanged forces, mm. Returns the number of buckling modes: the negative eigenvalues of the tangent
     /// stiffness. Nothing is added for a line that this needle did not place.
@@ -94,6 +88,6 @@ pub trait Needle: Send + Debug {
         loads: &[Load],
         rows: &[Row],
         drift: &mut [f64],
-        out: &mut Mat<f64>,
+        out: &mut [f64],
     ) -> usize;
 }

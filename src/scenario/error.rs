@@ -3,9 +3,8 @@
 use super::file::ScenarioFile;
 use crate::document::{Fault, NoRegion, Unreadable};
 use crate::gpu::GpuError;
-use crate::mechanics::insertion::finite::InvalidSetup;
 use crate::mechanics::insertion::spring::InvalidParameters;
-use crate::mechanics::insertion::{InvalidInteraction, nonlinear};
+use crate::mechanics::insertion::{InvalidInteraction, InvalidSetup};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
@@ -82,9 +81,6 @@ pub enum Wrong {
     /// No model can be built for the tissue.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
-    /// No model can be built for stiffening tissue.
-    #[error(transparent)]
-    Stiffened(#[from] nonlinear::InvalidSetup),
     /// Stiffening parameters are invalid.
     #[error(transparent)]
     Stiffening(#[from] InvalidStiffening),
@@ -106,7 +102,6 @@ impl ScenarioError {
             Wrong::Generate(error) => error.is_machine(),
             Wrong::Setup(error) => error.is_machine(),
             Wrong::Gpu(error) => error.is_machine(),
-            Wrong::Stiffened(error) => error.is_machine(),
             _ => false,
         }
     }

@@ -8,10 +8,10 @@ use super::needle::Bending;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
 use super::tissue::ColumnsName;
-use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
+use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
-use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
-use crate::mechanics::needle::{Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};
+use crate::mechanics::needle::{Constrained, Flexible, InvalidNeedleModel, Needle, Rigid, Shaft, Stiffness};
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
 use crate::remesh_gpu::maker;
 
@@ -98,7 +98,7 @@ impl Scenario {
                 bevel,
             } => {
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
-                Box::new(Springs::new(shaft, stiffness, link_mm, bevel)?)
+                Box::new(Flexible::springs(shaft, stiffness, link_mm, bevel)?)
             }
             Bending::Beam {
                 stiffness_nmm2,
@@ -106,21 +106,19 @@ impl Scenario {
                 bevel,
             } => {
                 let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
-                Box::new(Cantilever::new(shaft, stiffness, element_mm, bevel)?)
+                Box::new(Flexible::beam(shaft, stiffness, element_mm, bevel)?)
             }
         })
     }
 
     fn blame(&self, error: InvalidSetup) -> ScenarioError {
         let key = match &error {
-            InvalidSetup::Part(InvalidPart::Interaction { .. }) => "tissue.material",
-            InvalidSetup::Part(InvalidPart::Fixed { .. }) | InvalidSetup::Rigid(_) => "tissue.fix",
+            InvalidSetup::Interaction { .. } => "tissue.material",
+            InvalidSetup::Fixed { .. } | InvalidSetup::Rigid(_) => "tissue.fix",
             InvalidSetup::Candidate { .. } => "contact_probe",
-            InvalidSetup::Part(InvalidPart::Number { .. }) | InvalidSetup::Assembly(_) | InvalidSetup::Factor(_) => {
-                "tissue"
-            }
             InvalidSetup::Remesh(RemeshError::Device(_)) => "tissue.device",
             InvalidSetup::Inverse(_) | InvalidSetup::Remesh(_) => "tissue.level",
+            _ => "tissue",
         };
         self.file.fault(key, Wrong::Setup(error))
     }

@@ -42,16 +42,6 @@ pub struct Input {
     pub dt_s: f64,
 }
 
-/// An invalid pose in a file.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("`quaternion_xyzw` of `{key}` is {found:?}; expected a quaternion of length 1")]
-pub struct InvalidInput {
-    /// Key of the pose.
-    pub key: &'static str,
-    /// The rejected quaternion.
-    pub found: [f64; 4],
-}
-
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Written {
@@ -80,11 +70,13 @@ impl Pose {
         }
     }
 
-    fn read(&self, key: &'static str) -> Result<Isometry3<f64>, InvalidInput> {
+    fn read(&self, key: &'static str) -> Result<Isometry3<f64>, String> {
         let found = self.quaternion_xyzw;
         let quaternion = Quaternion::from(found);
         if (quaternion.norm() - 1.0).abs() > UNIT_TOLERANCE || !quaternion.norm().is_finite() {
-            return Err(InvalidInput { key, found });
+            return Err(format!(
+                "`quaternion_xyzw` of `{key}` is {found:?}; expected a quaternion of length 1"
+            ));
         }
         let translation = Translation3::from(self.position_mm);
         // Unchanged: another normalisation would alter its last bits.
@@ -114,9 +106,9 @@ impl From<Input> for Written {
 }
 
 impl TryFrom<Written> for Input {
-    type Error = InvalidInput;
+    type Error = String;
 
-    fn try_from(written: Written) -> Result<Self, InvalidInput> {
+    fn try_from(written: Written) -> Result<Self, String> {
         Ok(Self {
             instruments: Instruments {
                 base: written.base.read("base")?,

@@ -7,7 +7,7 @@ use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3
 use crate::mechanics::insertion::finite::{Options, Setup};
 use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
-use crate::mechanics::needle::{Bevel, Cantilever, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+use crate::mechanics::needle::{Bevel, Flexible, InvalidNeedleModel, Needle, Rigid, Shaft, Stiffness};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
@@ -87,7 +87,7 @@ pub fn rigid() -> Result<Box<dyn Needle>, InvalidNeedleModel> {
 /// # Errors
 /// [`InvalidNeedleModel`].
 pub fn springs(stiffness: Stiffness, link_mm: f64, bevel: Bevel) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
-    Ok(Box::new(Springs::new(
+    Ok(Box::new(Flexible::springs(
         Shaft::default(),
         stiffness,
         link_mm,
@@ -100,7 +100,7 @@ pub fn springs(stiffness: Stiffness, link_mm: f64, bevel: Bevel) -> Result<Box<d
 /// # Errors
 /// [`InvalidNeedleModel`].
 pub fn beam(stiffness: Stiffness, element_mm: f64, bevel: Bevel) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
-    Ok(Box::new(Cantilever::new(
+    Ok(Box::new(Flexible::beam(
         Shaft::default(),
         stiffness,
         element_mm,

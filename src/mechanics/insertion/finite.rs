@@ -1,130 +1,93 @@
 //! Finite element insertion: stick-slip contacts, remeshing at the tip, and a pressing probe (Goksel et al. 2011, sections
 //! III to V).
+//!
+//! A step is cut into substeps ([`Finite::travel`]). In each, tissue, contacts and needle settle together (`settle`, with the
+//! system of `joint`), then the tip is followed through the tissue (`path`).
 
-mod channel;
+mod body;
 mod contact;
-mod entry;
-mod fetch;
-mod forces;
-mod friction;
-mod imager;
+mod contacts;
 mod joint;
-mod level;
 mod location;
-mod nearby;
+mod needle;
 mod path;
-mod place;
 mod prediction;
-mod probe_contact;
+mod probe;
 mod reduced;
 mod saved;
 mod settle;
 mod setup;
-mod slider;
-mod substep;
 #[cfg(test)]
 mod tests;
 mod tip;
+mod tissue;
 
 use std::sync::Arc;
+use std::time::Instant;
 
-use nalgebra::{Isometry3, Point3, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, Vector3};
 
+use super::imager::MeshImager;
+use super::validation::{finite, numbers};
 use super::{
-    Anatomy, Event, EventKind, Imager, Instruments, LevelChange, Model, Outcome, Saved, Snapshot, StepError, Wrench,
+    Event, EventKind, Imager, Instruments, InvalidSetup, LevelChange, Model, Outcome, Saved, Snapshot, StepError,
+    Wrench,
 };
-use crate::mechanics::mesh::{Locator, TetMesh};
-use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row};
-use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::remesh::{Adaptation, Level, Maker, Precision, Source};
-use channel::Channel;
-use contact::Contact;
-use imager::FiniteImager;
-use joint::{Joint, Yielding};
-use nearby::Nearby;
-use prediction::Outlook;
-use probe_contact::ProbeNodes;
-pub use setup::{InvalidSetup, Options, Setup};
-use slider::Slider;
-use substep::advance;
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::needle::CentreLine;
+use crate::mechanics::tissue::remesh::{Adaptation, Level, Maker};
+use body::Body;
+use contacts::Contacts;
+use joint::Joint;
+use needle::PlacedNeedle;
+use prediction::Prediction;
+use probe::ProbeNodes;
+use settle::Attempt;
+use setup::Base;
+pub use setup::{Options, Setup};
 use tip::Tip;
+use tissue::Tissue;
+
+/// Advance of the base below which it counts as resting (rounding), mm.
+const STILL_MM: f64 = 1e-9;
 
 /// Finite element model of tissue with a needle in it.
 pub struct Finite {
-    mesh: Arc<TetMesh>,
-    locator: Arc<Locator<f64>>,
-    /// Elements at the surface faces at rest, with the face centres (mm).
-    surface: Vec<(u32, Point3<f64>)>,
-    /// Whether each node is on the surface.
-    on_surface: Vec<bool>,
-    factor: Arc<Factor>,
-    /// Dense inverse, once a level has needed it.
-    dense: Option<Source>,
-    precision: Precision,
-    adaptation: Adaptation,
-    anatomy: Arc<dyn Anatomy>,
-    needle: Box<dyn Needle>,
-    press: Option<ProbeNodes>,
+    base: Base,
     options: Options,
+    body: Body,
+    tissue: Tissue,
+    needle: PlacedNeedle,
+    tip: Tip,
+    contacts: Contacts,
+    joint: Joint,
+    attempt: Attempt,
+    prediction: Prediction,
+    log: Log,
+    /// Centre line of the unloaded needle.
+    unloaded: CentreLine,
+}
 
+/// Progress and outcome of the steps.
+#[derive(Debug, Default)]
+struct Log {
     steps: u64,
     time_s: f64,
     /// Pose of the base given by the hand at the end of the last step.
     base: Option<Isometry3<f64>>,
-    line: CentreLine,
-    entry: Option<Entry>,
-    /// Guide hole of the needle, mm.
-    guide: Option<Point3<f64>>,
-    contacts: Vec<Contact>,
-    /// Forces on the tissue at the contacts, at the tip, on the guide, and of fading loads, N.
-    forces: Vec<Vector3<f64>>,
-    /// Whether `forces` has entries for tip and guide.
-    laid: [bool; 2],
-    /// Arcs of released contacts that still load the needle, mm; their forces are last in `forces`.
-    fading: Vec<f64>,
-    tip: Tip,
-    channel: Channel,
     seeds: Vec<Point3<f64>>,
     outcome: Outcome,
-
-    joint: Joint,
-    /// Counter of changes to the contacts or the mesh.
-    version: u64,
-    /// Version of the compliance that the joint holds.
-    condensed: Option<u64>,
-    nearby: Nearby,
-    carried: Vec<(usize, f64)>,
-    /// Linearised response of the needle where forces act.
-    yielding: Yielding,
-    /// Inputs of the last remesh prediction given to the remesher.
-    outlook: Option<Outlook>,
-    memory: Memory,
 }
 
-/// Buffers kept from step to step, to avoid allocation.
-#[derive(Debug, Default)]
-struct Memory {
-    starts: Vec<f64>,
-    arcs: Vec<f64>,
-    loads: Vec<Load>,
-    rows: Vec<Row>,
-    before: CentreLine,
-    about: Vec<Load>,
-    kept: Kept,
-    forces: Vec<Vector3<f64>>,
-    contact_forces: Vec<f64>,
-    dofs: Vec<usize>,
-}
-
-/// State at the beginning of an attempt.
-#[derive(Debug, Default)]
-struct Kept {
-    base: Option<Isometry3<f64>>,
-    line: CentreLine,
-    forces: Vec<Vector3<f64>>,
-    /// Arcs and sliders.
-    contacts: Vec<(f64, Slider)>,
-    tip: Option<Slider>,
+impl Log {
+    fn note(&mut self, kind: EventKind, at_mm: Point3<f64>, region: Option<i32>) {
+        self.outcome.events.push(Event {
+            kind,
+            time_s: self.time_s,
+            at_mm,
+            region,
+        });
+    }
 }
 
 impl Finite {
@@ -151,28 +114,28 @@ impl Finite {
 
     /// Returns the mesh at rest.
     pub fn mesh(&self) -> &Arc<TetMesh> {
-        &self.mesh
+        &self.tissue.mesh
     }
 
     /// Returns the mesh with its remesher.
     pub fn adaptation(&self) -> &Adaptation {
-        &self.adaptation
+        &self.tissue.adaptation
     }
 
     /// Returns the number of free degrees of freedom around moved nodes (|S|), with which the cost of an exact remesh grows.
     pub fn held(&self) -> usize {
-        self.adaptation.mesh().support().count()
+        self.tissue.adaptation.mesh().support().count()
     }
 
     /// Returns the nodes on the needle, base first: node, arc from the base (mm), and force on the tissue (N, world axes).
     pub fn contact_forces(&self) -> impl Iterator<Item = (u32, f64, Vector3<f64>)> + '_ {
-        let pairs = self.contacts.iter().zip(&self.forces);
+        let pairs = self.contacts.nodes.iter().zip(&self.contacts.forces);
         pairs.map(|(contact, force)| (contact.node, contact.arc, *force))
     }
 
     /// Returns the nodes on the needle, base first, and whether each of them sticks to it.
     pub fn contact_states(&self) -> impl Iterator<Item = (u32, bool)> + '_ {
-        let contacts = self.contacts.iter();
+        let contacts = self.contacts.nodes.iter();
         contacts.map(|contact| (contact.node, contact.slider.is_stuck()))
     }
 
@@ -180,110 +143,196 @@ impl Finite {
     /// along `direction` that deviates by up to `aside_mm` in the tissue at rest, because the needle bends or a probe moves
     /// the tissue. Without a dense inverse, each node on the path otherwise costs some milliseconds when the tip comes near.
     pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
-        self.fetch_along(from, direction, length_mm, aside_mm);
+        self.tissue.prefetch(from, direction, length_mm, aside_mm);
     }
 
-    fn note(&mut self, kind: EventKind, at_mm: Point3<f64>, region: Option<i32>) {
-        self.outcome.events.push(Event {
-            kind,
-            time_s: self.time_s,
-            at_mm,
-            region,
-        });
+    /// Moves the instruments to their new poses, in substeps short enough that no element is skipped.
+    fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
+        let from = self.log.base.unwrap_or_else(|| self.beginning(base));
+        let pressed = self.tissue.probe.as_ref();
+        let probe_from = pressed.and_then(|probe| probe.pose);
+        let mut motion = farthest(&from, base, self.needle.length_mm());
+        if let (Some(from), Some(to), Some(pressed)) = (&probe_from, probe, pressed) {
+            motion = motion.max(farthest(from, to, pressed.length_mm()));
+        }
+        let parts = (motion / self.options.part_mm)
+            .ceil()
+            .clamp(1.0, self.options.most_parts as f64);
+        for part in 1..=parts as usize {
+            let share = part as f64 / parts;
+            // The last pose is exactly the given one.
+            let between = |from: &Isometry3<f64>, to: &Isometry3<f64>| {
+                if share < 1.0 { from.lerp_slerp(to, share) } else { *to }
+            };
+            let probe = probe.map(|to| between(probe_from.as_ref().unwrap_or(to), to));
+            self.substep(&between(&from, base), probe.as_ref());
+            self.log.outcome.substeps += 1;
+        }
+        self.log.base = Some(*base);
     }
 
-    /// Gathers the forces by degree of freedom on all contacts: those of the probe, then those of the needle.
-    fn carry(&mut self) {
-        let forces = &mut self.memory.contact_forces;
-        forces.clear();
-        let probes = self.press.as_ref().map_or(0, |press| press.nodes().len());
-        forces.resize(3 * probes, 0.0);
-        for (row, force) in self.joint.tissue.probe_forces(&self.forces) {
-            for axis in 0..3 {
-                forces[3 * row.contact + axis] += force * row.direction[axis];
+    /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along its
+    /// axis.
+    fn beginning(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
+        let PlacedNeedle { model, line, .. } = &mut self.needle;
+        model.place(base, None, &[], &[], line);
+        match self.body.anatomy.region(&line.tip()) {
+            Some(_) => base * Translation3::new(0.0, 0.0, -model.length_mm()),
+            None => *base,
+        }
+    }
+
+    fn substep(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
+        self.contacts.start();
+        self.tissue.press(probe);
+        let advance = self.needle.base.map_or(0.0, |before| advance(&before, base));
+        let advance = if advance.abs() < STILL_MM { 0.0 } else { advance };
+        self.contacts.extrapolate(advance);
+        self.settle(base);
+        self.contacts.note_drift(advance);
+        if self.limit_depth_in_bone() {
+            self.settle(base);
+        }
+        if self.release(advance) {
+            self.settle(base);
+        }
+        let was_in_bone = self.tip.in_bone();
+        if self.advance(advance) {
+            self.settle(base);
+            // Only now do the forces across the shaft belong to the changed mesh.
+            if self.tip.front.is_some() {
+                self.transfer();
             }
         }
-        let needle = self.forces.iter().take(self.contacts.len());
-        forces.extend(needle.flat_map(|force| [force.x, force.y, force.z]));
-        forces.resize(forces.len() + 3 * self.tip.corners.len(), 0.0);
-        if let (Some(row), [true, _]) = (&self.tip.row, self.laid) {
-            let force = self.forces[self.contacts.len()];
-            for (node, share) in row.shares.into_iter().filter(|(_, share)| *share != 0.0) {
-                (0..3).for_each(|axis| forces[3 * node + axis] += share * force[axis]);
-            }
+        // Bone met in this substep.
+        if !was_in_bone && self.limit_depth_in_bone() {
+            self.settle(base);
         }
-        if self
-            .adaptation
-            .parts()
-            .1
-            .carried_forces(forces, &mut self.carried)
-            .is_err()
-        {
-            unreachable!("one force a contact");
-        }
-        self.nearby.renew();
+        self.contacts.stick_again();
+    }
+
+    fn limit_depth_in_bone(&mut self) -> bool {
+        self.tip.limit_depth_in_bone(&self.body, &self.needle.line)
+    }
+
+    /// Leaves a seed at the tip, if it is in tissue.
+    fn deposit(&mut self) {
+        let Some(place) = self.tip.at_rest(&self.needle) else {
+            return;
+        };
+        self.log.seeds.push(place);
+        self.log.note(EventKind::Seed, self.needle.line.tip(), self.tip.region);
     }
 
     fn conclude(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
+        let (contacts, line) = (&self.contacts, &self.needle.line);
         let about = Point3::from(base.translation.vector);
         let mut on_hand = Wrench::default();
-        let tip = self.line.tip();
-        for (at, force) in self.forces.iter().enumerate() {
-            let place = self.line.at(self.memory.arcs[at]).point_mm;
-            on_hand.add(-force, &place, &about);
+        let tip = line.tip();
+        for (at, force) in contacts.forces.iter().enumerate() {
+            on_hand.add(-force, &line.at(contacts.arcs[at]).point_mm, &about);
         }
-        on_hand.add(self.tip.bone_force(&self.line), &tip, &about);
+        on_hand.add(self.tip.bone_force(line), &tip, &about);
         let mut on_probe = None;
-        if let (Some(press), Some(probe)) = (&self.press, probe) {
+        if let (Some(nodes), Some(probe)) = (&self.tissue.probe, probe) {
             let mut wrench = Wrench::default();
             let about = Point3::from(probe.translation.vector);
-            for (row, force) in self.joint.tissue.probe_forces(&self.forces) {
-                wrench.add(-row.direction * force, &press.place(row.contact), &about);
+            for (row, force) in self.joint.tissue.probe_forces(&contacts.forces) {
+                wrench.add(-row.direction * force, &nodes.place(row.contact), &about);
             }
             on_probe = Some(wrench);
         }
+        let first = contacts.nodes.first().map_or(f64::INFINITY, |contact| contact.arc);
+        let end = self.tip.end_in_tissue(contacts, line);
         // The straight needle as measured, its bevel included; at bone it lags behind the hand.
-        let measured = self.tip.held(base);
-        self.needle.place(&measured, None, &[], &[], &mut self.memory.before);
-        let first = self.contacts.first().map_or(f64::INFINITY, |contact| contact.arc);
-        let end = self.end_in_tissue();
-        let at_rest = self.tip_at_rest();
-        let bare = self.depth_of_bare();
-        let outcome = &mut self.outcome;
+        let measured = self.tip.stopped(base);
+        self.needle.model.place(&measured, None, &[], &[], &mut self.unloaded);
+        let outcome = &mut self.log.outcome;
         outcome.on_hand = on_hand;
         outcome.on_probe = on_probe;
         outcome.tip_mm = tip;
-        outcome.tip_at_rest_mm = at_rest;
-        outcome.tip_deflection_mm = (tip - self.memory.before.tip()).norm();
-        outcome.inserted_mm = (end - first).max(bare);
-        outcome.contacts = self.contacts.len();
-        outcome.stuck = self.contacts.iter().filter(|contact| contact.slider.is_stuck()).count();
-        outcome.probe_contacts = self.press.as_ref().map_or(0, ProbeNodes::touching);
+        outcome.tip_at_rest_mm = self.tip.at_rest(&self.needle);
+        outcome.tip_deflection_mm = (tip - self.unloaded.tip()).norm();
+        outcome.inserted_mm = (end - first).max(self.tip.depth_if_bare(&self.needle));
+        outcome.contacts = contacts.nodes.len();
+        outcome.stuck = contacts
+            .nodes
+            .iter()
+            .filter(|contact| contact.slider.is_stuck())
+            .count();
+        outcome.probe_contacts = self.tissue.probe.as_ref().map_or(0, ProbeNodes::touching);
+        outcome.remeshes = self.tissue.remeshes;
+        outcome.crushed = self.tissue.crushed;
+    }
+
+    /// Settles at the pose of the last step and returns the force on the hand there, N.
+    fn settle_again(&mut self) -> Vector3<f64> {
+        let Some(base) = self.log.base.filter(|_| self.log.steps > 0) else {
+            return Vector3::zeros();
+        };
+        self.contacts.start();
+        self.settle(&base);
+        let probe = self.tissue.probe.as_ref().and_then(|probe| probe.pose);
+        self.conclude(&base, probe.as_ref());
+        self.log.outcome.on_hand.force_n
+    }
+
+    /// Takes over a compliance that may differ in every entry.
+    fn take_new_compliance(&mut self) {
+        self.tissue.forget_compliance();
+        self.prediction = Prediction::default();
+        self.take_compliance();
+        self.take_forces();
+    }
+
+    fn change_level(&mut self, level: Level) -> Result<LevelChange, InvalidSetup> {
+        let start = Instant::now();
+        self.base.prepare(level)?;
+        let from = self.tissue.adaptation.remesher().level();
+        let before = self.settle_again();
+        let adaptation = &mut self.tissue.adaptation;
+        let condensed = adaptation.remesher().condensed().to_owned();
+        if (level == Level::Exact) == (from == Level::Exact) {
+            adaptation.ask(|mesh, remesher| remesher.set_level(mesh, level))?;
+        } else {
+            let (source, precision) = self.base.source(level, &self.options);
+            adaptation.switch_source(level, precision, source)?;
+        }
+        self.take_new_compliance();
+        let now = self.tissue.adaptation.remesher().condensed();
+        let largest = condensed.norm_max();
+        Ok(LevelChange {
+            from,
+            to: level,
+            compliance_change: if largest > 0.0 {
+                (now - &condensed).norm_max() / largest
+            } else {
+                0.0
+            },
+            force_jump_n: (self.settle_again() - before).norm(),
+            seconds: start.elapsed().as_secs_f64(),
+        })
     }
 }
 
-/// Checks that the values of a step are finite.
-fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(), StepError> {
-    match values.into_iter().find(|value| !value.is_finite()) {
-        None => Ok(()),
-        Some(found) => Err(StepError::Input {
-            what,
-            found,
-            expected: "finite numbers",
-        }),
-    }
+/// Returns the advance of a base along the shaft, mm.
+fn advance(from: &Isometry3<f64>, to: &Isometry3<f64>) -> f64 {
+    let axis = to.rotation * Vector3::z();
+    axis.dot(&(to.translation.vector - from.translation.vector))
 }
 
-/// Returns all numbers of a pose.
-fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
-    pose.to_homogeneous().data.0.into_iter().flatten()
+/// Returns an upper bound of the displacement of any point of an instrument of this length (mm) along z, mm.
+fn farthest(from: &Isometry3<f64>, to: &Isometry3<f64>, length: f64) -> f64 {
+    let shift = (to.translation.vector - from.translation.vector).norm();
+    shift + length * from.rotation.angle_to(&to.rotation)
 }
 
 impl Model for Finite {
     fn start(&mut self, instruments: &Instruments) {
         let tip = instruments.base * Point3::new(0.0, 0.0, self.needle.length_mm());
-        if self.steps == 0 && numbers(&instruments.base).all(f64::is_finite) && self.anatomy.region(&tip).is_none() {
-            self.base = Some(instruments.base);
+        let is_new = self.log.steps == 0 && numbers(&instruments.base).all(f64::is_finite);
+        if is_new && self.body.anatomy.region(&tip).is_none() {
+            self.log.base = Some(instruments.base);
         }
     }
 
@@ -302,51 +351,57 @@ impl Model for Finite {
                 expected: "a finite number of seconds above 0",
             });
         }
-        self.steps += 1;
-        self.time_s += dt_s;
-        let was_crushed = self.outcome.crushed > 0;
-        self.outcome.begin();
-        self.guide = instruments.guide;
-        let advance = self.base.map_or(0.0, |from| advance(&from, &instruments.base));
+        self.log.steps += 1;
+        self.log.time_s += dt_s;
+        let was_crushed = self.tissue.crushed > 0;
+        self.log.outcome.begin();
+        (self.tissue.remeshes, self.tissue.crushed) = (0, 0);
+        self.needle.guide = instruments.guide;
+        let advance = self.log.base.map_or(0.0, |from| advance(&from, &instruments.base));
         self.travel(&instruments.base, instruments.probe.as_ref());
         if instruments.deposit {
             self.deposit();
         }
         self.conclude(&instruments.base, instruments.probe.as_ref());
-        if self.outcome.remeshes == 0 {
-            self.predict_remesh(advance < 0.0);
-            if self.adaptation.tend().is_some() {
-                self.version += 1;
+        let (tissue, log) = (&mut self.tissue, &mut self.log);
+        if tissue.remeshes == 0 {
+            let (contacts, needle, tip) = (&self.contacts, &self.needle, &self.tip);
+            self.prediction
+                .renew(advance < 0.0, contacts, needle, tip, tissue, &self.options);
+            if tissue.adaptation.tend().is_some() {
+                tissue.version += 1;
             }
         }
-        if self.adaptation.take_failure().is_some() {
-            self.version += 1;
-            self.note(EventKind::DeviceLost, self.outcome.tip_mm, None);
+        let tip = log.outcome.tip_mm;
+        if tissue.adaptation.take_failure().is_some() {
+            tissue.version += 1;
+            log.note(EventKind::DeviceLost, tip, None);
         }
-        if self.outcome.crushed > 0 && !was_crushed {
-            self.note(EventKind::Crushed, self.outcome.tip_mm, None);
+        if tissue.crushed > 0 && !was_crushed {
+            log.note(EventKind::Crushed, tip, None);
         }
-        if !self.outcome.converged {
-            self.note(EventKind::NotConverged, self.outcome.tip_mm, None);
+        if !log.outcome.converged {
+            log.note(EventKind::NotConverged, tip, None);
         }
-        Ok(&self.outcome)
+        Ok(&self.log.outcome)
     }
 
     fn outcome(&self) -> &Outcome {
-        &self.outcome
+        &self.log.outcome
     }
 
     fn snapshot(&mut self, into: &mut Snapshot) {
-        self.write_snapshot(into);
+        into.step = self.log.steps;
+        into.time_s = self.log.time_s;
+        into.line.clone_from(&self.needle.line);
+        into.seeds.clone_from(&self.log.seeds);
+        self.tissue.write_snapshot(into);
     }
 
     fn imager(&self) -> Box<dyn Imager> {
-        let dofs = self.adaptation.mesh().dofs().clone();
-        Box::new(FiniteImager::new(
-            Arc::clone(&self.mesh),
-            Arc::clone(&self.factor),
-            dofs,
-        ))
+        let dofs = self.tissue.adaptation.mesh().dofs().clone();
+        let base = (Arc::clone(&self.base.factor), dofs);
+        Box::new(MeshImager::new(Arc::clone(&self.tissue.mesh), Some(base)))
     }
 
     fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {

@@ -15,9 +15,7 @@
 //! cannot be solved is bisected; where that does not help either, the tissue lags behind until the next step, which is
 //! reported.
 
-mod imager;
 mod needle_line;
-mod outcome;
 mod saved;
 mod setup;
 #[cfg(test)]
@@ -27,15 +25,18 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
-use super::anatomy::interaction;
+use super::imager::MeshImager;
+use super::interaction::interaction;
 use super::pushing::{Phase, Pushing};
-use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError};
+use super::validation::finite;
+use super::{
+    Anatomy, Event, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench,
+};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
-use imager::Unchanging;
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
-pub use setup::{InvalidSetup, Options, Setup, Viscosity};
+pub use setup::{Options, Setup, Viscosity};
 
 /// Maximum distance of a needle from its line of insertion, mm: rounding of poses, and hands that are nearly still.
 const BESIDE_MM: f64 = 0.05;
@@ -54,7 +55,7 @@ pub struct Nonlinear {
     name: String,
     needle: Pushing<3, 4>,
     /// Line of the needle with its layers, once found.
-    way: Option<NeedleLine>,
+    axis: Option<NeedleLine>,
     steps: u64,
     time_s: f64,
     /// Time by which the tissue lags behind, s.
@@ -73,13 +74,13 @@ impl Nonlinear {
     fn on_line(&mut self, base: &Isometry3<f64>) -> Result<f64, StepError> {
         let tip = base * Point3::new(0.0, 0.0, self.shaft.length_mm);
         let direction = base.rotation * Vector3::z_axis();
-        if let Some(way) = &self.way {
+        if let Some(axis) = &self.axis {
             let hub = Point3::from(base.translation.vector);
-            let beside = way.beside_mm(&tip).max(way.beside_mm(&hub));
+            let beside = axis.beside_mm(&tip).max(axis.beside_mm(&hub));
             // For a needle that may start on a new line, only rounding counts as being on it.
             let most = if self.needle.is_outside() { 1e-9 } else { BESIDE_MM };
-            if beside <= most && way.direction.dot(&direction) > 0.0 {
-                return Ok(way.travel_mm(&tip));
+            if beside <= most && axis.direction.dot(&direction) > 0.0 {
+                return Ok(axis.travel_mm(&tip));
             }
             if !self.needle.is_outside() {
                 return Err(StepError::Input {
@@ -90,8 +91,8 @@ impl Nonlinear {
             }
         }
         self.aim(&tip, &direction);
-        let way = self.way.as_ref();
-        let travel = way.map_or(0.0, |way| way.travel_mm(&tip));
+        let axis = self.axis.as_ref();
+        let travel = axis.map_or(0.0, |axis| axis.travel_mm(&tip));
         // A needle first seen in tissue has been pushed in along its axis.
         self.travel_mm = travel.min(0.0);
         Ok(travel)
@@ -100,18 +101,18 @@ impl Nonlinear {
     /// Finds the line of a needle outside.
     fn aim(&mut self, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) {
         let body = Arc::clone(self.needle.body());
-        self.way = Some(NeedleLine::find(&body, self.anatomy.as_ref(), tip, direction));
-        self.take_way();
+        self.axis = Some(NeedleLine::find(&body, self.anatomy.as_ref(), tip, direction));
+        self.take_axis();
     }
 
     /// Aims the needle along its line.
-    fn take_way(&mut self) {
+    fn take_axis(&mut self) {
         let anatomy = self.anatomy.as_ref();
         let of = |region: i32| interaction(anatomy, Some(region));
-        let way = self.way.as_ref().filter(|way| !way.regions.is_empty());
-        let aimed = way.map(|way| {
+        let axis = self.axis.as_ref().filter(|axis| !axis.regions.is_empty());
+        let aimed = axis.map(|axis| {
             self.needle
-                .aim(way.entry.into(), (*way.direction).into(), way.layers(of))
+                .aim(axis.entry.into(), (*axis.direction).into(), axis.layers(of))
         });
         if aimed.is_none_or(|aimed| aimed.is_err()) {
             self.needle.withdraw();
@@ -155,14 +156,14 @@ impl Nonlinear {
             Ok(pushed) => {
                 self.outcome.iterations += self.needle.structure().solver().progress().iterations;
                 self.outcome.stuck = usize::from(pushed.phase == Phase::Held);
-                self.feel(pushed.force_n);
+                self.set_force(pushed.force_n);
                 self.travel_mm = to_mm;
                 let at = self.entered();
                 if was_outside && pushed.phase != Phase::Free {
                     self.note(EventKind::Skin, at);
                 }
                 if let Some(layer) = pushed.punctured {
-                    let region = self.way.as_ref().and_then(|way| way.region(layer));
+                    let region = self.axis.as_ref().and_then(|axis| axis.region(layer));
                     self.note(EventKind::Puncture, region);
                 }
                 let region = self.tip_region();
@@ -195,20 +196,81 @@ impl Nonlinear {
 
     /// Returns the first region on the line.
     fn entered(&self) -> Option<i32> {
-        self.way.as_ref().and_then(|way| way.region(0))
+        self.axis.as_ref().and_then(|axis| axis.region(0))
     }
 
     /// Returns the region of the tip, not one whose membrane it still pushes.
     fn tip_region(&self) -> Option<i32> {
         let layer = self.needle.tip_layer()?;
-        self.way.as_ref().and_then(|way| way.region(layer))
+        self.axis.as_ref().and_then(|axis| axis.region(layer))
+    }
+
+    /// Places the needle at the pose of the hand.
+    fn place(&mut self, base: &Isometry3<f64>) {
+        let length = self.shaft.length_mm;
+        let tip = base * Point3::new(0.0, 0.0, length);
+        self.line.set([(0.0, base.translation.vector.into()), (length, tip)]);
+    }
+
+    /// Sets the wrench on the hand from a force against the direction of insertion, N.
+    fn set_force(&mut self, force_n: f64) {
+        let mut on_hand = Wrench::default();
+        let (hub, tip) = (self.line.at(0.0), self.line.tip());
+        on_hand.add(-force_n * hub.tangent.into_inner(), &tip, &hub.point_mm);
+        self.outcome.on_hand = on_hand;
+    }
+
+    fn note(&mut self, kind: EventKind, region: Option<i32>) {
+        self.outcome.events.push(Event {
+            kind,
+            time_s: self.time_s,
+            at_mm: self.line.tip(),
+            region,
+        });
+    }
+
+    /// Fills in the results known at the end of a step.
+    fn conclude(&mut self, instruments: &Instruments, was_crushed: bool) {
+        let tip = self.line.tip();
+        let depth = self.needle.depth_mm();
+        let inside = self.axis.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
+        let at_rest = inside.map(|axis| axis.entry + depth * axis.direction.into_inner());
+        if let Some(place) = at_rest.filter(|_| instruments.deposit) {
+            self.seeds.push(place);
+            self.note(EventKind::Seed, self.region);
+        }
+        self.outcome.crushed = self.crushed();
+        if self.outcome.crushed > 0 && !was_crushed {
+            self.note(EventKind::Crushed, self.region);
+        }
+        let pushes = matches!(self.needle.phase(), Phase::Pushing(_));
+        self.outcome.tip_mm = tip;
+        self.outcome.tip_at_rest_mm = at_rest;
+        self.outcome.inserted_mm = depth;
+        self.outcome.contacts = self.needle.pieces() + usize::from(pushes);
+        self.outcome.stuck *= self.outcome.contacts;
+    }
+
+    /// Returns the number of inverted elements on the line of the needle.
+    fn crushed(&self) -> usize {
+        let displacement = self.needle.structure().displacement();
+        let now = |node: u32| {
+            let first = 3 * node as usize;
+            let at = self.mesh.nodes()[node as usize];
+            Point3::from([0, 1, 2].map(|axis| at[axis] + displacement[first + axis]))
+        };
+        let is_inverted = |element: &&u32| {
+            let [a, b, c, d] = self.mesh.elements()[**element as usize].map(now);
+            (b - a).cross(&(c - a)).dot(&(d - a)) <= 0.0
+        };
+        self.needle.elements().iter().filter(is_inverted).count()
     }
 }
 
 impl Model for Nonlinear {
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         let base = &instruments.base;
-        finite("the time", [dt_s].into_iter())?;
+        finite("the time", [dt_s])?;
         if dt_s <= 0.0 {
             return Err(StepError::Input {
                 what: "the time",
@@ -250,7 +312,7 @@ impl Model for Nonlinear {
     }
 
     fn imager(&self) -> Box<dyn Imager> {
-        Box::new(Unchanging(Arc::clone(&self.mesh)))
+        Box::new(MeshImager::new(Arc::clone(&self.mesh), None))
     }
 
     fn save(&mut self) -> Saved {
@@ -259,16 +321,5 @@ impl Model for Nonlinear {
 
     fn restore(&mut self, saved: &Saved) -> Result<(), StepError> {
         self.take_saved(saved)
-    }
-}
-
-fn finite(what: &'static str, mut numbers: impl Iterator<Item = f64>) -> Result<(), StepError> {
-    match numbers.find(|number| !number.is_finite()) {
-        None => Ok(()),
-        Some(found) => Err(StepError::Input {
-            what,
-            found,
-            expected: "finite numbers",
-        }),
     }
 }

@@ -20,7 +20,6 @@
 //! The position of the tip in the tissue follows from the displacements of the previous step: steps should be small against
 //! the elements.
 
-mod layer;
 mod line;
 mod slide;
 
@@ -30,10 +29,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::mechanics::tissue::nonlinear::creep::CreepError;
 use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
-use layer::check;
-pub use layer::{InvalidWay, Layer};
-use line::Line;
-pub use line::crossings;
+pub use line::{InvalidWay, Layer, crossings};
+use line::{Line, check};
 pub(super) use slide::At;
 
 /// Phase of the tip.
@@ -162,13 +159,13 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 
     /// Returns whether the tip has come out on the far side.
     pub fn is_through(&self) -> bool {
-        self.at.whole == Phase::Free && self.at.depth_mm > 0.0 && self.at.depth_mm >= self.at.cut_mm
+        self.at.intact == Phase::Free && self.at.depth_mm > 0.0 && self.at.depth_mm >= self.at.cut_mm
     }
 
     /// Returns the layer of the tip, not one whose membrane is intact; `None` outside.
     pub fn tip_layer(&self) -> Option<usize> {
         let at = &self.at;
-        match (at.phase, at.whole) {
+        match (at.phase, at.intact) {
             (Phase::Cutting(layer), _) => Some(layer),
             (Phase::Pushing(layer), _) => layer.checked_sub(1),
             _ if self.is_outside() || self.is_through() => None,
@@ -253,7 +250,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
                 if next.tip_n > self.layers[layer].membrane_n {
                     pushed.punctured = Some(layer);
                     next.phase = Phase::Cutting(layer);
-                    next.whole = next.phase;
+                    next.intact = next.phase;
                 } else if next.tip_n < 0.0 {
                     // The tip cannot pull: a point under tension is released in the next step.
                     next.phase = Phase::Free;

@@ -26,19 +26,13 @@
 //! The force on the hand is the mean over the substeps of a step.
 
 mod body;
-mod bone;
 mod contacts;
 mod cylinder;
 mod geometry;
-mod imager;
 mod network;
-mod parameters;
 mod saving;
-mod state;
 mod step;
-mod tip;
 mod tip_events;
-mod topology;
 
 #[cfg(test)]
 mod testing;
@@ -47,13 +41,14 @@ mod tests;
 
 use nalgebra::{Isometry3, Point3, Translation3};
 
+use super::imager::NetworkImager;
 use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
 use crate::mechanics::needle::{CentreLine, Load, Needle};
-use body::Body;
+use body::{Body, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;
+pub use cylinder::{InvalidParameters, Parameters};
 use network::Network;
-pub use parameters::{InvalidParameters, Parameters};
 
 /// Maximum number of substeps.
 pub const MOST_PARTS: usize = 4096;
@@ -156,7 +151,7 @@ impl MassSpring {
         };
         let length = self.needle.length_mm();
         let base = (to.translation.vector - from.translation.vector).norm();
-        let tip = (bone::unloaded_tip(to, length) - bone::unloaded_tip(from, length)).norm();
+        let tip = (unloaded_tip(to, length) - unloaded_tip(from, length)).norm();
         let farthest = 1.5 * self.parameters.lambda * self.spacing_mm;
         let for_motion = (base.max(tip) / farthest).ceil();
         let most = self.parameters.most_substeps as f64;
@@ -170,8 +165,8 @@ impl MassSpring {
         let length = self.body.line.length_mm();
         let measured = self
             .body
-            .hold
-            .map_or(instruments.base, |hold| hold.hold_back(&instruments.base, length));
+            .bone_contact
+            .map_or(instruments.base, |met| met.stopped(&instruments.base, length));
         self.needle.place(&measured, None, &[], &[], &mut self.measured);
         let inside = self.body.awake && !self.contacts.stack.is_empty();
         let found = inside
@@ -212,7 +207,7 @@ impl MassSpring {
 impl Model for MassSpring {
     fn start(&mut self, instruments: &Instruments) {
         let base = &instruments.base;
-        let tip = bone::unloaded_tip(base, self.needle.length_mm());
+        let tip = unloaded_tip(base, self.needle.length_mm());
         let is_new = self.body.base.is_none() && check(instruments, 1.0).is_ok();
         if is_new && self.anatomy.region(&tip).is_none() {
             self.body.base = Some(self.begin(base));
@@ -275,7 +270,10 @@ impl Model for MassSpring {
     }
 
     fn imager(&self) -> Box<dyn Imager> {
-        Box::new(imager::Moved::new(self.network.elements.clone(), &self.network.home))
+        Box::new(NetworkImager {
+            elements: self.network.elements.clone(),
+            first: self.network.home.iter().map(|&node| node.into()).collect(),
+        })
     }
 
     fn save(&mut self) -> Saved {

@@ -1,10 +1,20 @@
-//! Validation of the inputs common to all models on a mesh.
+//! Validation of what models are set up from and stepped with.
 
-use super::{Interaction, InvalidInteraction};
+use nalgebra::Isometry3;
 
-/// Reason why an input common to all models on a mesh cannot be used.
+use super::{Interaction, InvalidInteraction, StepError};
+use crate::mechanics::needle::InvalidNeedleModel;
+use crate::mechanics::tissue::assembly::AssemblyError;
+use crate::mechanics::tissue::factor::FactorError;
+use crate::mechanics::tissue::inverse::InverseError;
+use crate::mechanics::tissue::nonlinear::creep::CreepError;
+use crate::mechanics::tissue::nonlinear::{InvalidBody, NonlinearError};
+use crate::mechanics::tissue::remesh::RemeshError;
+use crate::mechanics::tissue::rigid::RigidError;
+
+/// Reason why a model on a mesh cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidPart {
+pub enum InvalidSetup {
     /// A number out of range in the interaction of a region with the needle.
     #[error("region {region}: {cause}")]
     Interaction {
@@ -33,36 +43,107 @@ pub enum InvalidPart {
         /// Number of nodes of the mesh.
         nodes: usize,
     },
+    /// An interaction with a `peak`, which the model of stiffening tissue does not support.
+    #[error("region {region} has a `peak` of force near the tip, which tissue that stiffens has no part for")]
+    Peak {
+        /// The region.
+        region: i32,
+    },
+    /// A candidate node of the probe that is missing, listed twice, or fixed.
+    #[error("node {node} cannot be a candidate of the probe: it {reason}")]
+    Candidate {
+        /// The candidate node.
+        node: u32,
+        /// Description of the fault.
+        reason: &'static str,
+    },
+    /// An invalid needle.
+    #[error(transparent)]
+    Needle(#[from] InvalidNeedleModel),
+    /// A mesh that cannot be assembled.
+    #[error(transparent)]
+    Assembly(#[from] AssemblyError),
+    /// Supports that do not prevent rigid-body motion.
+    #[error(transparent)]
+    Rigid(#[from] RigidError),
+    /// A stiffness matrix that cannot be factored.
+    #[error(transparent)]
+    Factor(#[from] FactorError),
+    /// A dense inverse that cannot be computed.
+    #[error(transparent)]
+    Inverse(#[from] InverseError),
+    /// A remeshing level that cannot be used.
+    #[error(transparent)]
+    Remesh(#[from] RemeshError),
+    /// A mesh that does not form a body of stiffening tissue.
+    #[error(transparent)]
+    Body(#[from] InvalidBody),
+    /// A stiffness matrix of stiffening tissue that cannot be factored.
+    #[error(transparent)]
+    Solver(#[from] NonlinearError),
+    /// An invalid viscous memory.
+    #[error(transparent)]
+    Memory(#[from] CreepError),
+}
+
+impl InvalidSetup {
+    /// Returns whether the machine failed rather than the input: too little memory, or a device.
+    pub fn is_machine(&self) -> bool {
+        match self {
+            Self::Factor(FactorError::Memory { .. })
+            | Self::Inverse(InverseError::Memory { .. })
+            | Self::Remesh(RemeshError::Device(_)) => true,
+            Self::Solver(error) | Self::Memory(CreepError::Nonlinear(error)) => error.is_machine(),
+            _ => false,
+        }
+    }
 }
 
 /// Checks the interactions of regions with the needle.
-pub(super) fn interactions(given: &[(i32, Interaction)]) -> Result<(), InvalidPart> {
+pub(super) fn interactions(given: &[(i32, Interaction)]) -> Result<(), InvalidSetup> {
     let check = |(region, interaction): &(i32, Interaction)| {
         let region = *region;
         interaction
             .check()
-            .map_err(|cause| InvalidPart::Interaction { region, cause })
+            .map_err(|cause| InvalidSetup::Interaction { region, cause })
     };
     given.iter().try_for_each(check)
 }
 
 /// Checks that fixed nodes and axes exist in a mesh of so many nodes.
-pub(super) fn fixed(given: &[(u32, u8)], nodes: usize) -> Result<(), InvalidPart> {
+pub(super) fn fixed(given: &[(u32, u8)], nodes: usize) -> Result<(), InvalidSetup> {
     let missing = |(node, axis): &&(u32, u8)| *node as usize >= nodes || *axis > 2;
     match given.iter().find(missing) {
-        Some(&(node, axis)) => Err(InvalidPart::Fixed { node, axis, nodes }),
+        Some(&(node, axis)) => Err(InvalidSetup::Fixed { node, axis, nodes }),
         None => Ok(()),
     }
 }
 
 /// Checks that numbers are finite and above 0.
-pub(super) fn above_zero(given: &[(&'static str, f64)]) -> Result<(), InvalidPart> {
+pub(super) fn above_zero(given: &[(&'static str, f64)]) -> Result<(), InvalidSetup> {
     match given.iter().find(|(_, found)| !(found.is_finite() && *found > 0.0)) {
-        Some(&(key, found)) => Err(InvalidPart::Number {
+        Some(&(key, found)) => Err(InvalidSetup::Number {
             key,
             found,
             expected: "a finite number above 0",
         }),
         None => Ok(()),
     }
+}
+
+/// Checks that the values of a step are finite.
+pub(super) fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(), StepError> {
+    match values.into_iter().find(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(found) => Err(StepError::Input {
+            what,
+            found,
+            expected: "finite numbers",
+        }),
+    }
+}
+
+/// Returns all numbers of a pose.
+pub(super) fn numbers(pose: &Isometry3<f64>) -> impl Iterator<Item = f64> {
+    pose.to_homogeneous().data.0.into_iter().flatten()
 }

@@ -1,11 +1,12 @@
 //! Rigid needles.
 
-use faer::Mat;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use super::chain::Chain;
 use super::shaft::check;
-use super::{BendingConstraint, Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
+use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
 
 /// A straight needle, with or without a bevel.
 #[derive(Clone, Debug)]
@@ -46,9 +47,66 @@ impl Needle for Rigid {
         self.chain.place(base, line, |_, _| Vector3::zeros());
     }
 
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut Mat<f64>) -> usize {
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut [f64]) -> usize {
         drift.fill(0.0);
         0
+    }
+}
+
+/// Keeps the inserted part of a needle near the direction in which it entered, as tissue does, while the sensor at its hub
+/// follows the hand.
+///
+/// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured one
+/// `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the training
+/// system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al. 2007 give 0.9, 60 and 0.12
+/// without units: they suit a length in metres, so that bending is free at first and constrained from about 120 mm on. Here
+/// lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BendingConstraint {
+    /// Largest weight of the entry direction (0 to 1). Default 0.9.
+    pub max_weight: f64,
+    /// Steepness of the transition to constrained bending, 1/mm (0 to 10). Default 0.06.
+    pub alpha_per_mm: f64,
+    /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
+    pub delta_mm: f64,
+}
+
+impl Default for BendingConstraint {
+    fn default() -> Self {
+        Self {
+            max_weight: 0.9,
+            alpha_per_mm: 0.06,
+            delta_mm: 120.0,
+        }
+    }
+}
+
+impl BendingConstraint {
+    /// Returns every parameter with its key and its lowest and highest value.
+    pub fn ranges(&self) -> [(&'static str, f64, [f64; 2]); 3] {
+        [
+            ("max_weight", self.max_weight, [0.0, 1.0]),
+            ("alpha_per_mm", self.alpha_per_mm, [0.0, 10.0]),
+            ("delta_mm", self.delta_mm, [0.0, 1000.0]),
+        ]
+    }
+
+    /// Returns the weight of the entry direction at an inserted length, mm.
+    pub fn weight(&self, inserted_mm: f64) -> f64 {
+        self.max_weight / (1.0 + (-self.alpha_per_mm * (inserted_mm - self.delta_mm)).exp())
+    }
+
+    /// Returns the constrained direction of the inserted part: the entry direction where the two are opposite and cancel.
+    pub fn direction(
+        &self,
+        entry: &Unit<Vector3<f64>>,
+        measured: &Unit<Vector3<f64>>,
+        inserted_mm: f64,
+    ) -> Unit<Vector3<f64>> {
+        let weight = self.weight(inserted_mm);
+        let blend = entry.scale(weight) + measured.scale(1.0 - weight);
+        Unit::try_new(blend, 1e-9).unwrap_or(*entry)
     }
 }
 
@@ -96,15 +154,15 @@ impl Needle for Constrained {
         match entry {
             // Otherwise nodes would coincide.
             Some(entry) if outside > LEAST_MM && inserted > LEAST_MM => {
-                let held = self.constraint.direction(&entry.direction, &measured, inserted);
-                let tip = entry.point_mm + held.scale(inserted);
+                let constrained = self.constraint.direction(&entry.direction, &measured, inserted);
+                let tip = entry.point_mm + constrained.scale(inserted);
                 line.set([(0.0, hub), (outside, entry.point_mm), (length, tip)]);
             }
             _ => line.set([(0.0, hub), (length, hub + measured.scale(length))]),
         }
     }
 
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut Mat<f64>) -> usize {
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut [f64]) -> usize {
         drift.fill(0.0);
         0
     }
@@ -144,13 +202,13 @@ mod tests {
             let tip = Point3::new(0.6 * cosine, 0.6 * sine, 197.0 + (9.0f64 - 0.36).sqrt());
             assert!((line.tip() - slanted() * tip).norm() < 1e-12);
         }
-        let mut out = Mat::zeros(1, 1);
+        let mut out = [0.0];
         let row = Row {
             arc_mm: 100.0,
             direction: Vector3::x(),
         };
         needle.linearise(&line, &loads, &[row], &mut [0.0], &mut out);
-        assert_eq!((out[(0, 0)], needle.is_flexible()), (0.0, false));
+        assert_eq!((out[0], needle.is_flexible()), (0.0, false));
     }
 
     #[test]
@@ -169,9 +227,9 @@ mod tests {
         let outside = 6.0f64.hypot(40.0);
         let (arc, middle) = line.nodes()[1];
         assert!((arc - outside).abs() < 1e-12 && middle == entry.point_mm);
-        let held = constraint.direction(&entry.direction, &measured, 200.0 - outside);
-        assert!((line.tip() - (entry.point_mm + held.scale(200.0 - outside))).norm() < 1e-12);
-        assert!(held.angle(&entry.direction) < held.angle(&measured));
+        let constrained = constraint.direction(&entry.direction, &measured, 200.0 - outside);
+        assert!((line.tip() - (entry.point_mm + constrained.scale(200.0 - outside))).norm() < 1e-12);
+        assert!(constrained.angle(&entry.direction) < constrained.angle(&measured));
         // Too short, or with its base at the entry: straight.
         for point in [Point3::new(0.0, 0.0, 200.0), Point3::origin()] {
             let entry = Entry {
@@ -197,5 +255,29 @@ mod tests {
             ..Shaft::default()
         };
         assert_eq!(Rigid::new(shaft, None).expect_err("too thick").key, "radius_mm");
+    }
+
+    #[test]
+    fn the_weight_rises_from_free_to_constrained() {
+        let constraint = BendingConstraint::default();
+        assert!((constraint.weight(120.0) - 0.45).abs() < 1e-12);
+        // The numbers of Zhu et al. in metres: 0.9 / (1 + exp(-60 (0.05 - 0.12))).
+        assert!((constraint.weight(50.0) - 0.9 / (1.0 + 4.2f64.exp())).abs() < 1e-12);
+        assert!(constraint.weight(0.0) < 1e-3 && constraint.weight(220.0) > 0.89);
+    }
+
+    #[test]
+    fn the_inserted_part_lies_between_measured_and_entry_direction() {
+        let constraint = BendingConstraint::default();
+        let entry = Vector3::y_axis();
+        let measured = Unit::new_normalize(Vector3::new(0.3, 1.0, 0.0));
+        let angle = |inserted| constraint.direction(&entry, &measured, inserted).angle(&entry);
+        assert!((angle(0.0) - measured.angle(&entry)).abs() < 1e-3);
+        assert!(angle(60.0) > angle(120.0) && angle(120.0) > angle(200.0) && angle(200.0) > 0.0);
+        let opposite = BendingConstraint {
+            max_weight: 1.0,
+            ..constraint
+        };
+        assert_eq!(opposite.direction(&entry, &-entry, 120.0), entry);
     }
 }

@@ -10,11 +10,10 @@
 //! for axes of j, the nearer to the base, and k; transposed for the farther. G is the geometric stiffness: `kappa - G` is
 //! singular where the forces buckle the needle.
 
-use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
 use super::chain::Chain;
-use super::jointed::Resistance;
+use super::flexible::Resistance;
 use super::{CentreLine, Load, Row, across};
 use crate::mechanics::ldl::Ldl;
 use crate::simd::{Kernel, vectorised};
@@ -145,9 +144,10 @@ impl Tangent {
     }
 
     /// Adds the rows' flexibility. Consumes their displacements.
-    pub fn add_flexibility(&mut self, out: &mut Mat<f64>) {
-        self.stiffness.forward(&mut self.moves, out.nrows());
+    pub fn add_flexibility(&mut self, width: usize, out: &mut [f64]) {
+        self.stiffness.forward(&mut self.moves, width);
         vectorised(AddSquares {
+            width,
             rows: &self.moves,
             weights: self.stiffness.reciprocals(),
             out,
@@ -157,9 +157,10 @@ impl Tangent {
 
 /// `out += X^T D X` of rows X.
 struct AddSquares<'a> {
+    width: usize,
     rows: &'a [f64],
     weights: &'a [f64],
-    out: &'a mut Mat<f64>,
+    out: &'a mut [f64],
 }
 
 impl Kernel for AddSquares<'_> {
@@ -167,12 +168,9 @@ impl Kernel for AddSquares<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let width = self.out.nrows();
+        let width = self.width;
         for column in 0..width {
-            let Some(out) = self.out.as_mut().col_mut(column).try_as_col_major_mut() else {
-                continue;
-            };
-            let out = &mut out.as_slice_mut()[column..];
+            let out = &mut self.out[column * width..][column..width];
             // Four rows at a time: `out` is read and written less often.
             let fours = self.rows.chunks_exact(4 * width);
             let rest = fours.remainder().chunks_exact(width);
@@ -194,7 +192,7 @@ impl Kernel for AddSquares<'_> {
         }
         for column in 0..width {
             for row in 0..column {
-                self.out[(row, column)] = self.out[(column, row)];
+                self.out[column * width + row] = self.out[row * width + column];
             }
         }
     }

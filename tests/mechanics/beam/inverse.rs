@@ -1,6 +1,6 @@
 //! Base motions that bring about what is wanted, held against the forward solution.
 
-use insonify::mechanics::needle::beam::inverse::{InverseError, TOLERANCE_MM, Wanted, find};
+use insonify::mechanics::needle::beam::inverse::{TOLERANCE_MM, Wanted, find};
 use insonify::mechanics::needle::beam::{BeamError, FoundationBeam, Problem};
 
 use super::case::{PSM, PVC, layer, problem, solve};
@@ -66,21 +66,21 @@ fn what_cannot_be_is_refused() {
         com_mm: 51.0,
         displacement_mm: 5.0,
     };
-    assert!(matches!(error(far), InverseError::Invalid(error) if error.key == "com_mm"));
+    assert!(matches!(error(far), BeamError::Invalid(error) if error.key == "com_mm"));
     let still = Wanted::Centre {
         com_mm: 20.0,
         displacement_mm: 0.0,
     };
-    assert!(matches!(error(still), InverseError::Invalid(error) if error.key == "displacement_mm"));
+    assert!(matches!(error(still), BeamError::Invalid(error) if error.key == "displacement_mm"));
     let behind = Wanted::TipAbout {
         tip_mm: 1.0,
         rcm_mm: -40.0,
     };
-    assert!(matches!(error(behind), InverseError::Invalid(error) if error.key == "rcm_mm"));
+    assert!(matches!(error(behind), BeamError::Invalid(error) if error.key == "rcm_mm"));
     // Tissue ends at 20 mm.
     let through = Wanted::TipFree { tip_mm: 25.0 };
     assert!(matches!(
         error(through),
-        InverseError::NotFound { .. } | InverseError::Beam(BeamError::Crushed { .. })
+        BeamError::NoMotion { .. } | BeamError::Crushed { .. }
     ));
 }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use insonify::mechanics::insertion::finite::Finite;
 use insonify::mechanics::insertion::{Anatomy, Bone, EventKind, Interaction, Outcome, Peak};
-use insonify::mechanics::needle::{BendingConstraint, Bevel, Constrained, Shaft, Springs, Stiffness};
+use insonify::mechanics::needle::{BendingConstraint, Bevel, Constrained, Flexible, Shaft, Stiffness};
 use insonify::mechanics::tissue::material::Material;
 use nalgebra::Point3;
 
@@ -248,7 +248,7 @@ fn a_flexible_needle_bows_at_bone() {
     };
     let mut setup = on_table(block([60.0, 60.0, 80.0], 10.0), Interaction::default());
     setup.anatomy = Some(Arc::new(Layers(vec![(0.0, FAT), (30.0, bone)])));
-    setup.needle = Box::new(Springs::new(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"));
+    setup.needle = Box::new(Flexible::springs(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"));
     let mut finite = build(setup);
     let steps = travel(&mut finite, -1.0, 45.0, 0.1);
     let met: Vec<_> = events(&steps)

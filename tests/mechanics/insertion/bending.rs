@@ -1,7 +1,7 @@
 //! Flexible needles in tissue.
 
 use insonify::mechanics::insertion::{Interaction, Model};
-use insonify::mechanics::needle::{Bevel, Cantilever, Needle, Shaft, Springs, Stiffness};
+use insonify::mechanics::needle::{Bevel, Flexible, Needle, Shaft, Stiffness};
 use insonify::mechanics::tissue::material::Material;
 use nalgebra::{Point3, UnitQuaternion, Vector3};
 
@@ -16,7 +16,7 @@ fn springs(r_mm: f64, stiffness: Stiffness) -> Box<dyn Needle> {
         ..Shaft::default()
     };
     let bevel = Bevel { r_mm, length_mm: 10.0 };
-    Box::new(Springs::new(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"))
+    Box::new(Flexible::springs(shaft, stiffness, 10.0, Some(bevel)).expect("a needle"))
 }
 
 /// Where the tip of a needle of springs is, rolled by an angle (see [`insert_needle`]).
@@ -89,7 +89,7 @@ fn a_beam_and_springs_of_the_same_stiffness_go_the_same_way() {
         length_mm: 10.0,
     };
     let beam = |element_mm| {
-        let beam = Cantilever::new(shaft, Stiffness::default(), element_mm, Some(bevel)).expect("a needle");
+        let beam = Flexible::beam(shaft, Stiffness::default(), element_mm, Some(bevel)).expect("a needle");
         insert_needle(Box::new(beam), 0.0, 55.0)
     };
     let (chain, _) = insert(0.8, Stiffness::default(), 0.0, 55.0);
@@ -130,7 +130,7 @@ fn the_deflection_of_the_pvc_experiment() {
         setup.materials.fill(Material::new(20.0, 0.49).expect("a material"));
         let shaft = Shaft::default();
         let bevel = Bevel { r_mm, length_mm: 18.0 };
-        setup.needle = Box::new(Springs::new(shaft, Stiffness::default(), 10.0, Some(bevel)).expect("a needle"));
+        setup.needle = Box::new(Flexible::springs(shaft, Stiffness::default(), 10.0, Some(bevel)).expect("a needle"));
         let mut finite = build(setup);
         for step in 0..=(2.0 * depth) as usize {
             let mut instruments = tip_at([40.0, 40.0, 0.5 * step as f64]);

@@ -1,9 +1,18 @@
-//! Contact node on the needle: arc length, stick-slip state, and the tissue layers around the shaft.
+//! Contact node on the needle: arc length, stick-slip state, the tissue layers around the shaft, and their friction.
+//!
+//! Each contact carries the length of shaft from itself to the next one, or to the tip (Goksel et al. 2011, equation 3),
+//! with the densities of the layers recorded there (Dehghan et al. 2008), over the current lengths between them on the
+//! shaft: the sum over all contacts is the density over the embedded length in the deformed tissue. The cutting force acts
+//! at the tip.
 
 use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use super::slider::Slider;
+use crate::mechanics::insertion::Anatomy;
+use crate::mechanics::insertion::interaction::interaction;
+
+/// Distance between samples of the regions along a path, mm.
+pub(super) const SAMPLE_MM: f64 = 0.25;
 
 /// Length of the path cut by the tip beyond a contact, within one region.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -41,7 +50,7 @@ impl Contact {
     }
 
     /// Returns the length of the path from here to the next contact or the tip, mm.
-    pub fn laid(&self) -> f64 {
+    pub fn path_mm(&self) -> f64 {
         self.layers.iter().map(|layer| layer.length).sum()
     }
 
@@ -56,10 +65,109 @@ impl Contact {
     }
 }
 
+/// Sets the bounds of all contacts, base first, with the tip at arc `tip` (mm), behind which `cut_mm` are newly cut.
+pub(super) fn friction(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, cut_mm: f64) {
+    for at in 0..contacts.len() {
+        let end = contacts.get(at + 1).map_or(tip, |next| next.arc.min(tip));
+        let contact = &mut contacts[at];
+        let length = (end - contact.arc).max(0.0);
+        let path = contact.path_mm();
+        let all = [Layer {
+            region: contact.region,
+            length,
+        }];
+        let (layers, stretch) = match path > 0.0 {
+            true => (&contact.layers[..], length / path),
+            false => (&all[..], 1.0),
+        };
+        let mut behind = tip - end + length;
+        let (mut sliding, mut holding) = ([0.0; 2], [0.0; 2]);
+        for layer in layers {
+            let within = [behind - layer.length * stretch, behind];
+            let of = interaction(anatomy, layer.region);
+            for (direction, cut_mm) in [cut_mm, 0.0].into_iter().enumerate() {
+                let force = of.shaft_n(within, cut_mm);
+                sliding[direction] += force;
+                holding[direction] += force * of.static_ratio;
+            }
+            behind = within[0];
+        }
+        contact.slider.sliding = [sliding[0], -sliding[1]];
+        contact.slider.holding = [holding[0], -holding[1]];
+    }
+}
+
+/// Stick-slip state along the shaft.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) enum State {
+    /// The point keeps its place on the shaft.
+    Stuck,
+    /// The point is pushed along the shaft with the maximum force: towards the tip (1.0) while the needle advances, or back
+    /// (-1.0).
+    Slipping(f64),
+}
+
+/// A bounded force with its stick-slip state.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Slider {
+    pub state: State,
+    /// Bounds of the force on the tissue while it slips, towards the tip and back: [most, least], N.
+    #[serde(skip)]
+    pub sliding: [f64; 2],
+    /// Bounds of the force on the tissue while it sticks: [most, least], N.
+    #[serde(skip)]
+    pub holding: [f64; 2],
+}
+
+/// Relative tolerance by which a force may exceed its bound.
+const BOUND: f64 = 1e-11;
+/// Slip in the direction of friction that counts as rounding of positions, mm.
+const REST: f64 = 1e-9;
+
+impl Slider {
+    pub fn new(state: State) -> Slider {
+        Slider {
+            state,
+            sliding: [0.0; 2],
+            holding: [0.0; 2],
+        }
+    }
+
+    pub fn is_stuck(&self) -> bool {
+        self.state == State::Stuck
+    }
+
+    /// Sets the bounds for both states.
+    pub fn set_bounds(&mut self, bounds: [f64; 2]) {
+        (self.sliding, self.holding) = (bounds, bounds);
+    }
+
+    /// Returns the force on the tissue if it slips, N.
+    pub fn force(&self) -> Option<f64> {
+        match self.state {
+            State::Stuck => None,
+            State::Slipping(direction) => Some(self.sliding[usize::from(direction < 0.0)]),
+        }
+    }
+
+    /// Returns the state to change to where Coulomb's law is violated: a force (N) out of bounds, or a slip (mm, of the
+    /// tissue towards the tip) in the direction of the friction that should resist it.
+    pub fn breaks(&self, force: f64, slip: f64) -> Option<State> {
+        let [most, least] = self.holding;
+        match self.state {
+            State::Stuck if force > most + BOUND * most.abs() => Some(State::Slipping(1.0)),
+            State::Stuck if force < least - BOUND * least.abs() => Some(State::Slipping(-1.0)),
+            // Tissue pushed towards the tip must move towards the base; tissue without friction may move either way.
+            State::Slipping(direction) if slip * direction > REST && self.sliding != [0.0; 2] => Some(State::Stuck),
+            _ => None,
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::mechanics::insertion::finite::slider::State;
+    use crate::mechanics::insertion::{Interaction, Peak};
 
     #[test]
     fn the_path_grows_and_shrinks_by_region() {
@@ -88,5 +196,130 @@ mod tests {
         assert_eq!(contact.layers, [layer(1, 1.0)]);
         contact.shorten(-1.0);
         assert_eq!(contact.layers, []);
+    }
+
+    fn contact(arc: f64, layers: &[(i32, f64)]) -> Contact {
+        Contact {
+            node: 0,
+            reference: Point3::origin(),
+            arc,
+            slider: Slider::new(State::Stuck),
+            region: Some(1),
+            drift: 0.0,
+            layers: layers
+                .iter()
+                .map(|&(region, length)| Layer {
+                    region: Some(region),
+                    length,
+                })
+                .collect(),
+        }
+    }
+
+    /// Region 1 has friction only, region 2 also a peak, all others exert nothing.
+    #[derive(Debug)]
+    struct Two;
+
+    impl Anatomy for Two {
+        fn region(&self, _: &Point3<f64>) -> Option<i32> {
+            None
+        }
+
+        fn interaction(&self, region: i32) -> Interaction {
+            match region {
+                1 => Interaction {
+                    friction_n_per_mm: 0.02,
+                    static_ratio: 1.5,
+                    ..Interaction::default()
+                },
+                2 => Interaction {
+                    friction_n_per_mm: 0.05,
+                    peak: Some(Peak {
+                        density_n_per_mm: 0.1,
+                        width_mm: 6.0,
+                    }),
+                    ..Interaction::default()
+                },
+                _ => Interaction::default(),
+            }
+        }
+    }
+
+    fn near(a: f64, b: f64) -> bool {
+        (a - b).abs() < 1e-14
+    }
+
+    #[test]
+    fn forces_sum_to_the_density_over_the_embedded_length() {
+        // 10 mm of region 1, stretched to 12 on the shaft; 4 of 1 and 4 of 2; 5 of 2 up to the tip.
+        let mut contacts = [
+            contact(100.0, &[(1, 10.0)]),
+            contact(112.0, &[(1, 4.0), (2, 4.0)]),
+            contact(120.0, &[(2, 5.0)]),
+        ];
+        friction(&Two, &mut contacts, 125.0, f64::INFINITY);
+        let resting = [12.0 * 0.02, 4.0 * 0.02 + 4.0 * 0.05, 5.0 * 0.05];
+        // One of the 6 mm of the peak lies before the last contact.
+        let cutting = [12.0 * 0.02, 4.0 * 0.02 + 3.0 * 0.05 + 0.1, 5.0 * 0.1];
+        for at in 0..3 {
+            let slider = &contacts[at].slider;
+            assert!(near(slider.sliding[0], cutting[at]) && near(slider.sliding[1], -resting[at]));
+        }
+        assert!(near(contacts[0].slider.holding[1], -1.5 * resting[0]));
+        // A tip in a channel has no peak; an unknown region does nothing.
+        friction(&Two, &mut contacts, 125.0, 0.0);
+        assert!(near(contacts[1].slider.sliding[0], resting[1]));
+        // 3 mm beyond the end of a channel.
+        friction(&Two, &mut contacts, 125.0, 3.0);
+        assert!(near(contacts[2].slider.sliding[0], 3.0 * 0.1 + 2.0 * 0.05));
+        let mut alone = [contact(0.0, &[(7, 3.0)])];
+        friction(&Two, &mut alone, 3.0, f64::INFINITY);
+        assert!(near(alone[0].slider.sliding[0], 0.0));
+    }
+
+    /// The tip goes from region 1 into region 2: no length of shaft changes its density abruptly.
+    #[test]
+    fn the_force_is_continuous_across_a_boundary() {
+        let force = |depth: f64| {
+            let mut contacts = [contact(0.0, &[(1, depth.min(10.0)), (2, (depth - 10.0).max(0.0))])];
+            friction(&Two, &mut contacts, depth, f64::INFINITY);
+            contacts[0].slider.sliding[0]
+        };
+        assert!((force(10.0 + 1e-9) - force(10.0 - 1e-9)).abs() < 1e-9);
+        assert!(near(force(13.0), 10.0 * 0.02 + 3.0 * 0.1) && near(force(20.0), 10.0 * 0.02 + 6.0 * 0.1 + 4.0 * 0.05));
+    }
+
+    #[test]
+    fn the_law_of_coulomb() {
+        let mut slider = Slider::new(State::Stuck);
+        (slider.sliding, slider.holding) = ([2.0, -1.0], [3.0, -1.5]);
+        let cases = [
+            (2.9, None),
+            (3.1, Some(State::Slipping(1.0))),
+            (-1.4, None),
+            (-1.6, Some(State::Slipping(-1.0))),
+        ];
+        for (force, state) in cases {
+            assert_eq!(slider.breaks(force, 7.0), state);
+        }
+        assert_eq!((slider.is_stuck(), slider.force()), (true, None));
+        slider.state = State::Slipping(1.0);
+        assert_eq!(slider.force(), Some(2.0));
+        assert_eq!(
+            (slider.breaks(9.0, -0.1), slider.breaks(9.0, 0.1)),
+            (None, Some(State::Stuck))
+        );
+        slider.state = State::Slipping(-1.0);
+        assert_eq!(slider.force(), Some(-1.0));
+        assert_eq!(
+            (slider.breaks(9.0, 0.1), slider.breaks(9.0, -0.1)),
+            (None, Some(State::Stuck))
+        );
+        // Without friction it slips at the least force.
+        let nothing = Slider::new(State::Stuck);
+        assert_eq!(
+            (nothing.breaks(0.0, 0.0), nothing.breaks(1e-300, 0.0)),
+            (None, Some(State::Slipping(1.0)))
+        );
     }
 }

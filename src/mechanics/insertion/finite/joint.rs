@@ -18,11 +18,11 @@
 //! their friction stick; if that does not settle, only the lowest such node changes at a time, which must terminate (Murty,
 //! 1974).
 
-use faer::Mat;
 use nalgebra::{Matrix3, Point3, Vector3};
 
 use super::contact::Contact;
 use super::reduced::{Reduced, TipRow};
+use super::tissue::Tissue;
 use crate::mechanics::ldl::{Ldl, Signs};
 use crate::mechanics::needle::{CentreLine, across};
 
@@ -36,6 +36,8 @@ const ROUNDS_AT_ONCE: usize = 4;
 #[derive(Debug, Default)]
 pub(super) struct Joint {
     pub tissue: Reduced,
+    /// Version of the compliance that `tissue` holds.
+    version: Option<u64>,
     /// Guide hole of the needle, mm.
     guide: Option<Point3<f64>>,
     /// Number of loads of released nodes: the line still lies under them, the solution excludes them.
@@ -53,12 +55,18 @@ pub(super) struct Joint {
 }
 
 /// Linearised response of the needle along the three directions of each frame.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Yielding {
-    /// Response to additional forces, mm/N.
-    pub flexibility: Mat<f64>,
+    /// Response to additional forces, column by column, mm/N.
+    pub flexibility: Vec<f64>,
     /// Displacement under unchanged forces, mm.
     pub drift: Vec<f64>,
+}
+
+impl Yielding {
+    fn entry(&self, row: usize, column: usize) -> f64 {
+        self.flexibility[column * self.drift.len() + row]
+    }
 }
 
 /// Effort and outcome of a contact solve.
@@ -80,9 +88,29 @@ fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
 }
 
 impl Joint {
-    /// Sets the guide behind the tissue at the tip, if any, and the number of fading loads behind that.
-    pub fn set_others(&mut self, guide: Option<Point3<f64>>, fading: usize) {
+    /// Takes the compliance at the contacts, if it has changed, the tissue at the tip, the guide behind it, if any, and the
+    /// number of fading loads behind that.
+    pub fn take_compliance(
+        &mut self,
+        tissue: &Tissue,
+        contacts: usize,
+        tip: Option<&TipRow>,
+        guide: Option<Point3<f64>>,
+        fading: usize,
+    ) {
+        let (probes, rows) = match &tissue.probe {
+            None => (0, &[][..]),
+            Some(probe) => (probe.nodes().len(), probe.rows()),
+        };
+        let condensed = tissue.adaptation.remesher().condensed();
+        if self.version != Some(tissue.version) {
+            self.tissue.condense(condensed, probes, contacts, rows);
+            self.version = Some(tissue.version);
+        }
+        self.tissue.set_tip(condensed, probes, tip);
         (self.guide, self.fading) = (guide, fading);
+        self.tissue
+            .set_probe(tissue.probe.iter().flat_map(|probe| probe.displacements()));
     }
 
     /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and fading loads.
@@ -171,7 +199,7 @@ impl Joint {
             .map(|(force, before)| force - before);
         let given = changes
             .enumerate()
-            .map(|(column, change)| yields.flexibility[(row, column)] * change);
+            .map(|(column, change)| yields.entry(row, column) * change);
         given.sum::<f64>() - yields.drift[row]
     }
 
@@ -243,7 +271,7 @@ impl Joint {
         if let Some(yields) = yields {
             for (j, &column) in self.rows.iter().enumerate() {
                 for (i, &row) in self.rows.iter().enumerate().skip(j) {
-                    *self.system.entry(i, j) += yields.flexibility[(row, column)];
+                    *self.system.entry(i, j) += yields.entry(row, column);
                 }
                 // Unknown forces are still zero: known forces have changed, and the previous ones are removed.
                 self.right[j] -= self.gives(column, Some(yields));

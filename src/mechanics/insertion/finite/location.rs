@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Matrix3, Point3, Vector3};
+use serde::{Deserialize, Serialize};
 
-use super::Finite;
-use super::place::{Place, Tetrahedron};
+use super::tissue::Tissue;
+use crate::mechanics::insertion::Anatomy;
 use crate::mechanics::mesh::{NONE, TetMesh};
+use crate::mechanics::needle::CentreLine;
 
 /// Maximum number of elements that a search passes: a substep passes a few.
 const MOST_ELEMENTS: usize = 64;
@@ -21,35 +23,90 @@ const SEARCHED: u32 = 80;
 /// Bisections between two search positions, to 1e-6 mm.
 const HALVINGS: u32 = 18;
 /// Maximum number of iterations that map a point to the reference state when only the probe displaces the tissue.
-const CARRIES: usize = 8;
+const ENTRY_ITERATIONS: usize = 8;
 
-impl Finite {
+/// A point in an element, by barycentric coordinates.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Place {
+    pub element: u32,
+    pub bary: [f64; 4],
+}
+
+impl Place {
+    /// Returns whether the point is in its element rather than extrapolated beside the mesh.
+    pub fn is_inside(&self) -> bool {
+        self.bary.iter().all(|share| *share >= -1e-9)
+    }
+}
+
+/// An element with its current corners.
+pub(super) struct Tetrahedron {
+    origin: Point3<f64>,
+    /// Gradients of the barycentric coordinates 1 to 3 as rows, 1/mm.
+    gradients: Matrix3<f64>,
+    pub volume: f64,
+}
+
+impl Tetrahedron {
+    /// Returns `None` for an element without volume.
+    pub fn new(corners: &[Point3<f64>; 4]) -> Option<Tetrahedron> {
+        let edges = Matrix3::from_columns(&[1, 2, 3].map(|corner: usize| corners[corner] - corners[0]));
+        let volume = edges.determinant() / 6.0;
+        let gradients = edges.try_inverse()?;
+        gradients.iter().all(|x| x.is_finite()).then_some(Tetrahedron {
+            origin: corners[0],
+            gradients,
+            volume,
+        })
+    }
+
+    pub fn bary(&self, p: &Point3<f64>) -> [f64; 4] {
+        let [a, b, c] = (self.gradients * (p - self.origin)).into();
+        [1.0 - (a + b + c), a, b, c]
+    }
+
+    /// Returns the derivatives of the barycentric coordinates along a direction, 1/mm.
+    pub fn rates(&self, direction: &Vector3<f64>) -> [f64; 4] {
+        let [a, b, c] = (self.gradients * direction).into();
+        [-(a + b + c), a, b, c]
+    }
+
+    /// Returns the distance (mm) at which a ray from inside leaves, and the corner opposite the face that it leaves through.
+    pub fn exit(&self, from: &Point3<f64>, direction: &Vector3<f64>) -> Option<(f64, usize)> {
+        let (bary, rates) = (self.bary(from), self.rates(direction));
+        let leaves = (0..4).filter(|corner| rates[*corner] < 0.0);
+        let distances = leaves.map(|corner| ((bary[corner] / -rates[corner]).max(0.0), corner));
+        distances.min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+}
+
+impl Tissue {
     /// Locates a tip that is in the body for the first time: only the probe displaces the tissue then.
-    pub(super) fn enter(&mut self, tip: &Point3<f64>) -> Option<Place> {
-        if self.press.is_none() {
-            return self.place_at_rest(tip, NONE);
+    pub fn enter(&mut self, anatomy: &dyn Anatomy, tip: &Point3<f64>) -> Option<Place> {
+        if self.probe.is_none() {
+            return self.place_at_rest(anatomy, tip, NONE);
         }
-        let mut place = self.place_at_rest(tip, NONE)?;
-        for _ in 0..CARRIES {
+        let mut place = self.place_at_rest(anatomy, tip, NONE)?;
+        for _ in 0..ENTRY_ITERATIONS {
             let point = tip - self.displacement_at(&place);
-            let next = self.place_at_rest(&point, place.element)?;
+            let next = self.place_at_rest(anatomy, &point, place.element)?;
             let shift = self.point_at(&next) - self.point_at(&place);
             place = next;
             if shift.norm() < SLACK {
                 break;
             }
         }
-        self.walk(tip, place.element)
+        self.search(tip, place.element)
     }
 
     /// Locates a point in the original mesh; for one in the body but beside the mesh, in the element at the nearest face.
-    fn place_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+    fn place_at_rest(&self, anatomy: &dyn Anatomy, point: &Point3<f64>, from: u32) -> Option<Place> {
         let hit = self.locator.locate((*point).into(), from);
         if hit.element != NONE {
             let (element, bary) = (hit.element, hit.bary);
             return Some(Place { element, bary });
         }
-        self.anatomy.region(point)?;
+        anatomy.region(point)?;
         let distance = |centre: &Point3<f64>| (centre - point).norm_squared();
         let nearest = self
             .surface
@@ -59,7 +116,7 @@ impl Finite {
     }
 
     /// Returns the position of a place in the reference state, mm.
-    pub(super) fn point_at(&self, place: &Place) -> Point3<f64> {
+    pub fn point_at(&self, place: &Place) -> Point3<f64> {
         self.adaptation.mesh().point(place.element, place.bary).into()
     }
 
@@ -67,16 +124,6 @@ impl Finite {
         let corners = self.mesh.elements()[place.element as usize];
         let terms = corners.into_iter().zip(place.bary);
         terms.map(|(node, weight)| self.displacement_of(node) * weight).sum()
-    }
-
-    pub(super) fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
-        let displacement = self
-            .nearby
-            .displacement(&mut self.adaptation, &self.carried, self.version, node);
-        match displacement {
-            Ok(displacement) => displacement.into(),
-            Err(error) => unreachable!("rows and columns are free degrees of freedom: {error}"),
-        }
     }
 
     /// Returns an element with its current corners.
@@ -89,35 +136,34 @@ impl Finite {
         Tetrahedron::new(&places)
     }
 
-    /// Walks from an element to the one that contains a point, in the deformed tissue. Returns `None` outside.
-    pub(super) fn walk(&mut self, point: &Point3<f64>, from: u32) -> Option<Place> {
+    /// Locates a point in the deformed tissue, searching from an element. Returns `None` outside.
+    fn search(&mut self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let mesh = Arc::clone(&self.mesh);
         search(&mesh, point, from, |element| {
             let tetrahedron = self.deformed(element)?;
-            self.outcome.crushed += usize::from(tetrahedron.volume <= 0.0);
+            self.crushed += usize::from(tetrahedron.volume <= 0.0);
             Some(tetrahedron)
         })
     }
 
-    /// Locates the tip, searching from an element. Among inverted elements, which overlap others, returns the place nearest
-    /// to the last one along the needle whose tissue is as far along the needle as the tip.
-    pub(super) fn find(&mut self, tip: &Point3<f64>, from: u32) -> Option<Place> {
-        let inverted = self.outcome.crushed;
-        let found = self.walk(tip, from);
-        if self.outcome.crushed == inverted {
+    /// Locates the tip of a needle, searching from an element. Among inverted elements, which overlap others, returns the
+    /// place nearest to `last` (reference state) along the needle whose tissue is as far along the needle as the tip.
+    pub fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
+        let (tip, inverted) = (line.tip(), self.crushed);
+        let found = self.search(&tip, from);
+        if self.crushed == inverted {
             return found;
         }
-        let tangent = self.line.at(self.line.length_mm()).tangent.into_inner();
-        let last = self.tip.reference;
-        let gap = |model: &mut Finite, along: f64| {
-            let place = model.locate_at_rest(&(last + tangent * along), from)?;
-            let lies = model.point_at(&place) + model.displacement_at(&place);
+        let tangent = line.at(line.length_mm()).tangent.into_inner();
+        let gap = |tissue: &mut Tissue, along: f64| {
+            let place = tissue.locate_at_rest(&(last + tangent * along), from)?;
+            let lies = tissue.point_at(&place) + tissue.displacement_at(&place);
             Some((tangent.dot(&(tip - lies)), place))
         };
         let forward = gap(self, 0.0)?.0.signum();
         let passed = |gap: f64| gap * forward <= 0.0;
         let places = (1..=SEARCHED).map(|step| f64::from(step) * SEARCH_MM * forward);
-        let beyond = |model: &mut Finite, along: f64| gap(model, along).is_none_or(|(gap, _)| passed(gap));
+        let beyond = |tissue: &mut Tissue, along: f64| gap(tissue, along).is_none_or(|(gap, _)| passed(gap));
         let (mut near, mut far) = (0.0, places.into_iter().find(|along| beyond(self, *along))?);
         for _ in 0..HALVINGS {
             let middle = 0.5 * (near + far);
@@ -126,8 +172,8 @@ impl Finite {
         gap(self, near).map(|(_, place)| place)
     }
 
-    /// Walks from an element to the one that contains a point, in the reference state.
-    pub(super) fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
+    /// Locates a point in the reference state, searching from an element.
+    pub fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let nodes = self.adaptation.mesh().nodes();
         search(&self.mesh, point, from, |element| {
             let corners = self.mesh.elements()[element as usize];
@@ -136,7 +182,7 @@ impl Finite {
     }
 }
 
-/// Walks from an element to the one that contains a point, each time through the face that the point lies farthest beyond,
+/// Steps from an element to the one that contains a point, each time through the face that the point lies farthest beyond,
 /// among those with a neighbour. For a point slightly outside the mesh, returns extrapolated coordinates in the element at
 /// the surface.
 fn search(
@@ -151,8 +197,8 @@ fn search(
         let mut corners = [0, 1, 2, 3];
         corners.sort_by(|a: &usize, b| bary[*a].total_cmp(&bary[*b]));
         let neighbours = mesh.neighbours()[element as usize];
-        let ahead = corners.into_iter().take_while(|corner| bary[*corner] < -SLACK);
-        let next = ahead
+        let beyond = corners.into_iter().take_while(|corner| bary[*corner] < -SLACK);
+        let next = beyond
             .map(|corner| neighbours[corner])
             .find(|next| ![NONE, before].contains(next));
         match next {
@@ -161,4 +207,23 @@ fn search(
         }
     }
     None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn coordinates_and_exits_of_a_corner_of_a_cube() {
+        let corners = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]].map(Point3::from);
+        let tetrahedron = Tetrahedron::new(&corners).unwrap();
+        assert!((tetrahedron.volume - 8.0 / 6.0).abs() < 1e-15);
+        assert_eq!(tetrahedron.bary(&Point3::new(0.5, 0.5, 0.5)), [0.25; 4]);
+        let (distance, face) = tetrahedron.exit(&Point3::new(0.5, 0.5, 0.5), &Vector3::x()).unwrap();
+        assert_eq!((distance, face), (0.5, 0));
+        let (distance, face) = tetrahedron.exit(&Point3::new(0.5, 0.5, 0.5), &-Vector3::y()).unwrap();
+        assert_eq!((distance, face), (0.5, 2));
+        let flat = [[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 2.0, 0.0], [1.0, 1.0, 0.0]].map(Point3::from);
+        assert!(Tetrahedron::new(&flat).is_none());
+    }
 }

@@ -1,16 +1,14 @@
-//! Path of the needle: nodes are made at the tip as it advances and released as it is withdrawn.
+//! Path of the needle: it enters the tissue, nodes are made at the tip as it advances and released as it is withdrawn.
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::Point3;
 
-use super::contact::Contact;
-use super::joint::MOST_FADING;
-use super::place::Place;
-use super::slider::{Slider, State};
-use super::{EventKind, Finite};
-use crate::mechanics::insertion::Interaction;
-use crate::mechanics::insertion::anatomy::{BORDER_MM, interaction};
-use crate::mechanics::needle::ShaftPoint;
-use crate::mechanics::tissue::remesh::corner::best_corner;
+use super::Finite;
+use super::contact::SAMPLE_MM;
+use super::contact::State;
+use super::location::Place;
+use super::tip::TipForce;
+use crate::mechanics::insertion::EventKind;
+use crate::mechanics::needle::{Entry, ShaftPoint};
 
 /// Distance beyond the tip at which a node is released, mm: rounding must not release one just made at the tip.
 const BEYOND_MM: f64 = 0.05;
@@ -21,157 +19,232 @@ const LOST_MM: f64 = 20.0;
 const TRANSFERS: usize = 20;
 /// Motion of the tip in the tissue at which [`Finite::transfer`] ends, mm: tissue beside a support is as stiff as 100 N/mm.
 const TRANSFERRED_MM: f64 = 1e-5;
-/// Distance between samples of the regions along a path, mm.
-const SAMPLE_MM: f64 = 0.25;
-/// Bisections of [`SAMPLE_MM`] to locate the start of a region, to 1e-13 mm.
-const HALVINGS: usize = 40;
 
 impl Finite {
     /// Releases the nodes from which the tip was withdrawn, after an `advance` (mm) of the base. Returns whether there were
     /// any.
     pub(super) fn release(&mut self, advance: f64) -> bool {
-        let length = self.line.length_mm() + if advance >= 0.0 { LOST_MM } else { BEYOND_MM };
+        let length = self.needle.line.length_mm() + if advance >= 0.0 { LOST_MM } else { BEYOND_MM };
         let mut released = None;
-        while self.contacts.last().is_some_and(|contact| contact.arc > length) {
-            let Some(contact) = self.contacts.pop() else { break };
-            // The needle still lies under its force, which fades as a solution without it is found.
-            let force = self.forces.remove(self.contacts.len());
-            if self.needle.is_flexible() {
-                self.fade(contact.arc, force);
+        while let Some((node, force)) = self.contacts.release_beyond(length, self.needle.is_flexible()) {
+            if self.tissue.adaptation.restore(node).is_err() {
+                self.log.note(EventKind::NotRemeshed, self.needle.line.tip(), None);
             }
-            self.memory.starts.pop();
-            if self.adaptation.restore(contact.node).is_err() {
-                self.note(EventKind::NotRemeshed, self.line.tip(), None);
-            }
-            self.outcome.remeshes += 1;
+            self.tissue.remeshes += 1;
             released = Some(force);
         }
         let Some(force) = released else { return false };
         // Its element has changed shape.
         self.tip.found = None;
-        self.tip.surface = self.tip.surface.filter(|_| advance > 0.0 && !self.contacts.is_empty());
-        if self.contacts.is_empty() {
-            self.tip.forget_row();
+        let is_empty = self.contacts.nodes.is_empty();
+        self.tip.surface = self.tip.surface.filter(|_| advance > 0.0 && !is_empty);
+        if is_empty {
+            self.tip.force.stop_cutting();
             self.tip.corners.clear();
             if !self.tip.bare {
                 self.leave();
             }
         }
         self.name_contacts();
-        let element = self
-            .tip
-            .element
-            .filter(|_| !self.contacts.is_empty() && !self.tip.outside && !self.tip.is_pinned());
-        let Some(element) = element else {
-            self.tip.forget_row();
+        let follows = !is_empty && !self.tip.outside && !self.tip.force.is_on_bone();
+        let Some(element) = self.tip.element.filter(|_| follows) else {
+            self.tip.force.stop_cutting();
             return true;
         };
         // The cutting force moves from the node to the tissue beside it.
-        if self.tip.at_node || self.tip.row.is_none() {
-            let tangent = self.line.at(self.line.length_mm()).tangent;
-            let of_tip = tangent.into_inner() * tangent.dot(&force).clamp(0.0, self.cutting());
-            if let Some(last) = self.forces[..self.contacts.len()].last_mut() {
+        if self.tip.force.row().is_none() {
+            let tangent = self.needle.tip().tangent;
+            let of_tip = tangent.into_inner() * tangent.dot(&force).clamp(0.0, self.tip.cutting(&self.body));
+            let nodes = self.contacts.nodes.len();
+            if let Some(last) = self.contacts.forces[..nodes].last_mut() {
                 *last += of_tip;
             }
+            self.tip.force = TipForce::None;
         }
-        self.tip.at_node = false;
-        self.find_again(element);
+        self.tip.locate(&self.tissue, element);
         if self.tip.found.is_some() {
             self.transfer();
         } else {
-            self.tip.forget_row();
+            self.tip.force.stop_cutting();
         }
         true
-    }
-
-    fn fade(&mut self, arc: f64, force: Vector3<f64>) {
-        if let (MOST_FADING, Some(last)) = (self.fading.len(), self.forces.last_mut()) {
-            *last += force;
-        } else {
-            self.fading.push(arc);
-            self.forces.push(force);
-        }
     }
 
     /// Follows the tip through the tissue after an `advance` (mm) of the base. Returns whether a node was moved to it: only
     /// while the needle advances, as it would be released again otherwise.
     pub(super) fn advance(&mut self, advance: f64) -> bool {
-        self.break_surface();
-        let tip = self.line.tip();
-        let found = match (self.contacts.is_empty(), self.tip.element) {
-            (true, _) if self.tip.row.is_none() => self.enter(&tip),
-            (_, Some(element)) => self.find(&tip, element),
+        self.tip
+            .break_surface(&mut self.contacts, &self.needle.line, &mut self.log);
+        let found = match (self.contacts.nodes.is_empty(), self.tip.element) {
+            (true, _) if self.tip.force.row().is_none() => {
+                self.tissue.enter(self.body.anatomy.as_ref(), &self.needle.line.tip())
+            }
+            (_, Some(element)) => self.tissue.locate_tip(&self.needle.line, self.tip.reference, element),
             (_, None) => None,
         };
         // An unbroken surface takes its tissue along.
-        let acts = self.tip.row.is_some() || self.tip.at_node;
-        let holds = self.tip.surface.is_some() && acts && advance > 0.0;
+        let acts = self.tip.force != TipForce::None;
+        let sticks = self.tip.surface.is_some() && acts && advance > 0.0;
         let Some(place) = found else {
-            if !holds {
+            if !sticks {
                 self.be_outside();
             }
             return false;
         };
-        let at_rest = self.point_at(&place);
-        if holds && (at_rest - self.tip.reference).norm() > SAMPLE_MM {
+        let at_rest = self.tissue.point_at(&place);
+        if sticks && (at_rest - self.tip.reference).norm() > SAMPLE_MM {
             return false;
         }
-        if self.entry.is_none() {
+        if self.needle.entry.is_none() {
             self.tip.reference = at_rest;
-            if self.anatomy.region(&at_rest).is_some() {
+            if self.body.anatomy.region(&at_rest).is_some() {
                 return self.pierce(&place);
             }
             self.be_outside();
             return false;
         }
         let before = self.tip.reference;
-        let tangent = self.line.at(self.line.length_mm()).tangent;
+        let tangent = self.needle.tip().tangent;
         let behind = |front: &Point3<f64>| advance >= 0.0 && tangent.dot(&(front - at_rest)) > 0.0;
         self.tip.front = self.tip.front.filter(behind);
         let place = self.pass(&before, &at_rest, place);
         self.tip.element = Some(place.element);
-        self.lay_path(&before);
+        self.extend_path(&before);
         let Some(region) = self.tip.region else {
             if !self.tip.outside {
-                self.note(EventKind::Out, tip, None);
+                self.log.note(EventKind::Out, self.needle.line.tip(), None);
             }
             self.be_outside();
             return false;
         };
         self.tip.outside = false;
-        let recuts = self.tip.front.is_some();
-        // A withdrawn tip keeps its cutting force until it is relieved of it.
-        if advance > 0.0 {
-            self.tip.in_channel = !recuts && self.channel.holds(&self.tip.reference, self.needle.radius_mm());
-        }
-        if self.tip.in_channel {
-            self.tip.cut_mm = 0.0;
-        } else if advance > 0.0 {
-            self.tip.cut_mm += (self.tip.reference - before).norm();
-            self.channel.cut(&before, &self.tip.reference);
-        }
-        if self.of(region).bone.is_some() {
-            self.tip.forget_row();
-            self.stop_at_bone(region, advance);
+        self.cut(&before, advance);
+        if self.body.interaction(Some(region)).bone.is_some() {
+            self.tip.force.stop_cutting();
+            self.tip
+                .stop_at_bone(region, advance, &self.body, &self.needle, &mut self.log);
             return false;
         }
-        if self.tip.is_pinned() {
+        if self.tip.force.is_on_bone() {
             return false;
         }
         self.tip.found = Some(place);
         advance > 0.0 && self.wants_node(&place) && self.remesh(&place, region)
     }
 
-    /// Returns the interaction of a region with the needle.
-    pub(super) fn of(&self, region: i32) -> Interaction {
-        interaction(self.anatomy.as_ref(), Some(region))
+    /// Records what the tip has cut since it was at `before` in the reference state.
+    fn cut(&mut self, before: &Point3<f64>, advance: f64) {
+        let tip = &mut self.tip;
+        let recuts = tip.front.is_some();
+        // A withdrawn tip keeps its cutting force until it is relieved of it.
+        if advance > 0.0 {
+            tip.in_channel = !recuts && self.body.channel.contains(&tip.reference, self.needle.radius_mm());
+        }
+        if tip.in_channel {
+            tip.cut_mm = 0.0;
+        } else if advance > 0.0 {
+            tip.cut_mm += (tip.reference - before).norm();
+            self.body.channel.cut(before, &tip.reference);
+        }
     }
 
-    /// Records that the tip is outside all tissue.
+    /// Records that the tip is outside all tissue: without a contact the needle has left the body, unless it has come out on
+    /// another side.
     fn be_outside(&mut self) {
         self.tip.outside = true;
-        self.tip.forget_row();
-        self.leave_bare();
+        self.tip.force.stop_cutting();
+        let has_entry = self.needle.entry.is_some();
+        if self.contacts.nodes.is_empty() && has_entry && self.tip.depth_if_bare(&self.needle) <= 0.0 {
+            self.leave();
+        }
+    }
+
+    /// Records that the needle has left the body.
+    fn leave(&mut self) {
+        (self.needle.entry, self.tip.element, self.tip.region) = (None, None, None);
+        (self.tip.bare, self.tip.refused) = (false, None);
+        self.log.note(EventKind::Out, self.needle.line.tip(), None);
+    }
+
+    /// Takes the tip through the skin and makes the first node where the needle crosses it. Returns whether one was made:
+    /// bone met there needs none, and in fixed tissue there may be none to make.
+    fn pierce(&mut self, place: &Place) -> bool {
+        let length = self.needle.line.length_mm();
+        let ShaftPoint { point_mm: tip, tangent } = self.needle.tip();
+        let border = self
+            .body
+            .border_behind(&self.tip.reference, &tangent, length, |region| region.is_some());
+        let Some(depth) = border else {
+            return false;
+        };
+        let back = tangent.into_inner() * depth;
+        let (point_mm, at_rest) = (tip - back, self.tip.reference - back);
+        let Some(region) = self.body.anatomy.region(&at_rest) else {
+            return false;
+        };
+        self.log.note(EventKind::Skin, point_mm, Some(region));
+        self.needle.entry = Some(Entry {
+            point_mm,
+            direction: tangent,
+        });
+        (self.tip.element, self.tip.cut_mm) = (Some(place.element), depth);
+        (self.tip.region, self.tip.crossed, self.tip.outside) = (Some(region), at_rest, false);
+        let bone = self.body.interaction(Some(region)).bone;
+        if let Some(bone) = &bone {
+            let is_flexible = self.needle.is_flexible();
+            self.tip.meet_bone(bone, &point_mm, region, is_flexible, &mut self.log);
+        }
+        let Some((node, arc)) = self.first_node(place, at_rest, length - depth, bone.is_some()) else {
+            self.tip.bare = true;
+            if bone.is_none() {
+                self.tip.refuse(region, &self.needle.line, &mut self.log);
+                self.meet_surface(region);
+                self.tip.found = Some(*place);
+            }
+            return false;
+        };
+        self.add_contact(node, arc, State::Stuck, region);
+        self.extend_path(&at_rest);
+        self.tip.force.stop_cutting();
+        self.tip.in_channel = self.body.channel.contains(&at_rest, self.needle.radius_mm());
+        self.meet_surface(region);
+        self.tip.locate(&self.tissue, place.element);
+        if bone.is_some() {
+            self.tip.found = None;
+        }
+        true
+    }
+
+    /// Moves a node of the surface to the entry (reference state), so that the mesh surface moves to the surface of the
+    /// body; if none can be moved there, a node inside to the tip, unless that is in bone. Returns the node and its arc.
+    fn first_node(&mut self, place: &Place, entry: Point3<f64>, arc: f64, in_bone: bool) -> Option<(u32, f64)> {
+        let tissue = &self.tissue;
+        let (nodes, limit) = (&self.contacts.nodes, self.options.condition_limit);
+        let skin = tissue.locate_at_rest(&entry, place.element);
+        let skin = skin.and_then(|skin| {
+            tissue.corner(skin.element, entry, nodes, limit, |node| {
+                tissue.on_surface[node as usize]
+            })
+        });
+        let on_surface = skin.filter(|node| self.tissue.move_node(*node, entry));
+        match on_surface {
+            Some(node) => Some((node, arc)),
+            None if in_bone => None,
+            None => self
+                .move_corner(place.element)
+                .map(|node| (node, self.needle.line.length_mm())),
+        }
+    }
+
+    fn meet_surface(&mut self, region: i32) {
+        self.tip
+            .meet_surface(region, &self.body, &self.needle, &mut self.contacts, &mut self.log);
+    }
+
+    fn extend_path(&mut self, before: &Point3<f64>) {
+        let length = self.needle.line.length_mm();
+        self.contacts
+            .extend_path(&self.body, length, before, &self.tip.reference);
     }
 
     /// Takes the tip through the regions from its position in the tissue at rest to `place`, or to the first surface that
@@ -181,9 +254,9 @@ impl Finite {
         for piece in 1..pieces as usize {
             self.tip.reference = before + (at_rest - before) * (piece as f64 / pieces);
             if self.cross()
-                && let Some(held) = self.locate_at_rest(&self.tip.reference, place.element)
+                && let Some(stopped) = self.tissue.locate_at_rest(&self.tip.reference, place.element)
             {
-                return held;
+                return stopped;
             }
         }
         self.tip.reference = *at_rest;
@@ -191,104 +264,41 @@ impl Finite {
         place
     }
 
-    /// Records the region that the tip has entered and returns whether its surface stops the tip. Near the last boundary no
-    /// other region is recorded, so that a tip that wanders along a boundary does not cross it repeatedly; bone and critical
-    /// regions always are.
     fn cross(&mut self) -> bool {
-        let region = self.anatomy.region(&self.tip.reference);
-        let of = interaction(self.anatomy.as_ref(), region);
-        let same = region == self.tip.region || self.tip.front.is_some();
-        let near = (self.tip.reference - self.tip.crossed).norm() < BORDER_MM && of.bone.is_none() && !of.critical;
-        if same || near {
-            return false;
-        }
-        (self.tip.region, self.tip.crossed) = (region, self.tip.reference);
-        let Some(region) = region else { return false };
-        let tip = self.line.tip();
-        self.note(EventKind::Region, tip, Some(region));
-        self.meet_surface(region);
-        self.tip.surface.is_some()
-    }
-
-    /// Handles a tip that has entered bone during an `advance` (mm) of the base.
-    fn stop_at_bone(&mut self, region: i32, advance: f64) {
-        // Bone is not met while the needle is withdrawn.
-        let Some(bone) = self.of(region).bone.filter(|_| !self.tip.in_bone() && advance >= 0.0) else {
-            return;
-        };
-        let ShaftPoint { point_mm, tangent } = self.line.at(self.line.length_mm());
-        let border = self.border_behind(&tangent, |other| other == Some(region));
-        // A needle that entered from the side has not advanced farther than its base.
-        let depth = border.unwrap_or(0.0).min(advance);
-        self.meet_bone(&bone, &(point_mm - tangent.into_inner() * depth), region);
-    }
-
-    /// Returns the distance from the tip back along the needle to the boundary of the regions `within`, mm, in the tissue at
-    /// rest.
-    pub(super) fn border_behind(&self, tangent: &Vector3<f64>, within: impl Fn(Option<i32>) -> bool) -> Option<f64> {
-        let is_in = |behind: f64| within(self.anatomy.region(&(self.tip.reference - tangent * behind)));
-        let most = (self.line.length_mm() / SAMPLE_MM).ceil() as usize;
-        let beyond = (1..=most).find(|at| !is_in(*at as f64 * SAMPLE_MM))?;
-        let [mut inside, mut outside] = [beyond - 1, beyond].map(|at| at as f64 * SAMPLE_MM);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (inside + outside);
-            *(if is_in(middle) { &mut inside } else { &mut outside }) = middle;
-        }
-        Some(inside)
-    }
-
-    /// Extends the path from the last node to the tip, which was at `before` in the reference state, or shortens it.
-    pub(super) fn lay_path(&mut self, before: &Point3<f64>) {
-        let length = self.line.length_mm();
-        let Some(last) = self.contacts.last_mut() else { return };
-        let ahead = length - last.arc;
-        let laid = last.laid();
-        if ahead <= laid {
-            last.shorten(ahead);
-            return;
-        }
-        let pieces = ((ahead - laid) / SAMPLE_MM).ceil().max(1.0);
-        for piece in 0..pieces as usize {
-            let middle = before + (self.tip.reference - before) * ((piece as f64 + 0.5) / pieces);
-            let region = self.anatomy.region(&middle);
-            // The shaft does not enter bone.
-            let is_bone = interaction(self.anatomy.as_ref(), region).bone.is_some();
-            let behind = last.layers.last().map_or(last.region, |layer| layer.region);
-            last.lengthen(if is_bone { behind } else { region }, (ahead - laid) / pieces);
-        }
+        self.tip
+            .cross(&self.body, &self.needle, &mut self.contacts, &mut self.log)
     }
 
     /// Returns whether the tip has left the elements around the last node, if any, and is far enough from it.
     fn wants_node(&self, place: &Place) -> bool {
         let spacing = self.options.spacing_mm;
-        let refused = self
-            .tip
+        let tip = &self.tip;
+        let refused = tip
             .refused
-            .is_some_and(|refused| (refused - self.tip.reference).norm() < spacing / 4.0);
-        let beyond = self.contacts.last().is_none_or(|last| {
-            let elsewhere = !self.mesh.elements()[place.element as usize].contains(&last.node);
-            elsewhere && self.line.length_mm() - last.arc >= spacing
+            .is_some_and(|refused| (refused - tip.reference).norm() < spacing / 4.0);
+        let last = self.contacts.nodes.last();
+        let beyond = last.is_none_or(|last| {
+            let elsewhere = !self.tissue.mesh.elements()[place.element as usize].contains(&last.node);
+            elsewhere && self.needle.line.length_mm() - last.arc >= spacing
         });
-        beyond && !refused && (self.tip.surface.is_none() || self.contacts.is_empty()) && place.is_inside()
+        beyond && !refused && (tip.surface.is_none() || last.is_none()) && place.is_inside()
     }
 
     /// Moves a corner to the tip.
     fn remesh(&mut self, place: &Place, region: i32) -> bool {
-        let Some(node) = self.move_corner(place.element, self.tip.reference) else {
-            self.refuse(region);
+        let Some(node) = self.move_corner(place.element) else {
+            self.tip.refuse(region, &self.needle.line, &mut self.log);
             return false;
         };
-        let cutting = self.cutting();
+        let cutting = self.tip.cutting(&self.body);
         // Tissue sticks at an unbroken surface.
-        let slides = self.contacts.last().filter(|_| self.tip.surface.is_none());
+        let slides = self.contacts.nodes.last().filter(|_| self.tip.surface.is_none());
         let state = slides.map_or(State::Stuck, |last| last.slider.state);
-        self.add_contact(node, self.line.length_mm(), state, Some(region));
-        if let (true, [.., before, last]) = (self.tip.at_node, &mut self.forces[..self.contacts.len()]) {
-            let tangent = self.line.at(self.line.length_mm()).tangent;
-            *last = tangent.into_inner() * tangent.dot(before).clamp(0.0, cutting);
-            *before -= *last;
+        self.add_contact(node, self.needle.line.length_mm(), state, region);
+        if self.tip.force.is_on_node() {
+            self.contacts.pass_cutting_on(&self.needle.tip(), cutting);
         }
-        self.find_again(place.element);
+        self.tip.locate(&self.tissue, place.element);
         self.transfer();
         true
     }
@@ -302,97 +312,45 @@ impl Finite {
             self.take_tip();
             self.take_compliance();
             self.write_arcs();
-            self.carry();
-            let Some(place) = self
-                .tip
+            self.take_forces();
+            let (line, tissue) = (&self.needle.line, &mut self.tissue);
+            let tip = &mut self.tip;
+            let found = tip
                 .element
-                .and_then(|element| self.find(&self.line.tip(), element))
-            else {
-                break;
-            };
-            let (before, at_rest) = (self.tip.reference, self.point_at(&place));
-            (self.tip.reference, self.tip.element, self.tip.found) = (at_rest, Some(place.element), Some(place));
+                .and_then(|element| tissue.locate_tip(line, tip.reference, element));
+            let Some(place) = found else { break };
+            let (before, at_rest) = (tip.reference, tissue.point_at(&place));
+            (tip.reference, tip.element, tip.found) = (at_rest, Some(place.element), Some(place));
             if (at_rest - before).norm() < TRANSFERRED_MM {
                 break;
             }
         }
         self.tip.front = Some(front);
-        for at in 0..self.contacts.len() {
-            let place = self.contacts[at].reference + self.displacement_of(self.contacts[at].node);
-            let arc = self.line.nearest(&place);
-            (self.contacts[at].arc, self.memory.starts[at]) = (arc, arc);
+        let starts = &mut self.contacts.starts;
+        for (contact, start) in self.contacts.nodes.iter_mut().zip(starts) {
+            let place = contact.reference + self.tissue.displacement_of(contact.node);
+            let arc = self.needle.line.nearest(&place);
+            (contact.arc, *start) = (arc, arc);
         }
     }
 
-    /// Records that no corner fits at the tip; reported once, as one may fit farther on.
-    pub(super) fn refuse(&mut self, region: i32) {
-        if self.tip.refused.replace(self.tip.reference).is_none() {
-            self.note(EventKind::NotRemeshed, self.line.tip(), Some(region));
-        }
+    /// Moves the best corner of an element to the tip. Returns the node, or `None` if none fits.
+    fn move_corner(&mut self, element: u32) -> Option<u32> {
+        let (nodes, limit) = (&self.contacts.nodes, self.options.condition_limit);
+        let to = self.tip.reference;
+        let node = self.tissue.corner(element, to, nodes, limit, |_| true)?;
+        self.tissue.move_node(node, to).then_some(node)
     }
 
-    /// Moves the best corner of an element to a point of the reference state. Returns the node, or `None` if none fits.
-    pub(super) fn move_corner(&mut self, element: u32, to: Point3<f64>) -> Option<u32> {
-        let node = self.corner(element, to, |_| true)?;
-        self.move_node(node, to).then_some(node)
-    }
-
-    /// Moves a node to a point of the reference state, if that spoils no element.
-    pub(super) fn move_node(&mut self, node: u32, to: Point3<f64>) -> bool {
-        let moved = self.adaptation.move_node(node, to.into()).is_ok();
-        self.outcome.remeshes += usize::from(moved);
-        moved
-    }
-
-    /// Returns the best of the permitted corners to move to a point of the reference state, or `None` if none fits.
-    pub(super) fn corner(&self, element: u32, to: Point3<f64>, may: impl Fn(u32) -> bool) -> Option<u32> {
-        let taken = |node: u32| {
-            let on_needle = self.contacts.iter().any(|contact| contact.node == node);
-            let on_probe = self.press.as_ref().is_some_and(|press| press.nodes().contains(&node));
-            on_needle || on_probe || !may(node)
-        };
-        let corner = best_corner(self.adaptation.mesh(), element, to.into(), taken).ok()?;
-        (corner.condition <= self.options.condition_limit).then_some(corner.node)
-    }
-
-    pub(super) fn add_contact(&mut self, node: u32, arc: f64, state: State, region: Option<i32>) {
-        self.forces.insert(self.contacts.len(), Vector3::zeros());
-        self.contacts.push(Contact {
-            node,
-            reference: self.adaptation.mesh().nodes()[node as usize].into(),
-            arc,
-            slider: Slider::new(state),
-            region,
-            drift: -1.0,
-            layers: Vec::new(),
-        });
-        self.memory.starts.push(arc);
+    fn add_contact(&mut self, node: u32, arc: f64, state: State, region: i32) {
+        let reference = self.tissue.adaptation.mesh().nodes()[node as usize].into();
+        self.contacts.add(node, reference, arc, state, Some(region));
         self.tip.refused = None;
         self.tip.corners.retain(|other| *other != node);
         self.name_contacts();
     }
 
-    /// Locates the tip among the elements around the moved corner.
-    pub(super) fn find_again(&mut self, from: u32) {
-        let point = self.tip.reference;
-        self.tip.found = self.locate_at_rest(&point, from);
-        if let Some(place) = &self.tip.found {
-            self.tip.element = Some(place.element);
-        }
-    }
-
-    /// Passes the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
     pub(super) fn name_contacts(&mut self) {
-        let dofs = &mut self.memory.dofs;
-        dofs.clear();
-        let mesh = self.adaptation.mesh();
-        let probe = self.press.iter().flat_map(|press| press.nodes().iter().copied());
-        let needle = self.contacts.iter().map(|contact| contact.node);
-        let nodes = probe.chain(needle).chain(self.tip.corners.iter().copied());
-        dofs.extend(nodes.flat_map(|node| mesh.dofs().of(node)).map(|dof| dof as usize));
-        if let Err(error) = self.adaptation.ask(|_, remesher| remesher.set_contacts(dofs)) {
-            unreachable!("contacts are free nodes, each once: {error}");
-        }
-        self.version += 1;
+        self.tissue.name_contacts(&self.contacts.nodes, &self.tip.corners);
     }
 }

@@ -2,8 +2,12 @@
 
 use nalgebra::Point3;
 
-use super::Finite;
-use super::place::Tetrahedron;
+use super::Options;
+use super::contacts::Contacts;
+use super::location::Tetrahedron;
+use super::needle::PlacedNeedle;
+use super::tip::Tip;
+use super::tissue::Tissue;
 use crate::mechanics::mesh::NONE;
 
 /// Maximum number of elements searched: a node is made every few.
@@ -13,55 +17,79 @@ const AGAIN_MM: f64 = 0.25;
 
 /// Inputs of a prediction.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Outlook {
+struct Inputs {
     mesh_step: u64,
     element: Option<u32>,
     /// Distance from the last node, in units of [`AGAIN_MM`].
-    way: i64,
+    travel: i64,
     withdraws: bool,
 }
 
-impl Finite {
+/// The last prediction.
+#[derive(Debug, Default)]
+pub(super) struct Prediction {
+    inputs: Option<Inputs>,
+}
+
+impl Prediction {
     /// Announces to the remesher the node that will be made next, or released if the needle `withdraws`.
-    pub(super) fn predict_remesh(&mut self, withdraws: bool) {
-        let Some(last) = self.contacts.last() else { return };
-        let outlook = Outlook {
-            mesh_step: self.adaptation.mesh().step(),
-            element: self.tip.element,
-            way: ((self.line.length_mm() - last.arc) / AGAIN_MM) as i64,
+    pub fn renew(
+        &mut self,
+        withdraws: bool,
+        contacts: &Contacts,
+        needle: &PlacedNeedle,
+        tip: &Tip,
+        tissue: &mut Tissue,
+        options: &Options,
+    ) {
+        let Some(last) = contacts.nodes.last() else { return };
+        let inputs = Inputs {
+            mesh_step: tissue.adaptation.mesh().step(),
+            element: tip.element,
+            travel: ((needle.line.length_mm() - last.arc) / AGAIN_MM) as i64,
             withdraws,
         };
-        if self.outlook.replace(outlook) == Some(outlook) {
+        if self.inputs.replace(inputs) == Some(inputs) {
             return;
         }
-        let node = if withdraws { Some(last.node) } else { self.next_corner() };
+        let node = match withdraws {
+            true => Some(last.node),
+            false => next_corner(contacts, needle, tip, tissue, options),
+        };
         if let Some(node) = node {
-            self.adaptation.expect(node);
+            tissue.adaptation.expect(node);
         }
     }
+}
 
-    /// Returns the corner that will be moved for the next node, assuming that the path continues straight.
-    pub(super) fn next_corner(&self) -> Option<u32> {
-        let mut element = self.tip.element?;
-        let last = self.contacts.last()?;
-        let (mesh, spacing) = (self.adaptation.mesh(), self.options.spacing_mm);
-        let ahead = self.line.at(self.line.length_mm()).tangent.into_inner();
-        let mut point = self.tip.reference;
-        let mut way = self.line.length_mm() - last.arc;
-        for _ in 0..MOST_ELEMENTS {
-            let corners = mesh.elements()[element as usize];
-            let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(mesh.nodes()[node as usize])))?;
-            let (through, face) = tetrahedron.exit(&point, &ahead)?;
-            if !corners.contains(&last.node) && way + through >= spacing {
-                return self.corner(element, point + ahead * (spacing - way).max(0.0), |_| true);
-            }
-            point += ahead * through;
-            way += through;
-            element = self.mesh.neighbours()[element as usize][face];
-            if element == NONE {
-                return None;
-            }
+/// Returns the corner that will be moved for the next node, assuming that the path continues straight.
+pub(super) fn next_corner(
+    contacts: &Contacts,
+    needle: &PlacedNeedle,
+    tip: &Tip,
+    tissue: &Tissue,
+    options: &Options,
+) -> Option<u32> {
+    let mut element = tip.element?;
+    let last = contacts.nodes.last()?;
+    let (mesh, spacing) = (tissue.adaptation.mesh(), options.spacing_mm);
+    let forward = needle.tip().tangent.into_inner();
+    let mut point = tip.reference;
+    let mut travel = needle.line.length_mm() - last.arc;
+    for _ in 0..MOST_ELEMENTS {
+        let corners = mesh.elements()[element as usize];
+        let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(mesh.nodes()[node as usize])))?;
+        let (through, face) = tetrahedron.exit(&point, &forward)?;
+        if !corners.contains(&last.node) && travel + through >= spacing {
+            let to = point + forward * (spacing - travel).max(0.0);
+            return tissue.corner(element, to, &contacts.nodes, options.condition_limit, |_| true);
         }
-        None
+        point += forward * through;
+        travel += through;
+        element = tissue.mesh.neighbours()[element as usize][face];
+        if element == NONE {
+            return None;
+        }
     }
+    None
 }

@@ -13,7 +13,7 @@ use faer::MatRef;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::slider::Slider;
+use super::contact::Slider;
 use crate::mechanics::ldl::Ldl;
 use crate::simd::{Kernel, vectorised};
 
@@ -47,7 +47,7 @@ pub(super) struct Reduced {
     /// K_PP^-1 K_Pn, in the layout of `coupling`.
     answer: Vec<f64>,
     /// K_PP^-1 g.
-    held: Vec<f64>,
+    multipliers: Vec<f64>,
     /// K_nn - K_nP K_PP^-1 K_Pn, column by column.
     compliance: Vec<f64>,
     /// K_nP K_PP^-1 g.
@@ -185,16 +185,19 @@ impl Reduced {
     }
 
     /// Sets the displacements that the probe prescribes along its rows, mm.
-    pub fn press(&mut self, displacements: impl Iterator<Item = f64>) {
+    pub fn set_probe(&mut self, displacements: impl Iterator<Item = f64>) {
         let room = self.room();
-        self.held.clear();
-        self.held.extend(displacements);
+        self.multipliers.clear();
+        self.multipliers.extend(displacements);
         self.offset.clear();
         self.offset.resize(room, 0.0);
-        for (answer, held) in self.answer.chunks_exact(room).zip(&self.held) {
-            self.offset.iter_mut().zip(answer).for_each(|(sum, a)| *sum += a * held);
+        for (answer, multipliers) in self.answer.chunks_exact(room).zip(&self.multipliers) {
+            self.offset
+                .iter_mut()
+                .zip(answer)
+                .for_each(|(sum, a)| *sum += a * multipliers);
         }
-        self.probe.solve(&mut self.held);
+        self.probe.solve(&mut self.multipliers);
     }
 
     /// Returns the displacement of a node by the probe, mm.
@@ -209,11 +212,11 @@ impl Reduced {
             .rows
             .iter()
             .zip(self.answer.chunks_exact(self.room()))
-            .zip(&self.held);
-        rows.map(|((row, answer), held)| {
+            .zip(&self.multipliers);
+        rows.map(|((row, answer), multipliers)| {
             let answers = needle.iter().zip(answer.as_chunks::<3>().0);
             let answers = answers.map(|(force, [x, y, z])| x * force.x + y * force.y + z * force.z);
-            (row, held - answers.sum::<f64>())
+            (row, multipliers - answers.sum::<f64>())
         })
     }
 }

@@ -5,10 +5,11 @@ use std::fmt::Display;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::channel::Channel;
+use super::body::Channel;
 use super::contact::Contact;
-use super::probe_contact::ProbeNodes;
-use super::{Finite, Nearby, Tip};
+use super::probe::ProbeNodes;
+use super::tissue::Tissue;
+use super::{Finite, Tip};
 use crate::mechanics::insertion::{Saved, StepError};
 use crate::mechanics::needle::{CentreLine, Entry};
 use crate::mechanics::tissue::dofs::NONE;
@@ -32,13 +33,22 @@ struct State {
     guide: Option<Point3<f64>>,
     contacts: Vec<Contact>,
     forces: Vec<Vector3<f64>>,
-    laid: [bool; 2],
+    #[serde(rename = "laid")]
+    has_others: [bool; 2],
     fading: Vec<f64>,
-    tip: Tip,
+    tip: PlacedTip,
     channel: Channel,
     seeds: Vec<Point3<f64>>,
     /// Moved nodes with their positions in the reference state, mm.
     moved: Vec<(u32, [f64; 3])>,
+}
+
+/// The tip, with the pose of the needle's base.
+#[derive(Serialize, Deserialize)]
+struct PlacedTip {
+    base: Option<Isometry3<f64>>,
+    #[serde(flatten)]
+    state: Tip,
 }
 
 fn foreign(error: impl Display) -> StepError {
@@ -47,7 +57,7 @@ fn foreign(error: impl Display) -> StepError {
 
 impl State {
     /// Checks that the state fits this mesh and probe: every index and count is in range.
-    fn check(&self, adaptation: &Adaptation, press: Option<&ProbeNodes>) -> Result<(), StepError> {
+    fn check(&self, adaptation: &Adaptation, probe: Option<&ProbeNodes>) -> Result<(), StepError> {
         let mesh = adaptation.mesh();
         let [nodes, elements] = [mesh.nodes().len(), mesh.elements().len()];
         if [nodes, elements] != [self.nodes, self.elements] {
@@ -56,16 +66,16 @@ impl State {
                 "its mesh has {other} nodes and {of} elements, that of this one {nodes} and {elements}"
             )));
         }
-        let candidates = press.map(|press| press.nodes().len());
+        let candidates = probe.map(|probe| probe.nodes().len());
         if self.probe.as_ref().map(|(_, touching)| touching.len()) != candidates {
             return Err(foreign("its probe has other candidates"));
         }
         let mut taken = vec![false; nodes];
-        for node in press.into_iter().flat_map(ProbeNodes::nodes) {
+        for node in probe.into_iter().flat_map(ProbeNodes::nodes) {
             taken[*node as usize] = true;
         }
         let needle = self.contacts.iter().map(|contact| contact.node);
-        for node in needle.chain(self.tip.corners.iter().copied()) {
+        for node in needle.chain(self.tip.state.corners.iter().copied()) {
             let is_free = (node as usize) < nodes && !mesh.dofs().of(node).contains(&NONE);
             if !is_free || std::mem::replace(&mut taken[node as usize], true) {
                 return Err(foreign(format!(
@@ -73,9 +83,9 @@ impl State {
                 )));
             }
         }
-        let found = self.tip.found.map(|place| place.element);
+        let found = self.tip.state.found.map(|place| place.element);
         let lost = |element: &u32| *element as usize >= elements;
-        if let Some(element) = self.tip.element.into_iter().chain(found).find(lost) {
+        if let Some(element) = self.tip.state.element.into_iter().chain(found).find(lost) {
             return Err(foreign(format!("its tip is in element {element} of {elements}")));
         }
         self.check_forces(candidates.unwrap_or(0))?;
@@ -83,13 +93,13 @@ impl State {
     }
 
     fn check_forces(&self, candidates: usize) -> Result<(), StepError> {
-        let others = self.laid.iter().filter(|laid| **laid).count();
+        let others = self.has_others.iter().filter(|has| **has).count();
         let (found, expected) = (self.forces.len(), self.contacts.len() + others + self.fading.len());
         if found != expected {
             return Err(foreign(format!("it has {found} forces; expected {expected}")));
         }
-        let nodes = candidates + self.contacts.len() + self.tip.corners.len();
-        let mut shares = self.tip.row.iter().flat_map(|row| row.shares);
+        let nodes = candidates + self.contacts.len() + self.tip.state.corners.len();
+        let mut shares = self.tip.state.force.row().into_iter().flat_map(|row| row.shares);
         match shares.find(|(node, _)| *node >= nodes) {
             Some((node, _)) => Err(foreign(format!("its tip acts on node {node} of {nodes}"))),
             None => Ok(()),
@@ -104,7 +114,7 @@ impl State {
         if nodes.is_empty() && (self.tip.base.is_some() || self.entry.is_some()) {
             return Err(foreign("its needle has no shape"));
         }
-        let is_in = self.tip.bare || !self.contacts.is_empty();
+        let is_in = self.tip.state.bare || !self.contacts.is_empty();
         match &self.entry {
             Some(_) if !is_in => Err(foreign("it has a point of entry of a needle that is not in tissue")),
             None if is_in => Err(foreign("it has no point of entry of a needle that is in tissue")),
@@ -121,29 +131,31 @@ impl Finite {
     /// Returns the state. Accumulated rounding of the compliance is removed by recomputation, as after a restore; the levels
     /// II to IV continue from the compliance of the mesh as it is.
     pub(super) fn save_state(&mut self) -> Saved {
-        self.start_anew();
-        let mesh = self.adaptation.mesh();
+        self.recompute();
+        let (log, tissue, needle, contacts) = (&self.log, &self.tissue, &self.needle, &self.contacts);
+        let mesh = tissue.adaptation.mesh();
+        let probe = tissue.probe.as_ref();
         let state = State {
             nodes: mesh.nodes().len(),
             elements: mesh.elements().len(),
-            steps: self.steps,
-            time_s: self.time_s,
-            base: self.base,
-            probe: self
-                .press
-                .as_ref()
-                .map(|press| (press.pose, press.touching_list().to_vec())),
-            line: self.line.clone(),
-            entry: self.entry.map(|entry| (entry.point_mm, entry.direction.into_inner())),
-            guide: self.guide,
-            contacts: self.contacts.clone(),
-            forces: self.forces.clone(),
-            laid: self.laid,
-            fading: self.fading.clone(),
-            tip: self.tip.clone(),
-            channel: self.channel.clone(),
-            seeds: self.seeds.clone(),
-            moved: self.moved(),
+            steps: log.steps,
+            time_s: log.time_s,
+            base: log.base,
+            probe: probe.map(|probe| (probe.pose, probe.touching_list().to_vec())),
+            line: needle.line.clone(),
+            entry: needle.entry.map(|entry| (entry.point_mm, entry.direction.into_inner())),
+            guide: needle.guide,
+            contacts: contacts.nodes.clone(),
+            forces: contacts.forces.clone(),
+            has_others: contacts.has_others,
+            fading: contacts.fading.clone(),
+            tip: PlacedTip {
+                base: needle.base,
+                state: self.tip.clone(),
+            },
+            channel: self.body.channel.clone(),
+            seeds: log.seeds.clone(),
+            moved: tissue.moved(),
         };
         match serde_json::to_value(state) {
             Ok(value) => Saved(value),
@@ -153,39 +165,63 @@ impl Finite {
 
     pub(super) fn restore_state(&mut self, saved: &Saved) -> Result<(), StepError> {
         let state = State::deserialize(&saved.0).map_err(foreign)?;
-        state.check(&self.adaptation, self.press.as_ref())?;
-        self.move_nodes(&state.moved)?;
-        self.line.clone_from(&state.line);
-        self.entry = state.entry.map(|(point_mm, direction)| Entry {
+        let tissue = &mut self.tissue;
+        state.check(&tissue.adaptation, tissue.probe.as_ref())?;
+        tissue.check_moves(&state.moved)?;
+        if let Err(error) = tissue.move_nodes(&state.moved) {
+            self.recompute();
+            return Err(error);
+        }
+        if let (Some(probe), Some((pose, touching))) = (&mut tissue.probe, &state.probe) {
+            probe.restore(*pose, touching);
+        }
+        let needle = &mut self.needle;
+        needle.line.clone_from(&state.line);
+        needle.entry = state.entry.map(|(point_mm, direction)| Entry {
             point_mm,
             direction: Unit::new_unchecked(direction),
         });
-        (self.guide, self.laid, self.fading) = (state.guide, state.laid, state.fading);
-        if let (Some(press), Some((pose, touching))) = (&mut self.press, &state.probe) {
-            press.put_back(*pose, touching);
-        }
-        (self.steps, self.time_s, self.base) = (state.steps, state.time_s, state.base);
-        (self.contacts, self.forces, self.tip) = (state.contacts, state.forces, state.tip);
-        (self.channel, self.seeds) = (state.channel, state.seeds);
+        (needle.guide, needle.base, self.tip) = (state.guide, state.tip.base, state.tip.state);
+        let contacts = &mut self.contacts;
+        (contacts.nodes, contacts.forces) = (state.contacts, state.forces);
+        (contacts.has_others, contacts.fading) = (state.has_others, state.fading);
+        let log = &mut self.log;
+        (log.steps, log.time_s, log.base, log.seeds) = (state.steps, state.time_s, state.base, state.seeds);
+        self.body.channel = state.channel;
         self.name_contacts();
-        self.start_anew();
+        self.recompute();
         Ok(())
     }
 
-    /// Moves the reference nodes to those of a saved state, or leaves them unchanged on error.
-    fn move_nodes(&mut self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
-        // Most errors show without the compliance.
+    /// Recomputes everything derived from the state.
+    fn recompute(&mut self) {
+        let adaptation = &mut self.tissue.adaptation;
+        if let Err(error) = adaptation.ask(|mesh, remesher| remesher.refresh(mesh)) {
+            // The updated compliance is kept despite its error.
+            debug_assert!(matches!(error, RemeshError::FarFromBase { .. }), "{error}");
+        }
+        self.take_new_compliance();
+    }
+}
+
+impl Tissue {
+    /// Checks moves of reference nodes without the compliance, which shows most errors.
+    fn check_moves(&self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
         let mut trial = self.adaptation.mesh().clone();
         while trial.undo().map_err(foreign)?.is_some() {}
         for (node, place) in moved {
             trial.move_node(*node, *place).map_err(foreign)?;
         }
+        Ok(())
+    }
+
+    /// Moves the reference nodes to those of a saved state, or back on error.
+    fn move_nodes(&mut self, moved: &[(u32, [f64; 3])]) -> Result<(), StepError> {
         let before = self.moved();
         let result = self.try_moves(moved);
         if result.is_err() {
             let back = self.try_moves(&before);
             debug_assert!(back.is_ok(), "they were possible before: {back:?}");
-            self.start_anew();
         }
         result
     }
@@ -197,30 +233,5 @@ impl Finite {
             self.adaptation.move_node(*node, *place).map_err(foreign)?;
         }
         Ok(())
-    }
-
-    /// Returns the nodes away from their positions at rest, with their current reference positions.
-    fn moved(&self) -> Vec<(u32, [f64; 3])> {
-        let mesh = self.adaptation.mesh();
-        let away = mesh.away().iter();
-        away.map(|node| (*node, mesh.nodes()[*node as usize])).collect()
-    }
-
-    /// Recomputes everything derived from the state.
-    fn start_anew(&mut self) {
-        if let Err(error) = self.adaptation.ask(|mesh, remesher| remesher.refresh(mesh)) {
-            // The updated compliance is kept despite its error.
-            debug_assert!(matches!(error, RemeshError::FarFromBase { .. }), "{error}");
-        }
-        self.take_anew();
-    }
-
-    /// Takes over a compliance that may differ in every entry.
-    pub(super) fn take_anew(&mut self) {
-        self.version += 1;
-        self.nearby = Nearby::default();
-        self.outlook = None;
-        self.take_compliance();
-        self.carry();
     }
 }

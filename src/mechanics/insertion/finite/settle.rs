@@ -1,9 +1,13 @@
 //! Equilibrium iteration of a substep: consistent forces, contact states and needle shape.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
 use super::Finite;
-use super::substep::farthest;
+use super::contact::Slider;
+use super::contacts::Contacts;
+use super::needle::PlacedNeedle;
+use super::tip::Tip;
+use crate::mechanics::needle::CentreLine;
 
 /// Iterations before damping: after them the forces change by an ever smaller share, so that a buckling needle does not
 /// oscillate for ever.
@@ -20,8 +24,6 @@ const LOST_MM: f64 = 0.1;
 const LEAST_PART_MM: f64 = 0.01;
 /// Iterations of all attempts of a substep, as a multiple of those of one, beyond which there is no further bisection.
 const MOST_ATTEMPTS: usize = 6;
-/// Force below which a fading load is dropped, N.
-const FADED_N: f64 = 1e-12;
 
 /// Outcome of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,86 +35,124 @@ enum Found {
     Nothing,
 }
 
+/// Lines and states of an attempt. Buffers are kept from step to step, to avoid allocation.
+#[derive(Debug, Default)]
+pub(super) struct Attempt {
+    /// Centre line at the beginning of the iteration.
+    before: CentreLine,
+    start: Start,
+}
+
+/// State at the beginning of an attempt.
+#[derive(Debug, Default)]
+struct Start {
+    base: Option<Isometry3<f64>>,
+    line: CentreLine,
+    forces: Vec<Vector3<f64>>,
+    /// Arcs and sliders.
+    contacts: Vec<(f64, Slider)>,
+    tip: Option<Slider>,
+}
+
+impl Start {
+    fn keep(&mut self, contacts: &Contacts, needle: &PlacedNeedle, tip: &Tip) {
+        self.base = needle.base;
+        self.line.clone_from(&needle.line);
+        self.forces.clone_from(&contacts.forces);
+        self.contacts.clear();
+        let nodes = contacts.nodes.iter();
+        self.contacts.extend(nodes.map(|contact| (contact.arc, contact.slider)));
+        self.tip = tip.force.row().map(|row| row.slider);
+    }
+
+    fn restore(&self, contacts: &mut Contacts, needle: &mut PlacedNeedle, tip: &mut Tip) {
+        needle.line.clone_from(&self.line);
+        contacts.forces.clone_from(&self.forces);
+        for (contact, (arc, slider)) in contacts.nodes.iter_mut().zip(&self.contacts) {
+            (contact.arc, contact.slider) = (*arc, *slider);
+        }
+        if let (Some(row), Some(slider)) = (tip.force.row_mut(), self.tip) {
+            row.slider = slider;
+        }
+        needle.base = self.base;
+    }
+}
+
 impl Finite {
     /// Moves the needle to a base and settles it there, in halves if it would jump or oscillate.
     pub(super) fn settle(&mut self, base: &Isometry3<f64>) {
-        let most = self.outcome.iterations + MOST_ATTEMPTS * self.options.most_iterations;
-        let base = self.tip.held(base);
+        let most = self.log.outcome.iterations + MOST_ATTEMPTS * self.options.most_iterations;
+        let base = self.tip.stopped(base);
         self.settle_within(&base, most);
         // Only now: a reverted attempt restores its loads.
-        self.forget_faded();
-        self.carry();
+        self.contacts.forget_faded();
+        self.take_forces();
     }
 
     fn settle_within(&mut self, base: &Isometry3<f64>, most: usize) {
-        let from = self.tip.base;
+        let from = self.needle.base;
         let found = self.attempt(base);
         if found == Found::Rest {
             return;
         }
-        let from = from.filter(|from| farthest(from, base, self.needle.length_mm()) > LEAST_PART_MM);
-        if let Some(from) = from.filter(|_| self.outcome.iterations < most) {
+        let from = from.filter(|from| super::farthest(from, base, self.needle.length_mm()) > LEAST_PART_MM);
+        if let Some(from) = from.filter(|_| self.log.outcome.iterations < most) {
             self.put_back();
             let middle = from.lerp_slerp(base, 0.5);
             self.settle_within(&middle, most);
-            let arcs = self.contacts.iter().map(|contact| contact.arc);
-            self.memory.starts.clear();
-            self.memory.starts.extend(arcs);
+            self.contacts.start();
             self.settle_within(base, most);
         } else {
-            self.outcome.converged = false;
+            self.log.outcome.converged = false;
             if found == Found::Nothing {
                 self.put_back();
-                self.carry_line(base);
+                self.needle.move_to(base);
                 self.write_arcs();
             }
         }
+    }
+
+    fn put_back(&mut self) {
+        self.attempt
+            .start
+            .restore(&mut self.contacts, &mut self.needle, &mut self.tip);
     }
 
     /// Iterates to consistent forces, states and shape.
     fn attempt(&mut self, base: &Isometry3<f64>) -> Found {
         self.take_tip();
         self.take_compliance();
-        self.keep();
-        self.carry_line(base);
+        self.attempt.start.keep(&self.contacts, &self.needle, &self.tip);
+        self.needle.move_to(base);
         let mut holds = true;
         let mut change = f64::INFINITY;
         let mut unsettled = 0;
         for iteration in 0..self.options.most_iterations {
-            self.outcome.iterations += 1;
-            self.memory.before.clone_from(&self.line);
+            self.log.outcome.iterations += 1;
+            self.attempt.before.clone_from(&self.needle.line);
             self.write_arcs();
-            self.bound();
-            self.joint.turn(&self.memory.arcs, &self.line, &self.forces);
-            let ways = self.linearise();
-            let solved = self.joint.solve(
-                &mut self.contacts,
-                self.tip.row.as_mut(),
-                &self.memory.starts,
-                &self.line,
-                ways.map(|_| &self.yielding),
+            let Finite {
+                contacts,
+                needle,
+                tip,
+                joint,
+                ..
+            } = self;
+            tip.bound(contacts, &needle.line, &self.body);
+            joint.turn(&contacts.arcs, &needle.line, &contacts.forces);
+            let modes = needle.linearise(contacts, tip, joint.frames());
+            let solved = joint.solve(
+                &mut contacts.nodes,
+                tip.force.row_mut(),
+                &contacts.starts,
+                &needle.line,
+                modes.map(|_| &needle.yielding),
             );
-            self.memory.forces.clone_from(&self.forces);
-            let mut share = if iteration < UNDAMPED {
-                1.0
-            } else {
-                UNDAMPED as f64 / (iteration + 1) as f64
-            };
-            self.take_forces(share);
-            if ways.is_some() {
-                loop {
-                    self.bend();
-                    let shift = self.line.distance(&self.memory.before);
-                    if !(shift > FARTHEST_MM && share > LEAST_SHARE) {
-                        break;
-                    }
-                    share = (share * (FARTHEST_MM / shift).min(0.5)).max(LEAST_SHARE);
-                    self.take_forces(share);
-                    self.line.clone_from(&self.memory.before);
-                }
-            }
-            holds = ways.is_none_or(|ways| solved.signs.dependent > 0 || solved.signs.negative >= ways);
-            change = self.slide(share).max(self.line.distance(&self.memory.before));
+            contacts.keep_forces();
+            let share = self.bend(iteration, modes.is_some());
+            holds = modes.is_none_or(|modes| solved.signs.dependent > 0 || solved.signs.negative >= modes);
+            let slid = self.contacts.slide(&self.joint, &self.needle.line, share);
+            change = slid.max(self.needle.line.distance(&self.attempt.before));
             unsettled = if solved.settled { 0 } else { unsettled + 1 };
             if unsettled > 0 {
                 change = f64::INFINITY;
@@ -128,69 +168,48 @@ impl Finite {
         }
     }
 
-    /// Moves the needle to its base, in its bent shape.
-    fn carry_line(&mut self, base: &Isometry3<f64>) {
-        match self.tip.base.replace(*base) {
-            Some(before) if self.needle.is_flexible() => self.line.transform(&(base * before.inverse())),
-            _ => self.needle.place(base, self.entry.as_ref(), &[], &[], &mut self.line),
-        }
-    }
-
-    /// Drops the loads of released nodes, once the needle lies without them.
-    fn forget_faded(&mut self) {
-        let first = self.forces.len() - self.fading.len();
-        if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
-            self.forces.truncate(first);
-            self.memory.arcs.truncate(first);
-            self.fading.clear();
-        }
-    }
-
-    /// Stores forces, arcs and states before an attempt.
-    fn keep(&mut self) {
-        let kept = &mut self.memory.kept;
-        kept.base = self.tip.base;
-        kept.line.clone_from(&self.line);
-        kept.forces.clone_from(&self.forces);
-        kept.contacts.clear();
-        kept.contacts
-            .extend(self.contacts.iter().map(|contact| (contact.arc, contact.slider)));
-        kept.tip = self.tip.row.as_ref().map(|row| row.slider);
-    }
-
-    /// Restores forces, arcs and states from before an attempt.
-    fn put_back(&mut self) {
-        let kept = &self.memory.kept;
-        self.line.clone_from(&kept.line);
-        self.forces.clone_from(&kept.forces);
-        for (contact, (arc, slider)) in self.contacts.iter_mut().zip(&kept.contacts) {
-            (contact.arc, contact.slider) = (*arc, *slider);
-        }
-        if let (Some(row), Some(slider)) = (&mut self.tip.row, kept.tip) {
-            row.slider = slider;
-        }
-        self.tip.base = kept.base;
-    }
-
-    /// Moves the forces by a share of the way to the solution.
-    fn take_forces(&mut self, share: f64) {
-        for (at, (force, before)) in self.forces.iter_mut().zip(&self.memory.forces).enumerate() {
-            *force = before + (self.joint.force(at) - before) * share;
-        }
-    }
-
-    /// Moves the arcs of slipping contacts by a share of the way to the last solution. Returns the largest change, mm.
-    fn slide(&mut self, share: f64) -> f64 {
-        let mut largest = 0.0f64;
-        for (at, contact) in self.contacts.iter_mut().enumerate() {
-            let mut arc = self.memory.starts[at];
-            if !contact.slider.is_stuck() {
-                let found = self.line.nearest(&(contact.reference + self.joint.displacement(at)));
-                arc = contact.arc + (found - contact.arc) * share;
+    /// Moves the forces towards the last solution and bends a flexible needle under them. Returns the share of the step.
+    fn bend(&mut self, iteration: usize, is_flexible: bool) -> f64 {
+        let mut share = if iteration < UNDAMPED {
+            1.0
+        } else {
+            UNDAMPED as f64 / (iteration + 1) as f64
+        };
+        self.contacts.step_forces(&self.joint, share);
+        while is_flexible {
+            self.needle.bend(&self.contacts, &self.tip);
+            let shift = self.needle.line.distance(&self.attempt.before);
+            if !(shift > FARTHEST_MM && share > LEAST_SHARE) {
+                break;
             }
-            largest = largest.max((arc - contact.arc).abs());
-            contact.arc = arc;
+            share = (share * (FARTHEST_MM / shift).min(0.5)).max(LEAST_SHARE);
+            self.contacts.step_forces(&self.joint, share);
+            self.needle.line.clone_from(&self.attempt.before);
         }
-        largest
+        share
+    }
+
+    /// Writes the arcs at which forces act.
+    pub(super) fn write_arcs(&mut self) {
+        let (line, guide) = (&self.needle.line, self.needle.guide());
+        self.contacts.write_arcs(line, self.tip.force.row().is_some(), guide);
+    }
+
+    pub(super) fn take_tip(&mut self) {
+        self.tip.take_place(&mut self.contacts, &mut self.tissue, &self.body);
+    }
+
+    /// Takes the compliance of the tissue, and makes room for the forces.
+    pub(super) fn take_compliance(&mut self) {
+        let (contacts, row, guide) = (&mut self.contacts, self.tip.force.row(), self.needle.guide());
+        let [nodes, fading] = [contacts.nodes.len(), contacts.fading.len()];
+        self.joint.take_compliance(&self.tissue, nodes, row, guide, fading);
+        let others = [row.is_some(), guide.is_some()];
+        contacts.set_others(others, &self.needle.line, || self.tip.cutting(&self.body));
+    }
+
+    /// Passes the forces of the last solution to the tissue.
+    pub(super) fn take_forces(&mut self) {
+        self.tissue.take_forces(&self.joint.tissue, &self.contacts, &self.tip);
     }
 }

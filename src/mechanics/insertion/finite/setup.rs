@@ -2,24 +2,19 @@
 
 use std::sync::Arc;
 
-use faer::Mat;
-use nalgebra::{Point3, Vector3};
-
-use super::channel::Channel;
-use super::joint::Yielding;
-use super::{Finite, Joint, Memory, Nearby, Outcome, ProbeNodes, Tip};
-use crate::mechanics::insertion::anatomy::MeshRegions;
-use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, ProbeContact, validation};
+use super::body::{Body, Channel};
+use super::{Attempt, Contacts, Finite, Joint, Log, PlacedNeedle, Prediction, ProbeNodes, Tip, Tissue};
+use crate::mechanics::insertion::interaction::MeshRegions;
+use crate::mechanics::insertion::{Anatomy, Interaction, InvalidSetup, ProbeContact, validation};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Needle};
-use crate::mechanics::tissue::assembly::AssemblyError;
 use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
-use crate::mechanics::tissue::factor::{Factor, FactorError};
+use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::inverse::{InverseError, invert};
 use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, RemeshError, Source};
-use crate::mechanics::tissue::rigid::{self, RigidError};
+use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, Source};
+use crate::mechanics::tissue::rigid;
 
 /// Options for the subdivision and iteration of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,51 +86,8 @@ pub struct Setup {
     pub options: Options,
 }
 
-/// Reason why an insertion cannot be set up.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidSetup {
-    /// An invalid input common to all models on a mesh.
-    #[error(transparent)]
-    Part(#[from] InvalidPart),
-    /// A candidate node of the probe that is missing, listed twice, or fixed.
-    #[error("node {node} cannot be a candidate of the probe: it {reason}")]
-    Candidate {
-        /// The candidate node.
-        node: u32,
-        /// Description of the fault.
-        reason: &'static str,
-    },
-    /// A mesh that cannot be assembled.
-    #[error(transparent)]
-    Assembly(#[from] AssemblyError),
-    /// Supports that do not prevent rigid-body motion.
-    #[error(transparent)]
-    Rigid(#[from] RigidError),
-    /// A stiffness matrix that cannot be factored.
-    #[error(transparent)]
-    Factor(#[from] FactorError),
-    /// A dense inverse that cannot be computed.
-    #[error(transparent)]
-    Inverse(#[from] InverseError),
-    /// A remeshing level that cannot be used.
-    #[error(transparent)]
-    Remesh(#[from] RemeshError),
-}
-
-impl InvalidSetup {
-    /// Returns whether the machine failed rather than the input: too little memory, or a device.
-    pub fn is_machine(&self) -> bool {
-        matches!(
-            self,
-            Self::Factor(FactorError::Memory { .. })
-                | Self::Inverse(InverseError::Memory { .. })
-                | Self::Remesh(RemeshError::Device(_))
-        )
-    }
-}
-
 impl Setup {
-    fn check(&self) -> Result<(), InvalidPart> {
+    fn check(&self) -> Result<(), InvalidSetup> {
         validation::interactions(&self.interactions)?;
         validation::fixed(&self.fixed, self.mesh.nodes().len())?;
         let options = &self.options;
@@ -178,91 +130,73 @@ impl Setup {
         self.check_candidates(&dofs)?;
         rigid::check(&self.mesh, &dofs)?;
         let adapted = AdaptedMesh::new(&self.mesh, &self.materials, &dofs)?;
-        let factor = Arc::new(Factor::new(adapted.stiffness())?);
-        let is_dense = self.options.dense || self.level != Level::Exact;
-        let dense = is_dense.then(|| dense(&factor, self.precision, progress)).transpose()?;
-        let (source, precision) = source(self.level, dense.as_ref(), &factor, &self.options);
+        let mut base = Base {
+            factor: Arc::new(Factor::new(adapted.stiffness())?),
+            dense: None,
+            precision: self.precision,
+        };
+        if self.options.dense || self.level != Level::Exact {
+            base.invert(progress)?;
+        }
+        let (source, precision) = base.source(self.level, &self.options);
         let adaptation = Adaptation::with_maker(adapted, source, self.level, precision, self.options.remesh, maker)?;
         let (locator, mesh) = (Arc::new(Locator::new(&self.mesh)), Arc::new(self.mesh));
-        let mut on_surface = vec![false; mesh.nodes().len()];
-        let mut surface = Vec::new();
-        for face in mesh.surface() {
-            let corners = face.nodes.map(|node| Point3::from(mesh.nodes()[node as usize]));
-            let centre = corners.iter().map(|corner| corner.coords).sum::<Vector3<f64>>() / 3.0;
-            surface.push((face.element, Point3::from(centre)));
-            face.nodes.iter().for_each(|node| on_surface[*node as usize] = true);
-        }
         let of_mesh = || MeshRegions::located(&mesh, Arc::clone(&locator), &self.interactions);
-        let mut finite = Finite {
-            anatomy: self.anatomy.unwrap_or_else(|| Arc::new(of_mesh())),
-            press: self.probe.map(|probe| ProbeNodes::new(probe, mesh.nodes())),
-            locator,
-            mesh,
-            factor,
-            dense,
-            precision: self.precision,
-            adaptation,
-            surface,
-            on_surface,
-            needle: self.needle,
+        let anatomy = self.anatomy.unwrap_or_else(|| Arc::new(of_mesh()));
+        let probe = self.probe.map(|probe| ProbeNodes::new(probe, mesh.nodes()));
+        Ok(Finite {
+            base,
             options: self.options,
-            steps: 0,
-            time_s: 0.0,
-            base: None,
-            line: CentreLine::default(),
-            entry: None,
-            guide: None,
-            contacts: Vec::new(),
-            forces: Vec::<Vector3<f64>>::new(),
-            laid: [false; 2],
-            fading: Vec::new(),
-            tip: Tip::default(),
-            channel: Channel::default(),
-            seeds: Vec::new(),
-            outcome: Outcome::default(),
-            joint: Joint::default(),
-            version: 0,
-            condensed: None,
-            nearby: Nearby::default(),
-            carried: Vec::new(),
-            outlook: None,
-            yielding: Yielding {
-                flexibility: Mat::new(),
-                drift: Vec::new(),
+            body: Body {
+                anatomy,
+                channel: Channel::default(),
             },
-            memory: Memory::default(),
-        };
-        finite.name_contacts();
-        Ok(finite)
+            tissue: Tissue::new(mesh, locator, adaptation, probe),
+            needle: PlacedNeedle::new(self.needle),
+            tip: Tip::default(),
+            contacts: Contacts::default(),
+            joint: Joint::default(),
+            attempt: Attempt::default(),
+            prediction: Prediction::default(),
+            log: Log::default(),
+            unloaded: CentreLine::default(),
+        })
     }
 }
 
-/// Computes the dense inverse.
-///
-/// # Errors
-/// As [`invert`].
-pub(super) fn dense(
-    factor: &Factor,
+/// Compliance of the mesh at rest, from which the remesher of each level starts.
+pub(super) struct Base {
+    pub factor: Arc<Factor>,
+    /// Dense inverse, once a level has needed it.
+    dense: Option<Source>,
     precision: Precision,
-    progress: impl FnMut(usize, usize) + Send,
-) -> Result<Source, InverseError> {
-    Ok(match precision {
-        Precision::Double => Source::Double(Arc::new(invert(factor, progress)?)),
-        Precision::Single => Source::Single(Arc::new(invert(factor, progress)?)),
-    })
 }
 
-/// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level where that
-/// is in f32 or missing.
-pub(super) fn source(
-    level: Level,
-    dense: Option<&Source>,
-    factor: &Arc<Factor>,
-    options: &Options,
-) -> (Source, Precision) {
-    let suits = |dense: &&Source| level != Level::Exact || dense.precision() == Precision::Double;
-    let columns = || Source::Columns(Columns::new(Arc::clone(factor), options.columns));
-    let source = dense.filter(suits).cloned().unwrap_or_else(columns);
-    let precision = source.precision();
-    (source, precision)
+impl Base {
+    /// Computes the dense inverse.
+    fn invert(&mut self, progress: impl FnMut(usize, usize) + Send) -> Result<(), InverseError> {
+        self.dense = Some(match self.precision {
+            Precision::Double => Source::Double(Arc::new(invert(&self.factor, progress)?)),
+            Precision::Single => Source::Single(Arc::new(invert(&self.factor, progress)?)),
+        });
+        Ok(())
+    }
+
+    /// Computes the dense inverse if a level needs it.
+    pub fn prepare(&mut self, level: Level) -> Result<(), InverseError> {
+        if level == Level::Exact || self.dense.is_some() {
+            return Ok(());
+        }
+        self.invert(|_, _| {})
+    }
+
+    /// Returns the source of compliance for a level and its precision: the dense inverse, except for the exact level where
+    /// that is in f32 or missing.
+    pub fn source(&self, level: Level, options: &Options) -> (Source, Precision) {
+        let suits = |dense: &&Source| level != Level::Exact || dense.precision() == Precision::Double;
+        let columns = || Source::Columns(Columns::new(Arc::clone(&self.factor), options.columns));
+        let source = self.dense.as_ref().filter(suits).cloned().unwrap_or_else(columns);
+        let precision = source.precision();
+        (source, precision)
+    }
 }

@@ -1,4 +1,3 @@
-use faer::Mat;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
@@ -30,7 +29,7 @@ impl Needle for Straight {
         line.set([0.0, self.length].map(|arc| (arc, base * Point3::new(0.0, 0.0, arc))));
     }
 
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut Mat<f64>) -> usize {
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut [f64]) -> usize {
         0
     }
 }
@@ -90,12 +89,23 @@ fn what_remeshing_moves_is_foreseen() {
         ..Interaction::default()
     };
     let mut finite = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
-    let nodes = |finite: &Finite| -> Vec<u32> { finite.contacts.iter().map(|contact| contact.node).collect() };
+    let nodes = |finite: &Finite| -> Vec<u32> { finite.contact_states().map(|(node, _)| node).collect() };
+    let next_corner = |finite: &Finite| {
+        let Finite {
+            contacts,
+            needle,
+            tip,
+            tissue,
+            options,
+            ..
+        } = finite;
+        prediction::next_corner(contacts, needle, tip, tissue, options)
+    };
     let (mut foreseen, mut made, mut gone) = (0, 0, 0);
     for step in 0..1000 {
         // In by 50 mm, and out.
         let z = 0.1 * f64::from(500 - (step - 500i32).abs());
-        let (before, expected) = (nodes(&finite), finite.next_corner());
+        let (before, expected) = (nodes(&finite), next_corner(&finite));
         finite.step(&at(z), 0.001).expect("a step");
         let after = nodes(&finite);
         if after.len() > before.len() {

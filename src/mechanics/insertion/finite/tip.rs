@@ -3,13 +3,17 @@
 use nalgebra::{Isometry3, Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::friction::bound;
-use super::place::Place;
+use super::Log;
+use super::body::Body;
+use super::contact::friction;
+use super::contact::{Slider, State};
+use super::contacts::Contacts;
+use super::location::Place;
+use super::needle::PlacedNeedle;
 use super::reduced::TipRow;
-use super::slider::{Slider, State};
-use super::{EventKind, Finite};
-use crate::mechanics::insertion::Bone;
-use crate::mechanics::insertion::anatomy::interaction;
+use super::tissue::Tissue;
+use crate::mechanics::insertion::interaction::BORDER_MM;
+use crate::mechanics::insertion::{Bone, EventKind};
 use crate::mechanics::needle::CentreLine;
 use crate::mechanics::tissue::dofs::NONE;
 
@@ -21,13 +25,10 @@ const AT_NODE: f64 = 0.999;
 /// State of the tip.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Tip {
-    /// Effective base: that of the hand, or behind it while bone stops the tip.
-    pub base: Option<Isometry3<f64>>,
     /// Whether the tip has come out of the tissue on another side.
     pub outside: bool,
     /// Element that contains the tip or is nearest to it.
     pub element: Option<u32>,
-    /// Region of the tip.
     pub region: Option<i32>,
     /// Position of the last crossing of a boundary, in the reference state, mm.
     pub crossed: Point3<f64>,
@@ -42,11 +43,8 @@ pub(super) struct Tip {
     pub reference: Point3<f64>,
     /// A new place that is not yet in the system.
     pub found: Option<Place>,
-    /// Row of the tissue at the tip in the system; `None` where nothing is cut, or where the last node on the needle is at
-    /// the tip.
-    pub row: Option<TipRow>,
-    /// Whether the last node on the needle is at the tip, so that the cutting force acts on it.
-    pub at_node: bool,
+    #[serde(flatten)]
+    pub force: TipForce,
     /// Nodes in the system that are neither on the needle nor on the probe: corners of the element at the tip.
     pub corners: Vec<u32>,
     /// Puncture force of an unbroken surface in front of the tip, N.
@@ -57,6 +55,87 @@ pub(super) struct Tip {
     /// counts from the entry.
     pub bare: bool,
     bone: Option<Met>,
+}
+
+/// Where the force at the tip acts.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(from = "SavedForce", into = "SavedForce")]
+pub(super) enum TipForce {
+    /// Nowhere: nothing is cut.
+    #[default]
+    None,
+    /// On the tissue: the corners of the element at the tip share the cutting force.
+    Tissue(TipRow),
+    /// On the last node on the needle, which is at the tip.
+    Node,
+    /// On bone, which pins the tip of a flexible needle.
+    Bone(TipRow),
+}
+
+/// Form of [`TipForce`] in saved states.
+#[derive(Serialize, Deserialize)]
+struct SavedForce {
+    row: Option<TipRow>,
+    at_node: bool,
+}
+
+impl From<SavedForce> for TipForce {
+    fn from(SavedForce { row, at_node }: SavedForce) -> Self {
+        match row {
+            Some(row) if row.compliance_mm_per_n > 0.0 => TipForce::Bone(row),
+            Some(row) => TipForce::Tissue(row),
+            None if at_node => TipForce::Node,
+            None => TipForce::None,
+        }
+    }
+}
+
+impl From<TipForce> for SavedForce {
+    fn from(force: TipForce) -> Self {
+        let at_node = force == TipForce::Node;
+        let row = force.into_row();
+        SavedForce { row, at_node }
+    }
+}
+
+impl TipForce {
+    /// Returns the row of the tip in the system.
+    pub fn row(&self) -> Option<&TipRow> {
+        match self {
+            TipForce::Tissue(row) | TipForce::Bone(row) => Some(row),
+            TipForce::None | TipForce::Node => None,
+        }
+    }
+
+    pub fn row_mut(&mut self) -> Option<&mut TipRow> {
+        match self {
+            TipForce::Tissue(row) | TipForce::Bone(row) => Some(row),
+            TipForce::None | TipForce::Node => None,
+        }
+    }
+
+    fn into_row(self) -> Option<TipRow> {
+        match self {
+            TipForce::Tissue(row) | TipForce::Bone(row) => Some(row),
+            TipForce::None | TipForce::Node => None,
+        }
+    }
+
+    pub fn is_on_node(&self) -> bool {
+        matches!(self, TipForce::Node)
+    }
+
+    /// Returns whether bone pins the tip, as with a flexible needle.
+    pub fn is_on_bone(&self) -> bool {
+        matches!(self, TipForce::Bone(_))
+    }
+
+    /// Removes a cutting force; bone stays.
+    pub fn stop_cutting(&mut self) {
+        if !self.is_on_bone() {
+            *self = TipForce::None;
+        }
+    }
 }
 
 /// Bone met by the tip.
@@ -75,7 +154,7 @@ impl Met {
     }
 
     /// Returns the depth in bone that the hand demands of the tip, mm.
-    fn asked(&self, line: &CentreLine) -> f64 {
+    fn demanded(&self, line: &CentreLine) -> f64 {
         let tangent = line.at(line.length_mm()).tangent;
         tangent.dot(&(line.tip() - self.at)) + self.behind
     }
@@ -86,202 +165,204 @@ impl Tip {
         self.bone.is_some_and(|met| met.bone.holds())
     }
 
-    /// Returns whether bone pins the tip, as with a flexible needle.
-    pub fn is_pinned(&self) -> bool {
-        self.row.as_ref().is_some_and(|row| row.compliance_mm_per_n > 0.0)
-    }
-
-    /// Removes the tissue at the tip.
-    pub fn forget_row(&mut self) {
-        if !self.is_pinned() {
-            self.row = None;
-        }
-        self.at_node = false;
-    }
-
-    /// Returns the effective base for this base of the hand.
-    pub fn held(&self, base: &Isometry3<f64>) -> Isometry3<f64> {
+    /// Returns the pose of the needle's base for this pose of the hand: behind it while bone stops the tip.
+    pub fn stopped(&self, base: &Isometry3<f64>) -> Isometry3<f64> {
         let behind = self.bone.map_or(0.0, |bone| bone.behind);
-        let mut held = *base;
-        held.translation.vector -= base.rotation * Vector3::z() * behind;
-        held
+        let mut stopped = *base;
+        stopped.translation.vector -= base.rotation * Vector3::z() * behind;
+        stopped
     }
 
     /// Returns the force of bone on the tip of a rigid needle, N: it grows with the demanded depth in the bone.
     pub fn bone_force(&self, line: &CentreLine) -> Vector3<f64> {
-        let Some(met) = self.bone.filter(|_| !self.is_pinned()) else {
+        let Some(met) = self.bone.filter(|_| !self.force.is_on_bone()) else {
             return Vector3::zeros();
         };
         let tangent = line.at(line.length_mm()).tangent;
-        tangent.into_inner() * -met.bone.force_n(met.asked(line))
+        tangent.into_inner() * -met.bone.force_n(met.demanded(line))
     }
-}
 
-impl Finite {
     /// Enters the tissue at a new place of the tip into the system.
-    pub(super) fn take_tip(&mut self) {
-        if let Some(place) = self.tip.found.take() {
-            let last = self.contacts.last();
-            let node = last.map_or(NONE, |last| last.node);
-            let before = self
-                .tip
-                .row
-                .take()
-                .map(|row| row.slider.state)
-                .filter(|_| !self.tip.at_node);
-            let state = before.or(last.map(|last| last.slider.state));
-            let state = state.filter(|_| self.tip.surface.is_none()).unwrap_or(State::Stuck);
-            let corners = self.mesh.elements()[place.element as usize];
-            let share = corners
-                .iter()
-                .position(|corner| *corner == node)
-                .map_or(0.0, |at| place.bary[at]);
-            self.tip.at_node = share > AT_NODE;
+    pub fn take_place(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &Body) {
+        let Some(place) = self.found.take() else { return };
+        let last = contacts.nodes.last();
+        let node = last.map_or(NONE, |last| last.node);
+        let before = std::mem::take(&mut self.force).into_row().map(|row| row.slider.state);
+        let state = before.or(last.map(|last| last.slider.state));
+        let state = state.filter(|_| self.surface.is_none()).unwrap_or(State::Stuck);
+        let corners = tissue.mesh.elements()[place.element as usize];
+        let share = corners
+            .iter()
+            .position(|corner| *corner == node)
+            .map_or(0.0, |at| place.bary[at]);
+        if share > AT_NODE {
+            self.force = TipForce::Node;
             // The cutting force moves from the tissue beside the node to the node.
-            if let (true, Some(before), Some(last)) = (self.tip.at_node, before, self.contacts.last_mut()) {
+            if let (Some(before), Some(last)) = (before, contacts.nodes.last_mut()) {
                 last.slider.state = before;
             }
-            let yields = |node: &u32| !self.adaptation.mesh().dofs().of(*node).contains(&NONE);
-            if self.cutting() > 0.0 && !self.tip.at_node && corners.iter().any(yields) {
-                self.take_corners(&place);
-                self.tip.row = Some(self.row_at(&place, Slider::new(state)));
-            }
+        } else if self.cutting(body) > 0.0 && corners.iter().any(|node| tissue.is_free(*node)) {
+            self.take_corners(&place, contacts, tissue);
+            self.force = TipForce::Tissue(self.row_at(&place, Slider::new(state), contacts, tissue));
         }
     }
 
     /// Sets the bounds of all sliders.
-    pub(super) fn bound(&mut self) {
+    pub fn bound(&mut self, contacts: &mut Contacts, line: &CentreLine, body: &Body) {
         // Shaft that has come out on another side has no friction.
-        let end = self.end_in_tissue();
-        let cut_mm = if self.tip.outside { 0.0 } else { self.tip.cut_mm };
-        bound(self.anatomy.as_ref(), &mut self.contacts, end, cut_mm);
-        let cutting = self.cutting();
-        match (&mut self.tip.row, self.contacts.last_mut()) {
-            (Some(row), _) => {
-                let most = if row.compliance_mm_per_n > 0.0 {
-                    f64::INFINITY
-                } else {
-                    cutting
-                };
-                (row.slider.sliding, row.slider.holding) = ([most, 0.0], [most, 0.0]);
+        let end = self.end_in_tissue(contacts, line);
+        let cut_mm = if self.outside { 0.0 } else { self.cut_mm };
+        friction(body.anatomy.as_ref(), &mut contacts.nodes, end, cut_mm);
+        let cutting = self.cutting(body);
+        match &mut self.force {
+            TipForce::Bone(row) => row.slider.set_bounds([f64::INFINITY, 0.0]),
+            TipForce::Tissue(row) => row.slider.set_bounds([cutting, 0.0]),
+            TipForce::Node => {
+                if let Some(last) = contacts.nodes.last_mut() {
+                    last.slider.sliding[0] += cutting;
+                    last.slider.holding[0] += cutting;
+                }
             }
-            (None, Some(last)) if self.tip.at_node => {
-                last.slider.sliding[0] += cutting;
-                last.slider.holding[0] += cutting;
-            }
-            _ => {}
+            TipForce::None => {}
         }
     }
 
     /// Returns the arc length at which the needle in the tissue ends, mm: at the tip, unless that has come out on another
     /// side.
-    pub(super) fn end_in_tissue(&self) -> f64 {
-        let last = self.contacts.last().filter(|_| self.tip.outside);
-        last.map_or(self.line.length_mm(), |last| last.arc + last.laid())
+    pub fn end_in_tissue(&self, contacts: &Contacts, line: &CentreLine) -> f64 {
+        let last = contacts.nodes.last().filter(|_| self.outside);
+        last.map_or(line.length_mm(), |last| last.arc + last.path_mm())
     }
 
     /// Returns the cutting force at the tip, N; at a surface its puncture force, until the tip has slipped into it.
-    pub(super) fn cutting(&self) -> f64 {
-        let of = interaction(self.anatomy.as_ref(), self.tip.region);
-        let cutting = if self.tip.in_channel { 0.0 } else { of.cutting_n };
-        self.tip.surface.unwrap_or(cutting)
+    pub fn cutting(&self, body: &Body) -> f64 {
+        let of = body.interaction(self.region);
+        let cutting = if self.in_channel { 0.0 } else { of.cutting_n };
+        self.surface.unwrap_or(cutting)
     }
 
     /// Returns the slider of the cutting force.
-    fn tip_slider(&mut self) -> Option<&mut Slider> {
-        let at_node = self.tip.at_node;
-        let last = self
-            .contacts
-            .last_mut()
-            .filter(|_| at_node)
-            .map(|last| &mut last.slider);
-        self.tip.row.as_mut().map(|row| &mut row.slider).or(last)
+    fn slider<'a>(&'a mut self, contacts: &'a mut Contacts) -> Option<&'a mut Slider> {
+        match &mut self.force {
+            TipForce::Tissue(row) | TipForce::Bone(row) => Some(&mut row.slider),
+            TipForce::Node => contacts.nodes.last_mut().map(|last| &mut last.slider),
+            TipForce::None => None,
+        }
     }
 
     /// Ensures that the corners which share the force at a place are in the system.
-    fn take_corners(&mut self, place: &Place) {
-        let corners = self.mesh.elements()[place.element as usize];
-        let yields = |node: &u32| !self.adaptation.mesh().dofs().of(*node).contains(&NONE);
-        if !corners
-            .iter()
-            .any(|node| self.index_of(*node).is_none() && yields(node))
-        {
+    fn take_corners(&mut self, place: &Place, contacts: &Contacts, tissue: &mut Tissue) {
+        let corners = tissue.mesh.elements()[place.element as usize];
+        let is_new = |node: &u32, others: &[u32]| {
+            tissue.is_free(*node) && tissue.index_of(*node, &contacts.nodes, others).is_none()
+        };
+        if !corners.iter().any(|node| is_new(node, &self.corners)) {
             return;
         }
-        self.tip.corners.clear();
+        self.corners.clear();
         for node in corners {
-            let is_free = !self.adaptation.mesh().dofs().of(node).contains(&NONE);
-            if is_free && self.index_of(node).is_none() {
-                self.tip.corners.push(node);
+            if is_new(&node, &self.corners) {
+                self.corners.push(node);
             }
         }
-        self.name_contacts();
+        tissue.name_contacts(&contacts.nodes, &self.corners);
     }
 
     /// Returns the row of a place whose corners are in the system, except fixed ones.
-    fn row_at(&self, place: &Place, slider: Slider) -> TipRow {
-        let corners = self.mesh.elements()[place.element as usize];
+    fn row_at(&self, place: &Place, slider: Slider, contacts: &Contacts, tissue: &Tissue) -> TipRow {
+        let corners = tissue.mesh.elements()[place.element as usize];
         let share = |at: usize| {
-            self.index_of(corners[at])
+            tissue
+                .index_of(corners[at], &contacts.nodes, &self.corners)
                 .map_or((0, 0.0), |index| (index, place.bary[at]))
         };
         TipRow {
             shares: std::array::from_fn(share),
             compliance_mm_per_n: 0.0,
-            reference: self.adaptation.mesh().point(place.element, place.bary).into(),
+            reference: tissue.point_at(place),
             slider,
         }
     }
 
-    /// Returns the index of a node in the compliance: probe, needle, corners at the tip.
-    fn index_of(&self, node: u32) -> Option<usize> {
-        let probe = self.press.iter().flat_map(|press| press.nodes().iter().copied());
-        let needle = self.contacts.iter().map(|contact| contact.node);
-        probe
-            .chain(needle)
-            .chain(self.tip.corners.iter().copied())
-            .position(|other| other == node)
-    }
-
     /// Records that a surface is broken, once the tip slips into it.
-    pub(super) fn break_surface(&mut self) {
+    pub fn break_surface(&mut self, contacts: &mut Contacts, line: &CentreLine, log: &mut Log) {
         let cuts = self
-            .tip_slider()
+            .slider(contacts)
             .is_some_and(|slider| slider.state == State::Slipping(1.0));
-        if cuts && self.tip.surface.take().is_some() {
-            self.note(EventKind::Puncture, self.line.tip(), self.tip.region);
+        if cuts && self.surface.take().is_some() {
+            log.note(EventKind::Puncture, line.tip(), self.region);
         }
     }
 
     /// Handles a surface in front of the tip that withstands more than the tissue behind it: it sticks until it breaks.
-    pub(super) fn meet_surface(&mut self, region: i32) {
-        let ahead = self.of(region);
-        if ahead.critical {
-            self.note(EventKind::Critical, self.line.tip(), Some(region));
+    pub fn meet_surface(
+        &mut self,
+        region: i32,
+        body: &Body,
+        needle: &PlacedNeedle,
+        contacts: &mut Contacts,
+        log: &mut Log,
+    ) {
+        let of = body.interaction(Some(region));
+        if of.critical {
+            log.note(EventKind::Critical, needle.line.tip(), Some(region));
         }
-        let breaks =
-            ahead.puncture_n > ahead.cutting_n && !self.channel.holds(&self.tip.reference, self.needle.radius_mm());
-        self.tip.surface = breaks.then_some(ahead.puncture_n);
-        if self.tip.surface.is_some()
-            && let Some(slider) = self.tip_slider()
+        let breaks = of.puncture_n > of.cutting_n && !body.channel.contains(&self.reference, needle.radius_mm());
+        self.surface = breaks.then_some(of.puncture_n);
+        if self.surface.is_some()
+            && let Some(slider) = self.slider(contacts)
         {
             slider.state = State::Stuck;
         }
     }
 
-    /// Records bone met `at` a point, unless some is already.
-    pub(super) fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32) {
-        if !self.tip.in_bone() {
-            self.tip.bone = Some(Met {
+    /// Records the region that the tip has entered and returns whether its surface stops the tip. Near the last boundary no
+    /// other region is recorded, so that a tip that wanders along a boundary does not cross it repeatedly; bone and critical
+    /// regions always are.
+    pub fn cross(&mut self, body: &Body, needle: &PlacedNeedle, contacts: &mut Contacts, log: &mut Log) -> bool {
+        let region = body.anatomy.region(&self.reference);
+        let of = body.interaction(region);
+        let same = region == self.region || self.front.is_some();
+        let near = (self.reference - self.crossed).norm() < BORDER_MM && of.bone.is_none() && !of.critical;
+        if same || near {
+            return false;
+        }
+        (self.region, self.crossed) = (region, self.reference);
+        let Some(region) = region else { return false };
+        log.note(EventKind::Region, needle.line.tip(), Some(region));
+        self.meet_surface(region, body, needle, contacts, log);
+        self.surface.is_some()
+    }
+
+    /// Handles a tip that has entered bone during an `advance` (mm) of the base.
+    pub fn stop_at_bone(&mut self, region: i32, advance: f64, body: &Body, needle: &PlacedNeedle, log: &mut Log) {
+        // Bone is not met while the needle is withdrawn.
+        let bone = body.interaction(Some(region)).bone;
+        let Some(bone) = bone.filter(|_| !self.in_bone() && advance >= 0.0) else {
+            return;
+        };
+        let tip = needle.tip();
+        let length = needle.line.length_mm();
+        let border = body.border_behind(&self.reference, &tip.tangent, length, |other| other == Some(region));
+        // A needle that entered from the side has not advanced farther than its base.
+        let depth = border.unwrap_or(0.0).min(advance);
+        let at = tip.point_mm - tip.tangent.into_inner() * depth;
+        self.meet_bone(&bone, &at, region, needle.is_flexible(), log);
+    }
+
+    /// Records bone met `at` a point, unless some is already. The shape of a flexible needle is solved with bone as one of
+    /// its contacts.
+    pub fn meet_bone(&mut self, bone: &Bone, at: &Point3<f64>, region: i32, is_flexible: bool, log: &mut Log) {
+        if !self.in_bone() {
+            self.bone = Some(Met {
                 at: *at,
                 bone: *bone,
-                behind: self.tip.bone.map_or(0.0, |left| left.behind),
+                behind: self.bone.map_or(0.0, |left| left.behind),
             });
-            self.note(EventKind::Bone, *at, Some(region));
+            log.note(EventKind::Bone, *at, Some(region));
         }
-        // The shape of a flexible needle is solved with bone as one of its contacts.
-        if self.needle.is_flexible() {
-            self.tip.row = Some(TipRow {
+        if is_flexible {
+            self.force = TipForce::Bone(TipRow {
                 shares: [(0, 0.0); 4],
                 compliance_mm_per_n: 1.0 / bone.stiffness_n_per_mm,
                 reference: *at,
@@ -291,36 +372,53 @@ impl Finite {
     }
 
     /// Limits the depth of the tip in bone, and drops bone that it has left. Returns whether the base has moved.
-    pub(super) fn hold_at_bone(&mut self) -> bool {
-        let tangent = self.line.at(self.line.length_mm()).tangent;
-        let (is_pinned, reference) = (self.tip.is_pinned(), self.tip.reference);
-        let Some(met) = &mut self.tip.bone else { return false };
+    pub fn limit_depth_in_bone(&mut self, body: &Body, line: &CentreLine) -> bool {
+        let tangent = line.at(line.length_mm()).tangent;
+        let (is_pinned, reference) = (self.force.is_on_bone(), self.reference);
+        let Some(met) = &mut self.bone else { return false };
         if !met.bone.holds() {
             met.at += tangent.into_inner() * CATCH_UP_MM;
-        } else if !is_pinned && !met.bone.is_ahead(self.anatomy.as_ref(), &reference, &tangent) {
-            met.leave(&self.line);
+        } else if !is_pinned && !met.bone.is_in_front(body.anatomy.as_ref(), &reference, &tangent) {
+            met.leave(line);
         }
-        let asked = met.asked(&self.line);
-        let behind = met.bone.behind_mm(asked);
+        let demanded = met.demanded(line);
+        let behind = met.bone.behind_mm(demanded);
         let moved = behind != met.behind;
         met.behind = behind;
-        if asked < 0.0 {
-            self.tip.bone = None;
-            self.tip.row = self.tip.row.take().filter(|row| row.compliance_mm_per_n == 0.0);
+        if demanded < 0.0 {
+            self.bone = None;
+            if is_pinned {
+                self.force = TipForce::None;
+            }
         }
         moved
     }
 
-    /// Returns the position of the tissue at the tip at rest, mm, or `None` outside.
-    pub(super) fn tip_at_rest(&self) -> Option<Point3<f64>> {
-        let inside = self.entry.is_some() && !self.tip.outside && self.tip.element.is_some();
-        inside.then_some(self.tip.reference)
+    /// Records that no corner fits at the tip; reported once, as one may fit farther on.
+    pub fn refuse(&mut self, region: i32, line: &CentreLine, log: &mut Log) {
+        if self.refused.replace(self.reference).is_none() {
+            log.note(EventKind::NotRemeshed, line.tip(), Some(region));
+        }
     }
 
-    /// Leaves a seed at the tip, if it is in tissue.
-    pub(super) fn deposit(&mut self) {
-        let Some(place) = self.tip_at_rest() else { return };
-        self.seeds.push(place);
-        self.note(EventKind::Seed, self.line.tip(), self.tip.region);
+    /// Locates the tip in the reference state, searching from an element.
+    pub fn locate(&mut self, tissue: &Tissue, from: u32) {
+        self.found = tissue.locate_at_rest(&self.reference, from);
+        if let Some(place) = &self.found {
+            self.element = Some(place.element);
+        }
+    }
+
+    /// Returns the position of the tissue at the tip at rest, mm, or `None` outside.
+    pub fn at_rest(&self, needle: &PlacedNeedle) -> Option<Point3<f64>> {
+        let inside = needle.entry.is_some() && !self.outside && self.element.is_some();
+        inside.then_some(self.reference)
+    }
+
+    /// Returns the depth of a tip that entered without a node, mm: fixed tissue stays where it is.
+    pub fn depth_if_bare(&self, needle: &PlacedNeedle) -> f64 {
+        let tangent = needle.tip().tangent;
+        let entry = needle.entry.as_ref().filter(|_| self.bare);
+        entry.map_or(0.0, |entry| tangent.dot(&(needle.line.tip() - entry.point_mm)).max(0.0))
     }
 }

@@ -21,7 +21,8 @@ struct State {
     crushed: usize,
     line: CentreLine,
     seeds: Vec<Point3<f64>>,
-    way: Option<NeedleLine>,
+    #[serde(rename = "way")]
+    axis: Option<NeedleLine>,
     at: At,
     /// State of the body, and its history.
     body: [Vec<f64>; 2],
@@ -43,7 +44,7 @@ impl Nonlinear {
             crushed: self.outcome.crushed,
             line: self.line.clone(),
             seeds: self.seeds.clone(),
-            way: self.way.clone(),
+            axis: self.axis.clone(),
             at,
             body,
         };
@@ -59,12 +60,12 @@ impl Nonlinear {
             let (found, expected) = (state.name, &self.name);
             return Err(StepError::Foreign(format!("found `{found}`; expected `{expected}`")));
         }
-        let (way, at) = (std::mem::replace(&mut self.way, state.way), self.needle.at());
-        self.take_way();
+        let (axis, at) = (std::mem::replace(&mut self.axis, state.axis), self.needle.at());
+        self.take_axis();
         let [body, past] = &state.body;
         if let Err(error) = self.needle.take_state(state.at, [body, past]) {
-            self.way = way;
-            self.take_way();
+            self.axis = axis;
+            self.take_axis();
             self.needle.put_at(at);
             return Err(StepError::Foreign(error.to_string()));
         }

@@ -6,13 +6,11 @@ use nalgebra::Point3;
 
 use super::Nonlinear;
 use crate::mechanics::insertion::pushing::Pushing;
-use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, MeshRegions, Outcome, validation};
+use crate::mechanics::insertion::{Anatomy, Interaction, InvalidSetup, MeshRegions, Outcome, validation};
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::needle::{CentreLine, InvalidNeedleModel, Shaft};
-use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
-use crate::mechanics::tissue::nonlinear::{
-    InvalidBody, NonlinearError, Options as Solving, Scheme, Solid, Solver, Stiffening, Structure, Supports,
-};
+use crate::mechanics::needle::{CentreLine, Shaft};
+use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use crate::mechanics::tissue::nonlinear::{Options as Solving, Scheme, Solid, Solver, Stiffening, Structure, Supports};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
 /// Options for the subdivision and solution of steps.
@@ -77,39 +75,6 @@ pub struct Setup {
     pub options: Options,
 }
 
-/// Reason why a model cannot be set up.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidSetup {
-    /// An invalid input common to all models on a mesh.
-    #[error(transparent)]
-    Part(#[from] InvalidPart),
-    /// An interaction with a `peak`, which this model does not support.
-    #[error("region {region} has a `peak` of force near the tip, which tissue that stiffens has no part for")]
-    Peak {
-        /// The region.
-        region: i32,
-    },
-    /// An invalid needle.
-    #[error(transparent)]
-    Needle(#[from] InvalidNeedleModel),
-    /// A mesh that does not form a body.
-    #[error(transparent)]
-    Body(#[from] InvalidBody),
-    /// A stiffness matrix that cannot be factored.
-    #[error(transparent)]
-    Solver(#[from] NonlinearError),
-    /// An invalid viscous memory.
-    #[error(transparent)]
-    Memory(#[from] CreepError),
-}
-
-impl InvalidSetup {
-    /// Returns whether memory ran out, rather than the setup being wrong.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Solver(error) | Self::Memory(CreepError::Nonlinear(error)) if error.is_machine())
-    }
-}
-
 impl Nonlinear {
     /// Builds a model at rest, with no needle near.
     ///
@@ -155,7 +120,7 @@ impl Nonlinear {
             options,
             name,
             needle: Pushing::away(structure),
-            way: None,
+            axis: None,
             steps: 0,
             time_s: 0.0,
             behind_s: 0.0,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::mechanics::insertion::{Bone, Interaction, InvalidPart, MeshRegions, Tissue};
+use crate::mechanics::insertion::{Bone, Interaction, InvalidSetup, MeshRegions, Tissue};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
@@ -293,10 +293,7 @@ fn setups_are_checked() {
         Nonlinear::new(setup).map(drop).unwrap_err()
     };
     let spoilt = refused(|setup| setup.interactions[0].1.cutting_n = -1.0);
-    assert!(matches!(
-        spoilt,
-        InvalidSetup::Part(InvalidPart::Interaction { region: 2, .. })
-    ));
+    assert!(matches!(spoilt, InvalidSetup::Interaction { region: 2, .. }));
     let spoilt = refused(|setup| {
         setup.interactions[1].1.peak = Some(crate::mechanics::insertion::Peak {
             density_n_per_mm: 1.0,
@@ -305,15 +302,9 @@ fn setups_are_checked() {
     });
     assert_eq!(spoilt, InvalidSetup::Peak { region: 1 });
     let spoilt = refused(|setup| setup.options.part_mm = 0.0);
-    assert!(matches!(
-        spoilt,
-        InvalidSetup::Part(InvalidPart::Number { key: "part_mm", .. })
-    ));
+    assert!(matches!(spoilt, InvalidSetup::Number { key: "part_mm", .. }));
     let spoilt = refused(|setup| setup.fixed.push((1_000_000, 0)));
-    assert!(matches!(
-        spoilt,
-        InvalidSetup::Part(InvalidPart::Fixed { node: 1_000_000, .. })
-    ));
+    assert!(matches!(spoilt, InvalidSetup::Fixed { node: 1_000_000, .. }));
     let spoilt = refused(|setup| setup.shaft.length_mm = -1.0);
     assert!(matches!(spoilt, InvalidSetup::Needle(_)));
     assert!(matches!(refused(|setup| setup.laws.truncate(1)), InvalidSetup::Body(_)));

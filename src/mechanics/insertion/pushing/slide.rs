@@ -22,7 +22,8 @@ pub(in crate::mechanics::insertion) struct At {
     /// Largest depth reached so far, mm.
     pub cut_mm: f64,
     /// Phase of the tip where tissue is intact: at `cut_mm`.
-    pub whole: Phase,
+    #[serde(rename = "whole")]
+    pub intact: Phase,
     /// Whether the shaft slides out.
     pub outward: bool,
     /// Force of the tip against the direction of insertion, N.
@@ -36,7 +37,7 @@ impl At {
     /// State before the first membrane.
     pub fn before() -> At {
         At {
-            whole: Phase::Pushing(0),
+            intact: Phase::Pushing(0),
             ..At::default()
         }
     }
@@ -95,7 +96,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Advances through the channel, at most to intact tissue.
     fn slide_in(&self, next: &mut At) {
         if next.cut_mm == 0.0 || self.place(next.cut_mm) <= next.travel_mm {
-            (next.phase, next.depth_mm) = (next.whole, next.cut_mm);
+            (next.phase, next.depth_mm) = (next.intact, next.cut_mm);
         } else {
             next.depth_mm = self.depth_at(next.travel_mm, [next.depth_mm, next.cut_mm]);
         }
@@ -127,7 +128,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
                 Phase::Cutting(layer + 1)
             };
         }
-        (next.cut_mm, next.whole) = (next.depth_mm, next.phase);
+        (next.cut_mm, next.intact) = (next.depth_mm, next.phase);
     }
 
     /// Returns the sliding and the static friction summed over the shaft, N.
@@ -168,8 +169,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         next.tip_n = force * tip / (tip + friction);
         next.shaft_n = force - next.tip_n;
         if force >= next.held_tip_n + most && next.travel_mm > self.at.travel_mm + STILL_MM {
-            let whole = next.depth_mm >= next.cut_mm;
-            next.phase = if whole { next.whole } else { Phase::Free };
+            let intact = next.depth_mm >= next.cut_mm;
+            next.phase = if intact { next.intact } else { Phase::Free };
             next.outward = false;
         } else if force <= -most {
             (next.phase, next.outward) = (Phase::Free, true);

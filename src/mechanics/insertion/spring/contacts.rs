@@ -14,7 +14,6 @@
 //! and D the diagonal of h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as the other way
 //! round.
 
-use faer::Mat;
 use nalgebra::{Unit, Vector3};
 
 use super::network::Network;
@@ -61,7 +60,8 @@ pub(super) struct Contacts {
     tangents: Vec<Unit<Vector3<f64>>>,
     misses: Vec<Vector3<f64>>,
     rows: Vec<Row>,
-    flexibility: Mat<f64>,
+    /// Response of the needle along `rows`, column by column, mm/N.
+    flexibility: Vec<f64>,
     drift: Vec<f64>,
     system: Ldl,
     across: Vec<f64>,
@@ -75,7 +75,7 @@ impl Contacts {
             tangents: Vec::with_capacity(most),
             misses: Vec::with_capacity(most),
             rows: Vec::with_capacity(2 * most),
-            flexibility: Mat::new(),
+            flexibility: Vec::new(),
             drift: Vec::with_capacity(2 * most),
             system: Ldl::default(),
             across: Vec::with_capacity(2 * most),
@@ -203,8 +203,8 @@ impl Contacts {
             }
         }
         let count = self.rows.len();
-        self.flexibility.resize_with(count, count, |_, _| 0.0);
-        self.flexibility.fill(0.0);
+        self.flexibility.clear();
+        self.flexibility.resize(count * count, 0.0);
         self.drift.resize(count, 0.0);
         needle.linearise(line, &[], &self.rows, &mut self.drift, &mut self.flexibility);
         self.system.start(count);
@@ -215,11 +215,11 @@ impl Contacts {
             let mut right = self.misses[row / 2].dot(&self.rows[row].direction);
             for column in 0..count {
                 let before = self.stack[column / 2].side.dot(&self.rows[column].direction);
-                right += self.flexibility[(row, column)] * before;
+                right += self.flexibility[column * count + row] * before;
             }
             self.across.push(right);
             for column in 0..=row {
-                *self.system.entry(row, column) = self.flexibility[(row, column)];
+                *self.system.entry(row, column) = self.flexibility[column * count + row];
             }
             *self.system.entry(row, row) += yielding;
         }

@@ -1,4 +1,4 @@
-//! Barycentric coordinates in tetrahedra.
+//! Barycentric coordinates in tetrahedra, and the penetration rule for the tip node (Zhu et al. 2007, section 2.2).
 
 use nalgebra::Vector3;
 
@@ -62,4 +62,72 @@ pub(super) fn mix(coordinates: &[f64; 4], corners: &[Vector3<f64>; 4]) -> Vector
         sum += corner * *coordinate;
     }
     sum
+}
+
+/// Share of the largest coordinate rate below which a rate is rounding: the needle runs along that face.
+const PARALLEL: f64 = 1e-9;
+
+/// Face through which the needle would leave an element.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct FarFace {
+    /// Corner opposite the face.
+    pub opposite: usize,
+    /// P_inter: intersection of the needle's direction with the face, mm.
+    pub at: Vector3<f64>,
+    /// Distance from the tip to P_inter, mm: negative where the tip is beyond it.
+    pub distance: f64,
+    /// Circumference of the face, mm.
+    pub circumference: f64,
+}
+
+impl FarFace {
+    /// Finds the far face for a tip that moves along `direction` (of unit length). `tip_node` is the corner that is the last
+    /// node of the shaft, if one is: its opposite is the far face. Returns `None` for a flat element, or if the needle moves
+    /// away from that face.
+    pub fn of(
+        corners: &[Vector3<f64>; 4],
+        tip: &Vector3<f64>,
+        direction: &Vector3<f64>,
+        tip_node: Option<usize>,
+    ) -> Option<FarFace> {
+        let simplex = Simplex::new(corners)?;
+        let (coordinates, rates) = (simplex.coordinates(tip), simplex.rates(direction));
+        let steepest = rates.iter().fold(0.0, |a: f64, b| a.max(b.abs()));
+        let distance = |place: usize| match rates[place] < -PARALLEL * steepest {
+            true => coordinates[place] / -rates[place],
+            false => f64::INFINITY,
+        };
+        let opposite = match tip_node {
+            Some(place) => place,
+            None => least(&std::array::from_fn(distance)).0,
+        };
+        let distance = distance(opposite);
+        let [a, b, c] = face(opposite).map(|corner| corners[corner]);
+        distance.is_finite().then(|| FarFace {
+            opposite,
+            at: tip + direction * distance,
+            distance,
+            circumference: (a - b).norm() + (b - c).norm() + (c - a).norm(),
+        })
+    }
+
+    /// Returns whether the tip is within `lambda` circumferences of the face.
+    pub fn is_met(&self, lambda: f64) -> bool {
+        self.distance <= lambda * self.circumference
+    }
+
+    /// Returns the corners of the face, nearest to P_inter first; ties in element order.
+    pub fn nearest_first(&self, corners: &[Vector3<f64>; 4]) -> [usize; 3] {
+        let mut places = face(self.opposite);
+        places.sort_by(|&a, &b| {
+            let [a, b] = [a, b].map(|place| (corners[place] - self.at).norm_squared());
+            a.total_cmp(&b)
+        });
+        places
+    }
+}
+
+/// Returns the corners of the face opposite a corner.
+fn face(opposite: usize) -> [usize; 3] {
+    [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]][opposite]
 }

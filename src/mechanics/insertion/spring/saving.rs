@@ -1,12 +1,11 @@
-//! State of the mass-spring model in its serialised order.
+//! Saved states of the mass-spring model: all numbers by their bits, so that a round trip through text changes nothing.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Point3, Quaternion, Translation3, Unit, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
 
 use super::MassSpring;
-use super::body::{Body, TipNode};
-use super::bone::Hold;
+use super::body::{Body, BoneContact, TipNode};
 use super::contacts::Contact;
-use super::state::{Document, Reader, Words};
 use crate::mechanics::insertion::{Bone, Event, EventKind, Outcome, Saved, StepError, Wrench};
 use crate::mechanics::needle::{CentreLine, Entry};
 
@@ -139,11 +138,11 @@ fn put_body(to: &mut Words, body: &Body) {
     to.vector(&body.crossed);
     to.whole(body.element.into());
     to.flag(body.refused);
-    to.optional(body.hold, |to, hold| {
-        to.vector(&hold.at.coords);
-        to.vector(&hold.direction);
-        to.real(hold.bone.stiffness_n_per_mm);
-        to.real(hold.bone.penetration_mm);
+    to.optional(body.bone_contact, |to, bone_contact| {
+        to.vector(&bone_contact.at.coords);
+        to.vector(&bone_contact.direction);
+        to.real(bone_contact.bone.stiffness_n_per_mm);
+        to.real(bone_contact.bone.penetration_mm);
     });
     to.flag(body.awake);
     to.list(&body.seeds, |to, seed| to.vector(&seed.coords));
@@ -180,8 +179,8 @@ fn get_body(from: &mut Reader, elements: usize) -> Result<Body, String> {
         crossed: from.vector()?,
         element: from.below(elements, "an element")?,
         refused: from.flag()?,
-        hold: from.optional(|from| {
-            Ok(Hold {
+        bone_contact: from.optional(|from| {
+            Ok(BoneContact {
                 at: from.point()?,
                 direction: from.direction()?,
                 bone: Bone {
@@ -259,4 +258,133 @@ fn get_outcome(from: &mut Reader) -> Result<Outcome, String> {
         })?,
         ..Outcome::default()
     })
+}
+
+/// A saved model.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Document {
+    /// Identity of the model: its parameters and its needle as text.
+    model: String,
+    /// State, in the order in which the [`Words`] were written.
+    words: Vec<u64>,
+}
+
+/// Encoder of numbers, one after another.
+#[derive(Default)]
+struct Words(Vec<u64>);
+
+impl Words {
+    fn whole(&mut self, number: u64) {
+        self.0.push(number);
+    }
+
+    fn flag(&mut self, flag: bool) {
+        self.0.push(flag.into());
+    }
+
+    fn real(&mut self, number: f64) {
+        self.0.push(number.to_bits());
+    }
+
+    fn vector(&mut self, vector: &Vector3<f64>) {
+        vector.iter().for_each(|&number| self.real(number));
+    }
+
+    fn pose(&mut self, pose: &Isometry3<f64>) {
+        self.vector(&pose.translation.vector);
+        pose.rotation.coords.iter().for_each(|&number| self.real(number));
+    }
+
+    fn optional<T>(&mut self, value: Option<T>, put: impl FnOnce(&mut Words, T)) {
+        self.flag(value.is_some());
+        if let Some(value) = value {
+            put(self, value);
+        }
+    }
+
+    fn list<T>(&mut self, items: &[T], put: impl Fn(&mut Words, &T)) {
+        self.whole(items.len() as u64);
+        items.iter().for_each(|item| put(self, item));
+    }
+
+    fn region(&mut self, region: Option<i32>) {
+        self.optional(region, |to, region| to.whole(region as u32 as u64));
+    }
+}
+
+/// Decoder of [`Words`]. What does not fit is an error with the expectation.
+struct Reader<'a>(&'a [u64]);
+
+impl Reader<'_> {
+    fn whole(&mut self) -> Result<u64, String> {
+        let (first, rest) = self.0.split_first().ok_or("it ends too early")?;
+        self.0 = rest;
+        Ok(*first)
+    }
+
+    /// Reads a number below a limit.
+    fn below(&mut self, limit: usize, what: &str) -> Result<u32, String> {
+        let found = self.whole()?;
+        match found < limit as u64 {
+            true => Ok(found as u32),
+            false => Err(format!("{what} is {found}; expected one below {limit}")),
+        }
+    }
+
+    fn flag(&mut self) -> Result<bool, String> {
+        Ok(self.below(2, "a flag")? == 1)
+    }
+
+    /// Reads a finite number.
+    fn real(&mut self) -> Result<f64, String> {
+        let found = f64::from_bits(self.whole()?);
+        match found.is_finite() {
+            true => Ok(found),
+            false => Err(format!("a number is {found}; expected a finite one")),
+        }
+    }
+
+    fn vector(&mut self) -> Result<Vector3<f64>, String> {
+        Ok(Vector3::new(self.real()?, self.real()?, self.real()?))
+    }
+
+    fn point(&mut self) -> Result<Point3<f64>, String> {
+        self.vector().map(Point3::from)
+    }
+
+    fn direction(&mut self) -> Result<Unit<Vector3<f64>>, String> {
+        self.vector().map(Unit::new_unchecked)
+    }
+
+    fn pose(&mut self) -> Result<Isometry3<f64>, String> {
+        let translation = Translation3::from(self.vector()?);
+        let [i, j, k, w] = [self.real()?, self.real()?, self.real()?, self.real()?];
+        let rotation = UnitQuaternion::new_unchecked(Quaternion::new(w, i, j, k));
+        Ok(Isometry3::from_parts(translation, rotation))
+    }
+
+    fn optional<T>(&mut self, get: impl FnOnce(&mut Self) -> Result<T, String>) -> Result<Option<T>, String> {
+        match self.flag()? {
+            true => get(self).map(Some),
+            false => Ok(None),
+        }
+    }
+
+    fn list<T>(&mut self, get: impl Fn(&mut Self) -> Result<T, String>) -> Result<Vec<T>, String> {
+        let count = self.below(self.0.len() + 1, "a length")?;
+        (0..count).map(|_| get(self)).collect()
+    }
+
+    fn region(&mut self) -> Result<Option<i32>, String> {
+        self.optional(|from| Ok(from.below(1 << 32, "a region")? as i32))
+    }
+
+    /// Checks that nothing is left.
+    fn end(&self) -> Result<(), String> {
+        match self.0.len() {
+            0 => Ok(()),
+            more => Err(format!("it holds {more} numbers too many")),
+        }
+    }
 }

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::MassSpring;
 use super::body::TipNode;
 use super::contacts::{SAME_ARC_MM, Travel};
-use crate::mechanics::insertion::anatomy::interaction;
+use crate::mechanics::insertion::interaction::interaction;
 use crate::mechanics::insertion::{Event, EventKind};
 use crate::mechanics::needle::ShaftPoint;
 
@@ -28,13 +28,13 @@ impl MassSpring {
             self.seek_entry(&before);
         }
         if self.body.entry.is_some() {
-            self.hold_nodes(travel, h);
-            self.let_go();
+            self.constrain_nodes(travel, h);
+            self.release();
         }
         if self.body.entry.is_some() {
-            self.go_on(&before, travel, hand);
+            self.follow_tip(&before, travel, hand);
         }
-        self.feel(hand);
+        self.add_force_on_hand(hand);
     }
 
     pub(super) fn tip(&self) -> ShaftPoint {
@@ -46,24 +46,27 @@ impl MassSpring {
         let length = self.needle.length_mm();
         // Bone does not move with the springs.
         let tip = self.tip().point_mm;
-        if let Some(hold) = &mut self.body.hold
-            && !(hold.bone.holds() && hold.bone.is_ahead(self.anatomy.as_ref(), &tip, &hold.direction))
+        if let Some(bone_contact) = &mut self.body.bone_contact
+            && !(bone_contact.bone.holds()
+                && bone_contact
+                    .bone
+                    .is_in_front(self.anatomy.as_ref(), &tip, &bone_contact.direction))
         {
-            hold.leave(hand, length);
+            bone_contact.leave(hand, length);
         }
-        self.body.hold = self.body.hold.filter(|hold| !hold.is_left(hand, length));
-        let hold = self.body.hold;
-        let held = |hand: &Isometry3<f64>| hold.map_or(*hand, |hold| hold.hold_back(hand, length));
-        let base = held(hand);
+        self.body.bone_contact = self.body.bone_contact.filter(|met| !met.is_left(hand, length));
+        let bone_contact = self.body.bone_contact;
+        let stopped = |hand: &Isometry3<f64>| bone_contact.map_or(*hand, |met| met.stopped(hand, length));
+        let base = stopped(hand);
         self.contacts.loads(&mut self.loads);
         let (entry, line) = (self.body.entry.as_ref(), &mut self.body.line);
         self.needle.place(&base, entry, &self.loads, &self.loads, line);
-        let moved = base.translation.vector - held(hand_before).translation.vector;
+        let moved = base.translation.vector - stopped(hand_before).translation.vector;
         moved.dot(&(base * Vector3::z()))
     }
 
     /// Brings the nodes of the stack back to the shaft.
-    fn hold_nodes(&mut self, travel: f64, h: f64) {
+    fn constrain_nodes(&mut self, travel: f64, h: f64) {
         let length = self.body.line.length_mm();
         let retracting = travel < -STILL_MM;
         let at_tip = self
@@ -108,7 +111,7 @@ impl MassSpring {
     }
 
     /// Releases the nodes that have come off the needle: it is withdrawn, or the tissue that it dragged along springs back.
-    fn let_go(&mut self) {
+    fn release(&mut self) {
         if self.body.tip_node != TipNode::Empty {
             return;
         }
@@ -121,7 +124,7 @@ impl MassSpring {
             self.body.entry = None;
             self.body.tip_node = TipNode::Empty;
             self.body.breaking = false;
-            self.body.hold = None;
+            self.body.bone_contact = None;
             let region = self.body.region.take();
             self.event(EventKind::Out, self.tip().point_mm, region);
         }
@@ -137,14 +140,14 @@ impl MassSpring {
     }
 
     /// Adds the force on the hand in this substep.
-    fn feel(&mut self, hand: &Isometry3<f64>) {
+    fn add_force_on_hand(&mut self, hand: &Isometry3<f64>) {
         let about = Point3::from(hand.translation.vector);
         for contact in &self.contacts.stack {
             let at = self.body.line.at(contact.arc).point_mm;
             self.outcome.on_hand.add(contact.force, &at, &about);
         }
-        if let Some(hold) = &self.body.hold {
-            let force = hold.force(hand, self.needle.length_mm());
+        if let Some(bone_contact) = &self.body.bone_contact {
+            let force = bone_contact.force(hand, self.needle.length_mm());
             self.outcome.on_hand.add(force, &self.body.line.tip(), &about);
         }
     }

@@ -1,6 +1,5 @@
 //! Needles, bodies and motions for the tests.
 
-use faer::Mat;
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use super::{Anatomy, MassSpring, Parameters};
@@ -29,7 +28,7 @@ impl Needle for Stiff {
         line.set([(0.0, at(0.0)), (self.0, at(self.0))]);
     }
 
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut Mat<f64>) -> usize {
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], _: &mut [f64], _: &mut [f64]) -> usize {
         0
     }
 }
@@ -76,11 +75,11 @@ impl Needle for Beam {
         }));
     }
 
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], rows: &[Row], drift: &mut [f64], out: &mut Mat<f64>) -> usize {
+    fn linearise(&mut self, _: &CentreLine, _: &[Load], rows: &[Row], drift: &mut [f64], out: &mut [f64]) -> usize {
         drift.fill(0.0);
         for (i, a) in rows.iter().enumerate() {
             for (j, b) in rows.iter().enumerate() {
-                out[(i, j)] += a.direction.dot(&b.direction) * self.yielding(a.arc_mm, b.arc_mm);
+                out[j * rows.len() + i] += a.direction.dot(&b.direction) * self.yielding(a.arc_mm, b.arc_mm);
             }
         }
         0

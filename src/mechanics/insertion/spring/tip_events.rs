@@ -3,20 +3,19 @@
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use super::MassSpring;
-use super::body::TipNode;
-use super::bone::{self, Hold};
+use super::body::{BoneContact, TipNode, unloaded_tip};
 use super::contacts::{Contact, SAME_ARC_MM};
-use super::geometry::Simplex;
+use super::geometry::{FarFace, Simplex};
 use super::step::STILL_MM;
-use super::tip::FarFace;
+
 use crate::mechanics::insertion::EventKind;
-use crate::mechanics::insertion::anatomy::{BORDER_MM, interaction};
+use crate::mechanics::insertion::interaction::{BORDER_MM, interaction};
 use crate::mechanics::needle::{Entry, ShaftPoint};
 
 /// Bisections of a step to locate the tip at a surface: 0.4 mm become 1e-12 mm.
 const HALVINGS: usize = 40;
 /// Distance in front of the tip of the point that determines the element it enters, as a share of the node spacing.
-const AHEAD: f64 = 1e-6;
+const IN_FRONT: f64 = 1e-6;
 
 /// Returns the cylinder's frame for a needle that enters at a point in a direction.
 pub(super) fn frame_at(point: &Point3<f64>, direction: &Vector3<f64>) -> Isometry3<f64> {
@@ -51,8 +50,8 @@ impl MassSpring {
 
     /// Handles a tip that left pressed-in tissue and advances again: it meets the skin where that is now.
     fn re_enter(&mut self, tip: &ShaftPoint, region: i32) {
-        let ahead = tip.point_mm.coords;
-        let Some((element, coordinates)) = self.network.locate(&ahead, self.body.element) else {
+        let in_front = tip.point_mm.coords;
+        let Some((element, coordinates)) = self.network.locate(&in_front, self.body.element) else {
             return;
         };
         self.body.element = element;
@@ -63,14 +62,14 @@ impl MassSpring {
             .iter_mut()
             .zip(in_skin)
             .for_each(|(to, node)| *to = Some(node));
-        let distance = |node: &u32| (self.network.now(*node) - ahead).norm_squared();
+        let distance = |node: &u32| (self.network.now(*node) - in_front).norm_squared();
         let nearest = candidates
             .into_iter()
             .flatten()
             .filter(|&node| !self.network.fixed[node as usize])
             .min_by(|a, b| distance(a).total_cmp(&distance(b)));
         if let Some(node) = nearest
-            && self.network.take_to(node, element, &coordinates, &ahead)
+            && self.network.take_to(node, element, &coordinates, &in_front)
         {
             self.outcome.remeshes += 1;
             self.enter(&tip.point_mm, node, region);
@@ -107,15 +106,15 @@ impl MassSpring {
     }
 
     /// Checks for another region, bone, or the next node at the tip.
-    pub(super) fn go_on(&mut self, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
+    pub(super) fn follow_tip(&mut self, before: &ShaftPoint, travel: f64, hand: &Isometry3<f64>) {
         let tip = self.tip();
         let (point, direction) = (tip.point_mm.coords, tip.tangent.into_inner());
-        let ahead = point + direction * (AHEAD * self.spacing_mm);
+        let in_front = point + direction * (IN_FRONT * self.spacing_mm);
         let in_bone = self.meet_bone(before, travel, hand);
         // Side and far end are fixed: beyond them there is no element.
         let own = self.frame.inverse_transform_point(&tip.point_mm);
         let within = own.z <= self.parameters.length_mm && own.coords.xy().norm() <= self.parameters.radius_mm;
-        let found = self.network.locate(&ahead, self.body.element).filter(|_| within);
+        let found = self.network.locate(&in_front, self.body.element).filter(|_| within);
         let Some((element, _)) = found else {
             self.refuse();
             return;
@@ -210,7 +209,7 @@ impl MassSpring {
             return false;
         };
         self.body.region = region;
-        if self.body.hold.is_some_and(|hold| hold.bone.holds()) || travel <= STILL_MM {
+        if self.body.bone_contact.is_some_and(|met| met.bone.holds()) || travel <= STILL_MM {
             return true;
         }
         let [mut outside, mut inside] = [before.point_mm, tip.point_mm];
@@ -221,8 +220,8 @@ impl MassSpring {
                 false => outside = middle,
             }
         }
-        self.body.hold = Some(Hold {
-            at: bone::unloaded_tip(hand, self.needle.length_mm()) + (inside - tip.point_mm),
+        self.body.bone_contact = Some(BoneContact {
+            at: unloaded_tip(hand, self.needle.length_mm()) + (inside - tip.point_mm),
             direction: tip.tangent,
             bone,
         });

@@ -2,11 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::error::BeamError;
+use super::BeamError;
 use super::newton::FoundationBeam;
 use super::problem::Base;
 use super::shape::Shape;
-use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::shaft::check;
 
 /// Convergence tolerance of the goals, mm.
@@ -50,36 +49,11 @@ pub enum Wanted {
     },
 }
 
-/// Reason why no base motion was found.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InverseError {
-    /// The beam has no solution.
-    #[error(transparent)]
-    Beam(#[from] BeamError),
-    /// A number out of range.
-    #[error(transparent)]
-    Invalid(#[from] InvalidNeedleModel),
-    /// The search did not converge.
-    #[error("no motion of the base was found: the nearest leaves the needle {miss_mm:.3e} mm from what is wanted")]
-    NotFound {
-        /// Largest distance from the goals, mm.
-        miss_mm: f64,
-    },
-    /// The needle crosses its undeflected line above that depth.
-    #[error("no centre of motion at {wanted_mm} mm: a needle that crosses there has crossed at {found_mm} mm before")]
-    Earlier {
-        /// Depth of the goal, mm.
-        wanted_mm: f64,
-        /// Depth of the first crossing, mm.
-        found_mm: f64,
-    },
-}
-
 /// Finds the motion of the base, and the resulting shape of the needle.
 ///
 /// # Errors
-/// [`InverseError`].
-pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape), InverseError> {
+/// [`BeamError`].
+pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape), BeamError> {
     let inserted = beam.problem().inserted_mm;
     let [distance, length] = [
         beam.problem().control_distance_mm,
@@ -130,9 +104,9 @@ pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape),
 }
 
 /// Rejects a needle that crosses its undeflected line above the goal.
-fn first(found: (Base, Shape), wanted_mm: f64) -> Result<(Base, Shape), InverseError> {
+fn first(found: (Base, Shape), wanted_mm: f64) -> Result<(Base, Shape), BeamError> {
     match found.1.com_mm() {
-        Some(found_mm) if found_mm < wanted_mm - 1e-3 => Err(InverseError::Earlier { wanted_mm, found_mm }),
+        Some(found_mm) if found_mm < wanted_mm - 1e-3 => Err(BeamError::Earlier { wanted_mm, found_mm }),
         _ => Ok(found),
     }
 }
@@ -144,7 +118,7 @@ fn seek(
     goals: &[(f64, f64)],
     base: &dyn Fn(&[f64]) -> Base,
     nudges: &[f64],
-) -> Result<(Base, Shape), InverseError> {
+) -> Result<(Base, Shape), BeamError> {
     let count = nudges.len();
     let miss = |beam: &mut FoundationBeam, at: &DVector<f64>| -> Result<(DVector<f64>, Shape), BeamError> {
         let shape = beam.solve(&base(at.as_slice()))?;
@@ -184,5 +158,5 @@ fn seek(
         let Some(better) = better else { break };
         (at, off, shape) = better;
     }
-    Err(InverseError::NotFound { miss_mm: off.amax() })
+    Err(BeamError::NoMotion { miss_mm: off.amax() })
 }

@@ -2,11 +2,11 @@
 
 use nalgebra::Vector2;
 
-use super::error::{BeamError, TOLERANCE};
 use super::foundation::{self, Load};
 use super::problem::{Base, Bed, Division, Problem};
 use super::shape::Shape;
 use super::sweep::{self, Change, Element, Push, Sweep};
+use super::{BeamError, TOLERANCE};
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::shaft::check;
 
@@ -42,7 +42,7 @@ pub struct FoundationBeam {
     division: Division,
     elements: Vec<Element>,
     beds: Vec<Bed>,
-    held: bool,
+    supported: bool,
     state: State,
     trial: State,
     reached: State,
@@ -67,7 +67,7 @@ impl FoundationBeam {
         let beds: Vec<Bed> = problem.layers.iter().map(Bed::new).collect();
         let stiff = |layer: &Option<usize>| layer.is_some_and(|layer| beds[layer].law.at(1.0).tangent_kpa > 0.0);
         Ok(Self {
-            held: division.layers.iter().any(stiff),
+            supported: division.layers.iter().any(stiff),
             elements: elements.collect(),
             beds,
             problem: problem.clone(),
@@ -94,7 +94,7 @@ impl FoundationBeam {
         let within = |key, x: f64| check(key, x, x.abs() <= MAX_MOTION, "-1e6 to 1e6");
         within("displacement_mm", base.displacement_mm)?;
         within("slope", base.slope.unwrap_or(0.0))?;
-        if base.slope.is_none() && !self.held {
+        if base.slope.is_none() && !self.supported {
             return Err(BeamError::Unheld);
         }
         self.rest();

@@ -2,13 +2,10 @@
 
 use std::time::Instant;
 
-use faer::Mat;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{axis, factor};
-use crate::mechanics::needle::{
-    Cantilever, CentreLine, InvalidNeedleModel, Load, Needle, Row, Shaft, Springs, Stiffness,
-};
+use crate::mechanics::needle::{CentreLine, Flexible, InvalidNeedleModel, Load, Needle, Row, Shaft, Stiffness};
 use crate::study::spread::Spread;
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
@@ -51,10 +48,10 @@ pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
                 .each(&["length"])
                 .beside(&["p95_ms"]),
         );
-    let beam = |length| Cantilever::new(Shaft::default(), Stiffness::default(), length, None);
+    let beam = |length| Flexible::beam(Shaft::default(), Stiffness::default(), length, None);
     let truth = bent(&mut beam(FINE_MM)?);
     for length in LENGTHS_MM {
-        let springs = Springs::new(Shaft::default(), Stiffness::default(), length, None)?;
+        let springs = Flexible::springs(Shaft::default(), Stiffness::default(), length, None)?;
         let models: [(&str, Box<dyn Needle>); 2] = [("springs", Box::new(springs)), ("beam", Box::new(beam(length)?))];
         for (name, mut needle) in models {
             let line = bent(&mut *needle);
@@ -108,7 +105,7 @@ fn time(needle: &mut dyn Needle, mut line: CentreLine) -> Option<Spread> {
         })
     });
     let rows: Vec<Row> = rows.collect();
-    let (mut drift, mut out) = (vec![0.0; rows.len()], Mat::zeros(rows.len(), rows.len()));
+    let (mut drift, mut out) = (vec![0.0; rows.len()], vec![0.0; rows.len() * rows.len()]);
     let times = (0..REPEATS).map(|_| {
         let start = Instant::now();
         needle.place(&Isometry3::identity(), None, &loads, &loads, &mut line);

@@ -1,8 +1,7 @@
 //! Errors of the insertion study.
 
-use crate::mechanics::insertion::StepError;
-use crate::mechanics::insertion::finite::InvalidSetup;
 use crate::mechanics::insertion::spring::InvalidParameters;
+use crate::mechanics::insertion::{InvalidSetup, StepError};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::mechanics::needle::InvalidNeedleModel;

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::super::tip::FarFace;
+use super::super::geometry::FarFace;
 
 /// A corner of a cube: the far face of corner 0 has a circumference of 3 sqrt 2 = 4.243.
 fn element() -> [Vector3<f64>; 4] {

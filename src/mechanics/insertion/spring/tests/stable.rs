@@ -126,7 +126,7 @@ fn replay_is_exact() {
     drive(&mut it, [-2.0, 33.3], 200.0, 1e-3, |_| {});
     let saved = it.save();
     let text = serde_json::to_string(&saved).unwrap();
-    let go_on = |it: &mut MassSpring| {
+    let follow_tip = |it: &mut MassSpring| {
         let mut trace = Vec::new();
         drive(it, [33.3, 50.0], 200.0, 1e-3, |outcome| trace.push(outcome.clone()));
         drive(it, [50.0, -1.0], 200.0, 1e-3, |outcome| trace.push(outcome.clone()));
@@ -134,13 +134,13 @@ fn replay_is_exact() {
         it.snapshot(&mut snapshot);
         (trace, snapshot)
     };
-    let first = go_on(&mut it);
+    let first = follow_tip(&mut it);
     let mut other = model(coarse(), Layers::one(soft()));
     let read: Saved = serde_json::from_str(&text).unwrap();
     for it in [&mut it, &mut other] {
         it.restore(&read).unwrap();
         assert_eq!(format!("{:?}", it.save()), format!("{saved:?}"));
-        assert_eq!(go_on(it), first);
+        assert_eq!(follow_tip(it), first);
     }
     // A state of another model, or a truncated one, changes nothing.
     let before = it.save();

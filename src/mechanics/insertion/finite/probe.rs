@@ -66,11 +66,11 @@ impl ProbeNodes {
     }
 
     /// Restores a pose of the probe with the candidates in contact.
-    pub fn put_back(&mut self, pose: Option<Isometry3<f64>>, touching: &[bool]) {
+    pub fn restore(&mut self, pose: Option<Isometry3<f64>>, touching: &[bool]) {
         self.pose = pose;
         self.touching.copy_from_slice(touching);
         let directions = pose.map(|pose| self.directions(&pose));
-        self.hold(directions);
+        self.constrain(directions);
     }
 
     fn directions(&self, pose: &Isometry3<f64>) -> [Vector3<f64>; 2] {
@@ -79,7 +79,7 @@ impl ProbeNodes {
     }
 
     /// Writes the constraint rows of the candidates in contact.
-    fn hold(&mut self, directions: Option<[Vector3<f64>; 2]>) {
+    fn constrain(&mut self, directions: Option<[Vector3<f64>; 2]>) {
         self.rows.clear();
         let touching = (0..self.touching.len()).filter(|at| self.touching[*at]);
         let rows = touching.flat_map(|contact| {
@@ -119,7 +119,7 @@ impl ProbeNodes {
             changed |= row.direction != directions[0] || self.rows[1].direction != directions[1];
         }
         if changed {
-            self.hold(directions);
+            self.constrain(directions);
         }
         changed
     }

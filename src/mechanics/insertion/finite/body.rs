@@ -1,15 +1,56 @@
-//! Channels cut by the tip: pushed along one again, a needle cuts nothing until its end (Dehghan et al. 2008, Fig. 9: the
-//! second and third insertions along a path take less force).
+//! The body as the needle finds it: regions with their interactions, and the channels cut by the tip.
 
-use nalgebra::Point3;
+use std::sync::Arc;
+
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
+
+use super::contact::SAMPLE_MM;
+use crate::mechanics::insertion::interaction::interaction;
+use crate::mechanics::insertion::{Anatomy, Interaction};
+
+/// Bisections of [`SAMPLE_MM`] to locate the start of a region, to 1e-13 mm.
+const HALVINGS: usize = 40;
 
 /// Distance between points of a channel, mm.
 const SPACING_MM: f64 = 1.0;
 /// Length at the end of a channel that counts as uncut, mm: a tip at rest moves in the tissue by less.
 const END_MM: f64 = 0.2;
 
-/// Channels in the tissue at rest.
+/// The body in the reference state.
+pub(super) struct Body {
+    pub anatomy: Arc<dyn Anatomy>,
+    pub channel: Channel,
+}
+
+impl Body {
+    /// Returns the interaction of a region with the needle.
+    pub fn interaction(&self, region: Option<i32>) -> Interaction {
+        interaction(self.anatomy.as_ref(), region)
+    }
+
+    /// Returns the distance from a point back along the needle to the boundary of the regions `within`, mm.
+    pub fn border_behind(
+        &self,
+        from: &Point3<f64>,
+        tangent: &Vector3<f64>,
+        length_mm: f64,
+        within: impl Fn(Option<i32>) -> bool,
+    ) -> Option<f64> {
+        let is_in = |behind: f64| within(self.anatomy.region(&(from - tangent * behind)));
+        let most = (length_mm / SAMPLE_MM).ceil() as usize;
+        let beyond = (1..=most).find(|at| !is_in(*at as f64 * SAMPLE_MM))?;
+        let [mut inside, mut outside] = [beyond - 1, beyond].map(|at| at as f64 * SAMPLE_MM);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (inside + outside);
+            *(if is_in(middle) { &mut inside } else { &mut outside }) = middle;
+        }
+        Some(inside)
+    }
+}
+
+/// Channels in the tissue at rest: pushed along one again, a needle cuts nothing until its end (Dehghan et al. 2008, Fig. 9:
+/// the second and third insertions along a path take less force).
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Channel {
     paths: Vec<Vec<Point3<f64>>>,
@@ -17,7 +58,7 @@ pub(super) struct Channel {
 
 impl Channel {
     /// Returns whether a point is within `radius_mm` of a channel, at more than [`END_MM`] before its end.
-    pub fn holds(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
+    pub fn contains(&self, point: &Point3<f64>, radius_mm: f64) -> bool {
         self.paths.iter().any(|path| {
             let (mut length, mut nearest) = (0.0, [f64::INFINITY, 0.0]);
             for ends in path.windows(2) {
@@ -67,7 +108,7 @@ mod tests {
     #[test]
     fn a_path_is_cut_up_to_its_end_and_no_wider_than_the_needle() {
         let mut channel = Channel::default();
-        assert!(!channel.holds(&Point3::origin(), 0.6));
+        assert!(!channel.contains(&Point3::origin(), 0.6));
         go(&mut channel, 0.0, 0.0, 20.0);
         go(&mut channel, 5.0, 0.0, 10.0);
         for (x, z, expected) in [
@@ -81,15 +122,15 @@ mod tests {
             (5.0, 9.7, true),
             (5.0, 15.0, false),
         ] {
-            assert_eq!(channel.holds(&Point3::new(x, 0.0, z), 0.6), expected, "{x} {z}");
+            assert_eq!(channel.contains(&Point3::new(x, 0.0, z), 0.6), expected, "{x} {z}");
         }
         // Slightly withdrawn, on from the end, and through a surface behind which tissue springs back.
         channel.cut(&Point3::new(0.0, 0.0, 20.0), &Point3::new(0.0, 0.0, 19.9));
-        assert!(channel.holds(&Point3::new(0.0, 0.0, 19.7), 0.6));
+        assert!(channel.contains(&Point3::new(0.0, 0.0, 19.7), 0.6));
         go(&mut channel, 0.0, 19.9, 25.0);
         channel.cut(&Point3::new(0.0, 0.0, 25.0), &Point3::new(0.0, 0.0, 28.0));
         for (z, expected) in [(24.7, true), (25.1, true), (26.5, true), (28.5, false)] {
-            assert_eq!(channel.holds(&Point3::new(0.0, 0.0, z), 0.6), expected, "{z}");
+            assert_eq!(channel.contains(&Point3::new(0.0, 0.0, z), 0.6), expected, "{z}");
         }
     }
 }

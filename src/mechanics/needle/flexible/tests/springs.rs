@@ -1,14 +1,13 @@
 use std::f64::consts::PI;
 
-use nalgebra::{DMatrix, Point3, SymmetricEigen, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Point3, SymmetricEigen, Translation3, UnitQuaternion};
 
-use super::*;
-use crate::mechanics::needle::jointed::MAX_TURN;
+use super::super::*;
 
 const LENGTH: f64 = 200.0;
 
-fn needle(link_mm: f64, bevel: Option<Bevel>) -> Springs {
-    Springs::new(Shaft::default(), Stiffness::default(), link_mm, bevel).expect("needle")
+fn needle(link_mm: f64, bevel: Option<Bevel>) -> Flexible {
+    Flexible::springs(Shaft::default(), Stiffness::default(), link_mm, bevel).expect("needle")
 }
 
 fn load(arc_mm: f64, force: [f64; 3]) -> Load {
@@ -19,7 +18,7 @@ fn load(arc_mm: f64, force: [f64; 3]) -> Load {
 }
 
 /// Calls `place` until nothing moves; returns the number of calls.
-fn settle(needle: &mut Springs, base: &Isometry3<f64>, loads: &[Load], line: &mut CentreLine) -> usize {
+fn settle(needle: &mut Flexible, base: &Isometry3<f64>, loads: &[Load], line: &mut CentreLine) -> usize {
     for count in 1..=200 {
         let before = line.clone();
         needle.place(base, None, loads, loads, line);
@@ -47,10 +46,10 @@ fn rows() -> Vec<Row> {
     arcs.into_iter().flat_map(row).collect()
 }
 
-fn flexibility(needle: &mut Springs, line: &CentreLine, loads: &[Load], rows: &[Row]) -> Mat<f64> {
-    let mut out = Mat::zeros(rows.len(), rows.len());
+fn flexibility(needle: &mut Flexible, line: &CentreLine, loads: &[Load], rows: &[Row]) -> DMatrix<f64> {
+    let mut out = DMatrix::zeros(rows.len(), rows.len());
     let mut drift = vec![f64::NAN; rows.len()];
-    needle.linearise(line, loads, rows, &mut drift, &mut out);
+    needle.linearise(line, loads, rows, &mut drift, out.as_mut_slice());
     out
 }
 
@@ -92,8 +91,8 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
     assert!((stiffness - 6.13e3).abs() < 1.0);
     let mut lines = [Stiffness::KappaNmmPerDeg(10.7), Stiffness::BendingNmm2(stiffness)].map(|stiffness| {
         let mut line = CentreLine::default();
-        let mut needle = Springs::new(Shaft::default(), stiffness, 8.0, None).expect("needle");
-        assert_eq!(needle.jointed.chain.joints().len(), 25);
+        let mut needle = Flexible::springs(Shaft::default(), stiffness, 8.0, None).expect("needle");
+        assert_eq!(needle.chain.joints().len(), 25);
         settle(&mut needle, &slanted(), &[load(180.0, [0.1, 0.2, 0.0])], &mut line);
         line
     });
@@ -104,7 +103,7 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
         length_mm: 10.0,
         ..Shaft::default()
     };
-    let mut single = Springs::new(shaft, Stiffness::default(), 10.0, None).expect("needle");
+    let mut single = Flexible::springs(shaft, Stiffness::default(), 10.0, None).expect("needle");
     let loads = [load(10.0, [degree, 0.0, 0.0])];
     single.place(&Isometry3::identity(), None, &loads, &loads, &mut lines[0]);
     let tilt = lines[0].at(10.0).tangent.x.asin().to_degrees();
@@ -165,7 +164,7 @@ fn drift_is_what_the_shape_still_moves() {
     let (light, heavy) = ([load(200.0, [0.01, 0.0, 0.0])], [load(200.0, [0.01, 0.002, 0.0])]);
     let mut line = CentreLine::default();
     settle(&mut needle, &base, &light, &mut line);
-    let (mut drift, mut unused) = (vec![0.0; rows.len()], Mat::zeros(rows.len(), rows.len()));
+    let (mut drift, mut unused) = (vec![0.0; rows.len()], vec![0.0; rows.len() * rows.len()]);
     needle.linearise(&line, &light, &rows, &mut drift, &mut unused);
     assert!(drift.iter().all(|drift| drift.abs() < 1e-8), "{drift:?}");
     needle.linearise(&line, &heavy, &rows, &mut drift, &mut unused);
@@ -197,7 +196,7 @@ fn ways_to_buckle_are_counted() {
     ] {
         let axis = base.rotation * Vector3::z();
         let loads = [load(LENGTH, (axis * (-share * buckling)).into())];
-        let (mut drift, mut out) = ([0.0], Mat::zeros(1, 1));
+        let (mut drift, mut out) = ([0.0], [0.0]);
         let found = needle.linearise(&line, &loads, &rows()[..1], &mut drift, &mut out);
         assert_eq!(found, ways, "{share}");
     }
@@ -219,12 +218,12 @@ fn flexibility_is_symmetric_and_positive_semidefinite() {
     assert!(values.max() > 1.0 && values.min() > -rounding, "{values}");
     // It adds, and to the line of this needle only.
     let (mut twice, mut drift) = (found.clone(), vec![0.0; size]);
-    needle.linearise(&line, &loads, &rows, &mut drift, &mut twice);
+    needle.linearise(&line, &loads, &rows, &mut drift, twice.as_mut_slice());
     let error = (0..size * size).map(|at| (twice[(at / size, at % size)] - 2.0 * found[(at / size, at % size)]).abs());
     assert!(error.fold(0.0, f64::max) < rounding);
     let before = twice.clone();
     line.set([(0.0, Point3::origin()), (LENGTH, Point3::new(0.0, 0.0, LENGTH))]);
-    needle.linearise(&line, &loads, &rows, &mut drift, &mut twice);
+    needle.linearise(&line, &loads, &rows, &mut drift, twice.as_mut_slice());
     assert_eq!(twice, before);
 }
 
@@ -469,7 +468,7 @@ fn numbers_out_of_range_are_named() {
         ),
     ];
     for (key, shaft, stiffness, link_mm, bevel) in spoiled {
-        let error = Springs::new(shaft, stiffness, link_mm, Some(bevel)).expect_err(key);
+        let error = Flexible::springs(shaft, stiffness, link_mm, Some(bevel)).expect_err(key);
         assert_eq!(error.key, key);
         assert!(
             error.to_string().starts_with(&format!("needle key `{key}` is ")),

@@ -1,9 +1,8 @@
 use std::f64::consts::PI;
 
-use nalgebra::{Point3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Point3, Translation3, UnitQuaternion};
 
-use super::*;
-use crate::mechanics::needle::Springs;
+use super::super::*;
 
 const LENGTH: f64 = 200.0;
 const BEVEL: Bevel = Bevel {
@@ -11,8 +10,8 @@ const BEVEL: Bevel = Bevel {
     length_mm: 4.0,
 };
 
-fn needle(element_mm: f64, bevel: Option<Bevel>) -> Cantilever {
-    Cantilever::new(Shaft::default(), Stiffness::default(), element_mm, bevel).expect("needle")
+fn needle(element_mm: f64, bevel: Option<Bevel>) -> Flexible {
+    Flexible::beam(Shaft::default(), Stiffness::default(), element_mm, bevel).expect("needle")
 }
 
 fn load(arc_mm: f64, force: [f64; 3]) -> Load {
@@ -133,7 +132,7 @@ fn springs_of_short_links_bend_alike() {
         load(60.0, [-0.3, 0.0, 0.0]),
     ];
     let (mut beam, base) = (needle(2.0, Some(BEVEL)), slanted());
-    let mut springs = Springs::new(Shaft::default(), Stiffness::default(), 2.0, Some(BEVEL)).expect("springs");
+    let mut springs = Flexible::springs(Shaft::default(), Stiffness::default(), 2.0, Some(BEVEL)).expect("springs");
     let [mut one, mut other] = [CentreLine::default(), CentreLine::default()];
     settle(&mut beam, &base, &loads, &mut one);
     settle(&mut springs, &base, &loads, &mut other);
@@ -162,8 +161,11 @@ fn linearisation_is_what_forces_move() {
         ];
         let mut line = CentreLine::default();
         settle(&mut needle, &base, &loads, &mut line);
-        let (mut drift, mut found) = (vec![1.0; rows.len()], Mat::zeros(rows.len(), rows.len()));
-        assert_eq!(needle.linearise(&line, &loads, &rows, &mut drift, &mut found), 0);
+        let (mut drift, mut found) = (vec![1.0; rows.len()], DMatrix::zeros(rows.len(), rows.len()));
+        assert_eq!(
+            needle.linearise(&line, &loads, &rows, &mut drift, found.as_mut_slice()),
+            0
+        );
         assert!(drift.iter().all(|drift| drift.abs() < 1e-9), "{drift:?}");
         let largest = (0..rows.len()).map(|i| found[(i, i)]).fold(0.0, f64::max);
         for (j, row) in rows.iter().enumerate() {
@@ -197,7 +199,7 @@ fn ways_to_buckle_are_counted() {
     for (share, ways) in [(-20.0, 0), (0.999, 0), (1.005, 2), (8.95, 2), (9.1, 4)] {
         let axis = base.rotation * Vector3::z();
         let loads = [load(LENGTH, (axis * (-share * buckling)).into())];
-        let (mut drift, mut out) = ([0.0], Mat::zeros(1, 1));
+        let (mut drift, mut out) = ([0.0], [0.0]);
         let found = needle.linearise(&line, &loads, &rows()[..1], &mut drift, &mut out);
         assert_eq!(found, ways, "{share}");
     }
@@ -258,9 +260,9 @@ fn without_loads_it_is_straight_to_the_bit() {
 #[test]
 fn numbers_out_of_range_are_named() {
     for element in [0.0, -1.0, 0.1, 201.0, f64::NAN] {
-        let error = Cantilever::new(Shaft::default(), Stiffness::default(), element, None).expect_err("refused");
+        let error = Flexible::beam(Shaft::default(), Stiffness::default(), element, None).expect_err("refused");
         assert_eq!(error.key, "element_mm");
     }
-    let soft = Cantilever::new(Shaft::default(), Stiffness::BendingNmm2(0.0), 5.0, None).expect_err("refused");
+    let soft = Flexible::beam(Shaft::default(), Stiffness::BendingNmm2(0.0), 5.0, None).expect_err("refused");
     assert_eq!(soft.key, "bending_stiffness_nmm2");
 }

@@ -1,0 +1,211 @@
+//! All contacts of the needle, and the points where forces act on it.
+
+use nalgebra::{Point3, Vector3};
+
+use super::body::Body;
+use super::contact::{Contact, SAMPLE_MM};
+use super::contact::{Slider, State};
+use super::joint::{Joint, MOST_FADING};
+use crate::mechanics::needle::{CentreLine, ShaftPoint};
+
+/// Force below which a fading load is dropped, N.
+const FADED_N: f64 = 1e-12;
+
+/// Nodes on the needle and the forces along it. Buffers are kept from step to step, to avoid allocation.
+#[derive(Debug, Default)]
+pub(super) struct Contacts {
+    /// Nodes on the needle, base first.
+    pub nodes: Vec<Contact>,
+    /// Forces on the tissue at the nodes, at the tip, on the guide, and of fading loads, N.
+    pub forces: Vec<Vector3<f64>>,
+    /// Whether `forces` has entries for tip and guide.
+    pub has_others: [bool; 2],
+    /// Arcs of released nodes that still load the needle, mm; their forces are last in `forces`.
+    pub fading: Vec<f64>,
+    /// Arcs of the nodes at the beginning of the substep, mm.
+    pub starts: Vec<f64>,
+    /// Arcs where `forces` act, mm.
+    pub arcs: Vec<f64>,
+    /// Forces at the beginning of the iteration, N.
+    before: Vec<Vector3<f64>>,
+}
+
+impl Contacts {
+    /// Records the arcs at the beginning of a substep.
+    pub fn start(&mut self) {
+        self.starts.clear();
+        self.starts.extend(self.nodes.iter().map(|contact| contact.arc));
+    }
+
+    /// Extrapolates the sliding of nodes that slip: a warm start that saves iterations.
+    pub fn extrapolate(&mut self, advance: f64) {
+        for contact in &mut self.nodes {
+            if matches!(contact.slider.state, State::Slipping(direction) if direction * advance > 0.0) {
+                contact.arc += contact.drift * advance;
+            }
+        }
+    }
+
+    /// Records the sliding of the nodes in this substep.
+    pub fn note_drift(&mut self, advance: f64) {
+        for (contact, start) in self.nodes.iter_mut().zip(&self.starts) {
+            let drift = (contact.arc - start) / advance;
+            contact.drift = if drift.is_finite() {
+                drift.clamp(-2.0, 0.0)
+            } else {
+                -1.0
+            };
+        }
+    }
+
+    /// Lets nodes that have slipped stick again at rest, where static friction exceeds sliding friction.
+    pub fn stick_again(&mut self) {
+        for contact in &mut self.nodes {
+            let slider = &mut contact.slider;
+            if slider.holding[1] < slider.sliding[1] {
+                slider.state = State::Stuck;
+            }
+        }
+    }
+
+    /// Writes the arcs at which forces act.
+    pub fn write_arcs(&mut self, line: &CentreLine, has_tip: bool, guide: Option<Point3<f64>>) {
+        let guide = guide.map(|guide| line.nearest(&guide));
+        self.arcs.clear();
+        self.arcs.extend(self.nodes.iter().map(|contact| contact.arc));
+        self.arcs.extend(has_tip.then(|| line.length_mm()));
+        self.arcs.extend(guide);
+        self.arcs.extend_from_slice(&self.fading);
+    }
+
+    /// Makes room for the forces at the tip and on the guide behind those at the nodes; existing ones are kept. The cutting
+    /// force (N) passes between the tip and the node that was made there.
+    pub fn set_others(&mut self, [has_tip, has_guide]: [bool; 2], line: &CentreLine, cutting: impl Fn() -> f64) {
+        let [had_tip, had_guide] = self.has_others;
+        let at = self.nodes.len();
+        if has_tip && !had_tip {
+            let cutting = cutting();
+            let mut share = Vector3::zeros();
+            if let Some(last) = self.forces[..at].last_mut() {
+                let tangent = line.at(line.length_mm()).tangent;
+                share = tangent.into_inner() * tangent.dot(last).clamp(0.0, cutting);
+                *last -= share;
+            }
+            self.forces.insert(at, share);
+        } else if had_tip && !has_tip {
+            let force = self.forces.remove(at);
+            if let Some(last) = self.forces[..at].last_mut() {
+                *last += force;
+            }
+        }
+        let at = at + usize::from(has_tip);
+        if has_guide && !had_guide {
+            self.forces.insert(at, Vector3::zeros());
+        } else if had_guide && !has_guide {
+            self.forces.remove(at);
+        }
+        self.has_others = [has_tip, has_guide];
+    }
+
+    /// Adds a node at the tip.
+    pub fn add(&mut self, node: u32, reference: Point3<f64>, arc: f64, state: State, region: Option<i32>) {
+        self.forces.insert(self.nodes.len(), Vector3::zeros());
+        self.nodes.push(Contact {
+            node,
+            reference,
+            arc,
+            slider: Slider::new(state),
+            region,
+            drift: -1.0,
+            layers: Vec::new(),
+        });
+        self.starts.push(arc);
+    }
+
+    /// Removes the last node if it lies beyond an arc (mm), and returns it with its force. A flexible needle still lies
+    /// under that force, which fades as a solution without it is found.
+    pub fn release_beyond(&mut self, arc: f64, is_flexible: bool) -> Option<(u32, Vector3<f64>)> {
+        let contact = self.nodes.pop_if(|contact| contact.arc > arc)?;
+        let force = self.forces.remove(self.nodes.len());
+        if is_flexible {
+            self.fade(contact.arc, force);
+        }
+        self.starts.pop();
+        Some((contact.node, force))
+    }
+
+    fn fade(&mut self, arc: f64, force: Vector3<f64>) {
+        if let (MOST_FADING, Some(last)) = (self.fading.len(), self.forces.last_mut()) {
+            *last += force;
+        } else {
+            self.fading.push(arc);
+            self.forces.push(force);
+        }
+    }
+
+    /// Drops the loads of released nodes, once the needle lies without them.
+    pub fn forget_faded(&mut self) {
+        let first = self.forces.len() - self.fading.len();
+        if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
+            self.forces.truncate(first);
+            self.arcs.truncate(first);
+            self.fading.clear();
+        }
+    }
+
+    /// Passes the cutting force (N) from the node before the last to the last, which was made at the tip.
+    pub fn pass_cutting_on(&mut self, tip: &ShaftPoint, cutting: f64) {
+        if let [.., before, last] = &mut self.forces[..self.nodes.len()] {
+            *last = tip.tangent.into_inner() * tip.tangent.dot(before).clamp(0.0, cutting);
+            *before -= *last;
+        }
+    }
+
+    /// Records the forces at the beginning of an iteration.
+    pub fn keep_forces(&mut self) {
+        self.before.clone_from(&self.forces);
+    }
+
+    /// Moves the forces from those at the beginning of the iteration by a share of the step to the solution.
+    pub fn step_forces(&mut self, joint: &Joint, share: f64) {
+        for (at, (force, before)) in self.forces.iter_mut().zip(&self.before).enumerate() {
+            *force = before + (joint.force(at) - before) * share;
+        }
+    }
+
+    /// Moves the arcs of slipping nodes by a share of the step to the solution. Returns the largest change, mm.
+    pub fn slide(&mut self, joint: &Joint, line: &CentreLine, share: f64) -> f64 {
+        let mut largest = 0.0f64;
+        for (at, contact) in self.nodes.iter_mut().enumerate() {
+            let mut arc = self.starts[at];
+            if !contact.slider.is_stuck() {
+                let found = line.nearest(&(contact.reference + joint.displacement(at)));
+                arc = contact.arc + (found - contact.arc) * share;
+            }
+            largest = largest.max((arc - contact.arc).abs());
+            contact.arc = arc;
+        }
+        largest
+    }
+
+    /// Extends the path from the last node to the tip, which has moved in the reference state from `before` to `now`, or
+    /// shortens it.
+    pub fn extend_path(&mut self, body: &Body, length: f64, before: &Point3<f64>, now: &Point3<f64>) {
+        let Some(last) = self.nodes.last_mut() else { return };
+        let beyond = length - last.arc;
+        let path = last.path_mm();
+        if beyond <= path {
+            last.shorten(beyond);
+            return;
+        }
+        let pieces = ((beyond - path) / SAMPLE_MM).ceil().max(1.0);
+        for piece in 0..pieces as usize {
+            let middle = before + (now - before) * ((piece as f64 + 0.5) / pieces);
+            let region = body.anatomy.region(&middle);
+            // The shaft does not enter bone.
+            let is_bone = body.interaction(region).bone.is_some();
+            let behind = last.layers.last().map_or(last.region, |layer| layer.region);
+            last.lengthen(if is_bone { behind } else { region }, (beyond - path) / pieces);
+        }
+    }
+}

@@ -1,0 +1,358 @@
+//! The deformed tissue: its adapted mesh, the probe that presses it, and the forces of the last solution.
+
+use std::sync::Arc;
+
+use faer::MatMut;
+use nalgebra::{Isometry3, Point3, Vector3};
+
+use super::contact::Contact;
+use super::contacts::Contacts;
+use super::probe::ProbeNodes;
+use super::reduced::Reduced;
+use super::tip::Tip;
+use crate::mechanics::insertion::{Field, Snapshot};
+use crate::mechanics::mesh::{Locator, TetMesh};
+use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::remesh::corner::best_corner;
+use crate::mechanics::tissue::remesh::{Adaptation, RemeshError};
+
+/// Tissue with the forces on it. Buffers are kept from step to step, to avoid allocation.
+pub(super) struct Tissue {
+    /// The mesh at rest.
+    pub mesh: Arc<TetMesh>,
+    pub locator: Arc<Locator<f64>>,
+    /// Elements at the surface faces at rest, with the face centres (mm).
+    pub surface: Vec<(u32, Point3<f64>)>,
+    /// Whether each node is on the surface.
+    pub on_surface: Vec<bool>,
+    pub adaptation: Adaptation,
+    pub probe: Option<ProbeNodes>,
+    /// Counter of changes to the contacts or the mesh.
+    pub version: u64,
+    nearby: Nearby,
+    /// Forces by degree of freedom that displace the nodes, N.
+    carried: Vec<(usize, f64)>,
+    /// Forces by degree of freedom on all contacts, N.
+    contact_forces: Vec<f64>,
+    dofs: Vec<usize>,
+    /// Number of nodes moved in this step.
+    pub remeshes: usize,
+    /// Number of inverted elements found in this step.
+    pub crushed: usize,
+}
+
+impl Tissue {
+    pub fn new(
+        mesh: Arc<TetMesh>,
+        locator: Arc<Locator<f64>>,
+        adaptation: Adaptation,
+        probe: Option<ProbeNodes>,
+    ) -> Tissue {
+        let mut on_surface = vec![false; mesh.nodes().len()];
+        let mut surface = Vec::new();
+        for face in mesh.surface() {
+            let corners = face.nodes.map(|node| Point3::from(mesh.nodes()[node as usize]));
+            let centre = corners.iter().map(|corner| corner.coords).sum::<Vector3<f64>>() / 3.0;
+            surface.push((face.element, Point3::from(centre)));
+            face.nodes.iter().for_each(|node| on_surface[*node as usize] = true);
+        }
+        let mut tissue = Tissue {
+            mesh,
+            locator,
+            surface,
+            on_surface,
+            adaptation,
+            probe,
+            version: 0,
+            nearby: Nearby::default(),
+            carried: Vec::new(),
+            contact_forces: Vec::new(),
+            dofs: Vec::new(),
+            remeshes: 0,
+            crushed: 0,
+        };
+        tissue.name_contacts(&[], &[]);
+        tissue
+    }
+
+    /// Returns whether no axis of a node is fixed.
+    pub fn is_free(&self, node: u32) -> bool {
+        !self.adaptation.mesh().dofs().of(node).contains(&NONE)
+    }
+
+    /// Returns the index of a node in the compliance.
+    pub fn index_of(&self, node: u32, needle: &[Contact], corners: &[u32]) -> Option<usize> {
+        system_nodes(self.probe.as_ref(), needle, corners).position(|other| other == node)
+    }
+
+    /// Passes the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
+    pub fn name_contacts(&mut self, needle: &[Contact], corners: &[u32]) {
+        self.dofs.clear();
+        let mesh = self.adaptation.mesh();
+        let nodes = system_nodes(self.probe.as_ref(), needle, corners);
+        let dofs = nodes.flat_map(|node| mesh.dofs().of(node)).map(|dof| dof as usize);
+        self.dofs.extend(dofs);
+        let dofs = &self.dofs;
+        if let Err(error) = self.adaptation.ask(|_, remesher| remesher.set_contacts(dofs)) {
+            unreachable!("contacts are free nodes, each once: {error}");
+        }
+        self.version += 1;
+    }
+
+    /// Gathers the forces of a solution by degree of freedom on all contacts: those of the probe, then those of the needle.
+    pub fn take_forces(&mut self, solved: &Reduced, contacts: &Contacts, tip: &Tip) {
+        let forces = &mut self.contact_forces;
+        forces.clear();
+        let probes = self.probe.as_ref().map_or(0, |probe| probe.nodes().len());
+        forces.resize(3 * probes, 0.0);
+        for (row, force) in solved.probe_forces(&contacts.forces) {
+            for axis in 0..3 {
+                forces[3 * row.contact + axis] += force * row.direction[axis];
+            }
+        }
+        let needle = contacts.forces.iter().take(contacts.nodes.len());
+        forces.extend(needle.flat_map(|force| [force.x, force.y, force.z]));
+        forces.resize(forces.len() + 3 * tip.corners.len(), 0.0);
+        if let (Some(row), [true, _]) = (tip.force.row(), contacts.has_others) {
+            let force = contacts.forces[contacts.nodes.len()];
+            for (node, share) in row.shares.into_iter().filter(|(_, share)| *share != 0.0) {
+                (0..3).for_each(|axis| forces[3 * node + axis] += share * force[axis]);
+            }
+        }
+        let remesher = self.adaptation.parts().1;
+        if remesher.carried_forces(forces, &mut self.carried).is_err() {
+            unreachable!("one force a contact");
+        }
+        self.nearby.renew();
+    }
+
+    /// Moves the probe.
+    pub fn press(&mut self, pose: Option<&Isometry3<f64>>) {
+        let Some(probe) = &mut self.probe else { return };
+        let condensed = self.adaptation.remesher().condensed();
+        if probe.move_to(pose, condensed, &self.contact_forces) {
+            self.version += 1;
+        }
+    }
+
+    /// Forgets all that was derived from a compliance that may now differ in every entry.
+    pub fn forget_compliance(&mut self) {
+        self.version += 1;
+        self.nearby = Nearby::default();
+    }
+
+    /// Returns the displacement of a node under the forces of the last solution, mm.
+    pub fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
+        let displacement = self
+            .nearby
+            .displacement(&mut self.adaptation, &self.carried, self.version, node);
+        match displacement {
+            Ok(displacement) => displacement.into(),
+            Err(error) => unreachable!("rows and columns are free degrees of freedom: {error}"),
+        }
+    }
+
+    /// Moves a node to a point of the reference state, if that spoils no element.
+    pub fn move_node(&mut self, node: u32, to: Point3<f64>) -> bool {
+        let moved = self.adaptation.move_node(node, to.into()).is_ok();
+        self.remeshes += usize::from(moved);
+        moved
+    }
+
+    /// Returns the best corner of an element to move to a point of the reference state, or `None` if none fits: one that
+    /// is permitted and on neither needle nor probe, up to a limit of the Jacobian condition.
+    pub fn corner(
+        &self,
+        element: u32,
+        to: Point3<f64>,
+        needle: &[Contact],
+        condition_limit: f64,
+        may: impl Fn(u32) -> bool,
+    ) -> Option<u32> {
+        let taken = |node: u32| {
+            let on_needle = needle.iter().any(|contact| contact.node == node);
+            let on_probe = self.probe.as_ref().is_some_and(|probe| probe.nodes().contains(&node));
+            on_needle || on_probe || !may(node)
+        };
+        let corner = best_corner(self.adaptation.mesh(), element, to.into(), taken).ok()?;
+        (corner.condition <= condition_limit).then_some(corner.node)
+    }
+
+    /// Prefetches the compliance columns of the nodes within `aside_mm` of a path.
+    pub fn prefetch(&mut self, from: &Point3<f64>, direction: &Vector3<f64>, length_mm: f64, aside_mm: f64) {
+        let Some(direction) = direction.try_normalize(0.0) else {
+            return;
+        };
+        let mesh = self.adaptation.mesh();
+        let mut wanted = vec![false; mesh.nodes().len()];
+        for corners in mesh.elements() {
+            let places = corners.map(|node| Point3::from(mesh.nodes()[node as usize]));
+            let middle =
+                Point3::from((places[0].coords + places[1].coords + places[2].coords + places[3].coords) / 4.0);
+            let size = places.iter().map(|place| (place - middle).norm()).fold(0.0, f64::max);
+            let along = (middle - from).dot(&direction).clamp(0.0, length_mm);
+            if (middle - (from + direction * along)).norm() <= size + aside_mm {
+                for corner in corners {
+                    mesh.neighbours(*corner)
+                        .iter()
+                        .for_each(|node| wanted[*node as usize] = true);
+                }
+            }
+        }
+        let nodes = (0..wanted.len() as u32).filter(|node| wanted[*node as usize]);
+        let dofs: Vec<usize> = nodes
+            .flat_map(|node| mesh.dofs().of(node))
+            .filter(|dof| *dof != NONE)
+            .map(|dof| dof as usize)
+            .collect();
+        if let Err(error) = self.adaptation.parts().1.prefetch(&dofs) {
+            unreachable!("free degrees of freedom: {error}");
+        }
+    }
+
+    /// Returns the nodes away from their positions at rest, with their current reference positions.
+    pub fn moved(&self) -> Vec<(u32, [f64; 3])> {
+        let mesh = self.adaptation.mesh();
+        let away = mesh.away().iter();
+        away.map(|node| (*node, mesh.nodes()[*node as usize])).collect()
+    }
+
+    /// Writes the moved nodes and what determines the displacements.
+    pub fn write_snapshot(&mut self, into: &mut Snapshot) {
+        into.moved.clear();
+        let mesh = self.adaptation.mesh();
+        into.moved
+            .extend(mesh.away().iter().map(|node| (*node, mesh.nodes()[*node as usize])));
+        if self.adaptation.remesher().carries_on_base() {
+            if !matches!(into.field, Field::BaseForces(_)) {
+                into.field = Field::BaseForces(Vec::new());
+            }
+            if let Field::BaseForces(forces) = &mut into.field {
+                forces.clear();
+                forces.extend(self.carried.iter().map(|(dof, force)| (*dof as u32, *force)));
+            }
+            return;
+        }
+        let mut all = vec![0.0; mesh.dofs().free()];
+        let mut nodes = vec![[0.0; 3]; mesh.nodes().len()];
+        let forces = &self.contact_forces;
+        if let Err(error) = self
+            .adaptation
+            .ask(|_, remesher| remesher.displacement(forces, &mut all))
+        {
+            unreachable!("one force a contact, one displacement a degree of freedom: {error}");
+        }
+        self.adaptation.mesh().dofs().scatter(&all, &mut nodes);
+        into.field = Field::Displacement(nodes);
+    }
+}
+
+/// Nodes of the compliance in order: probe, needle, corners at the tip.
+fn system_nodes<'a>(
+    probe: Option<&'a ProbeNodes>,
+    needle: &'a [Contact],
+    corners: &'a [u32],
+) -> impl Iterator<Item = u32> + 'a {
+    let probe = probe.into_iter().flat_map(|probe| probe.nodes().iter().copied());
+    let needle = needle.iter().map(|contact| contact.node);
+    probe.chain(needle).chain(corners.iter().copied())
+}
+
+/// State for which entries of the carrier were read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Key {
+    mesh_step: u64,
+    contacts: u64,
+}
+
+/// A node whose carrier rows were read.
+#[derive(Clone, Copy, Debug)]
+struct Near {
+    node: u32,
+    /// Displacement under the current forces, once computed for them, mm.
+    displacement: Option<[f64; 3]>,
+}
+
+/// Cache of displacements of the nodes that the tip passes.
+#[derive(Debug, Default)]
+struct Nearby {
+    key: Option<Key>,
+    nodes: Vec<Near>,
+    /// Degrees of freedom on which the carried forces act.
+    columns: Vec<usize>,
+    /// Entries of the carrier, three rows per node.
+    rows: Vec<f64>,
+}
+
+impl Nearby {
+    /// Discards the displacements, after the carried forces have changed.
+    pub fn renew(&mut self) {
+        self.nodes.iter_mut().for_each(|near| near.displacement = None);
+    }
+
+    /// Returns the displacement of a node under the carried forces, mm. `contacts` is a counter that changes whenever the
+    /// contacts do.
+    pub fn displacement(
+        &mut self,
+        adaptation: &mut Adaptation,
+        carried: &[(usize, f64)],
+        contacts: u64,
+        node: u32,
+    ) -> Result<[f64; 3], RemeshError> {
+        let at = match self.nodes.iter().position(|near| near.node == node) {
+            Some(at) if self.holds(adaptation, carried, contacts) => at,
+            _ => self.read(adaptation, carried, contacts, node)?,
+        };
+        if let Some(displacement) = self.nodes[at].displacement {
+            return Ok(displacement);
+        }
+        let columns = self.columns.len();
+        let displacement = [0, 1, 2].map(|axis| {
+            let row = &self.rows[(3 * at + axis) * columns..][..columns];
+            row.iter().zip(carried).map(|(entry, (_, force))| entry * force).sum()
+        });
+        self.nodes[at].displacement = Some(displacement);
+        Ok(displacement)
+    }
+
+    /// Returns whether the entries that were read are still valid.
+    fn holds(&self, adaptation: &Adaptation, carried: &[(usize, f64)], contacts: u64) -> bool {
+        let mesh_step = adaptation.mesh().step();
+        self.key == Some(Key { mesh_step, contacts }) && self.columns.iter().eq(carried.iter().map(|(dof, _)| dof))
+    }
+
+    /// Reads the rows of a node and returns its index.
+    fn read(
+        &mut self,
+        adaptation: &mut Adaptation,
+        carried: &[(usize, f64)],
+        contacts: u64,
+        node: u32,
+    ) -> Result<usize, RemeshError> {
+        if !self.holds(adaptation, carried, contacts) {
+            self.nodes.clear();
+            self.rows.clear();
+            self.columns.clear();
+            self.columns.extend(carried.iter().map(|(dof, _)| *dof));
+            let mesh_step = adaptation.mesh().step();
+            self.key = Some(Key { mesh_step, contacts });
+        }
+        let (at, columns) = (self.nodes.len(), self.columns.len());
+        self.rows.truncate(3 * at * columns);
+        self.rows.resize(3 * (at + 1) * columns, 0.0);
+        let rows = self.rows[3 * at * columns..].chunks_exact_mut(columns.max(1));
+        let dofs = adaptation.mesh().dofs().of(node);
+        // Fixed degrees of freedom keep zeros.
+        for (row, dof) in rows.zip(dofs).filter(|(_, dof)| *dof != NONE) {
+            adaptation.ask(|_, remesher| {
+                let out = MatMut::from_row_major_slice_mut(row, 1, columns);
+                remesher.carrier_into(&[dof as usize], &self.columns, out)
+            })?;
+        }
+        self.nodes.push(Near {
+            node,
+            displacement: None,
+        });
+        Ok(at)
+    }
+}

@@ -1,0 +1,2 @@
+mod beam;
+mod springs;
