@@ -4,14 +4,12 @@ use crate::gpu::GpuError;
 use crate::mechanics::mesh::locator::NodeCount;
 use crate::mechanics::tissue::assembly::AssemblyError;
 use crate::mechanics::tissue::compliance::ComplianceError;
-use crate::mechanics::tissue::condensed::CondensedError;
 use crate::mechanics::tissue::factor::FactorError;
 use crate::mechanics::tissue::inverse::InverseError;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::remesh::RemeshError;
 use crate::mechanics::tissue::remesh::adapted::RefusedMove;
 use crate::mechanics::tissue::rigid::RigidError;
-use crate::mechanics::tissue::switching::SwitchError;
 
 /// Error of studying a mesh.
 #[derive(Debug, thiserror::Error)]
@@ -72,12 +70,6 @@ pub enum StudyError {
     /// A remesher refuses a change.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
-    /// The contacts cannot be condensed.
-    #[error(transparent)]
-    Condensed(#[from] CondensedError),
-    /// The contacts cannot be solved.
-    #[error(transparent)]
-    Switch(#[from] SwitchError),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
