@@ -6,6 +6,7 @@
 //! | [`element`] | stiffness of one tetrahedron |
 //! | [`dofs`] | free and prescribed degrees of freedom |
 //! | [`assembly`] | sparse stiffness matrix |
+//! | [`error`] | errors of linear tissue |
 //! | [`factor`] | Cholesky factor of the stiffness, and solutions with their residual |
 //! | [`rigid`] | rigid motions left free by the fixed nodes |
 //! | [`symmetric`] | dense symmetric matrix in row panels, and its updates |
@@ -22,6 +23,7 @@ pub mod columns;
 pub mod compliance;
 pub mod dofs;
 pub mod element;
+pub mod error;
 pub mod factor;
 pub mod inverse;
 pub mod knee;

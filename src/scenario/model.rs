@@ -12,6 +12,7 @@ use crate::mechanics::insertion::finite::{Finite, InvalidSetup, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidPart, Model, nonlinear};
 use crate::mechanics::needle::{Cantilever, Constrained, InvalidNeedleModel, Needle, Rigid, Shaft, Springs, Stiffness};
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
 use crate::remesh_gpu::maker;
 
@@ -114,13 +115,13 @@ impl Scenario {
     fn blame(&self, error: InvalidSetup) -> ScenarioError {
         let key = match &error {
             InvalidSetup::Part(InvalidPart::Interaction { .. }) => "tissue.material",
-            InvalidSetup::Part(InvalidPart::Fixed { .. }) | InvalidSetup::Rigid(_) => "tissue.fix",
+            InvalidSetup::Part(InvalidPart::Fixed { .. })
+            | InvalidSetup::Linear(LinearError::LooseNodes { .. } | LinearError::FreeParts { .. }) => "tissue.fix",
             InvalidSetup::Candidate { .. } => "contact_probe",
-            InvalidSetup::Part(InvalidPart::Number { .. }) | InvalidSetup::Assembly(_) | InvalidSetup::Factor(_) => {
-                "tissue"
-            }
             InvalidSetup::Remesh(RemeshError::Device(_)) => "tissue.device",
-            InvalidSetup::Inverse(_) | InvalidSetup::Remesh(_) => "tissue.level",
+            InvalidSetup::Linear(LinearError::InverseMemory { .. } | LinearError::Column { .. })
+            | InvalidSetup::Remesh(_) => "tissue.level",
+            InvalidSetup::Part(InvalidPart::Number { .. }) | InvalidSetup::Linear(_) => "tissue",
         };
         self.file.fault(key, Wrong::Setup(error))
     }

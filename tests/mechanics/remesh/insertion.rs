@@ -2,9 +2,9 @@
 
 use faer::Mat;
 use faer::linalg::solvers::{Llt, Solve};
-use insonify::mechanics::tissue::remesh::adaptation::AdaptError;
-use insonify::mechanics::tissue::remesh::corner::{NoCorner, best_corner};
-use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Options, Precision, RefusedMove};
+use insonify::mechanics::tissue::remesh::RemeshError;
+use insonify::mechanics::tissue::remesh::corner::best_corner;
+use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Options, Precision};
 
 use super::running::{condensed_error, follow, go, source};
 use super::support::{contacts, dense, free_nodes, gold, mesh, rounding};
@@ -47,7 +47,7 @@ fn insert(adaptation: &mut Adaptation, steps: usize) -> Vec<u32> {
                 adaptation.move_node(corner.node, tip(step)).unwrap();
                 taken.push(corner.node);
             }
-            Err(NoCorner::NoneFits { .. }) => {}
+            Err(RemeshError::NoCorner { .. }) => {}
             Err(error) => panic!("{error}"),
         }
     }
@@ -98,14 +98,11 @@ fn moves_that_spoil_the_mesh_are_refused_at_every_level_and_nothing_changes() {
         let far = adaptation.mesh().nodes()[node as usize].map(|x| x + 50.0);
         let refused = adaptation.move_node(node, far);
         assert!(
-            matches!(refused, Err(AdaptError::Move(RefusedMove::Element { .. }))),
+            matches!(refused, Err(RemeshError::Element { .. })),
             "{level}: {refused:?}"
         );
         let count = adaptation.mesh().nodes().len() as u32;
-        assert!(matches!(
-            adaptation.restore(count),
-            Err(AdaptError::Move(RefusedMove::Node { .. }))
-        ));
+        assert!(matches!(adaptation.restore(count), Err(RemeshError::Node { .. })));
         let size = adaptation.mesh().dofs().free();
         assert!(adaptation.parts().1.set_contacts(&[size]).is_err(), "a contact outside");
         assert!(

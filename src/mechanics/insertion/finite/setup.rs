@@ -1,5 +1,6 @@
 //! Setup of a finite element insertion.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::Mat;
@@ -12,14 +13,13 @@ use crate::mechanics::insertion::anatomy::MeshRegions;
 use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, ProbeContact, validation};
 use crate::mechanics::mesh::{Locator, TetMesh};
 use crate::mechanics::needle::{CentreLine, Needle};
-use crate::mechanics::tissue::assembly::AssemblyError;
 use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
-use crate::mechanics::tissue::factor::{Factor, FactorError};
-use crate::mechanics::tissue::inverse::{InverseError, invert};
+use crate::mechanics::tissue::factor::Factor;
+use crate::mechanics::tissue::inverse::invert;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, RemeshError, Source};
-use crate::mechanics::tissue::rigid::{self, RigidError};
+use crate::mechanics::tissue::rigid::{self};
 
 /// Options for the subdivision and iteration of steps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -105,18 +105,9 @@ pub enum InvalidSetup {
         /// Description of the fault.
         reason: &'static str,
     },
-    /// A mesh that cannot be assembled.
+    /// Supports that do not prevent rigid-body motion, or a stiffness that cannot be assembled, factored or inverted.
     #[error(transparent)]
-    Assembly(#[from] AssemblyError),
-    /// Supports that do not prevent rigid-body motion.
-    #[error(transparent)]
-    Rigid(#[from] RigidError),
-    /// A stiffness matrix that cannot be factored.
-    #[error(transparent)]
-    Factor(#[from] FactorError),
-    /// A dense inverse that cannot be computed.
-    #[error(transparent)]
-    Inverse(#[from] InverseError),
+    Linear(#[from] LinearError),
     /// A remeshing level that cannot be used.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
@@ -125,12 +116,11 @@ pub enum InvalidSetup {
 impl InvalidSetup {
     /// Returns whether the machine failed rather than the input: too little memory, or a device.
     pub fn is_machine(&self) -> bool {
-        matches!(
-            self,
-            Self::Factor(FactorError::Memory { .. })
-                | Self::Inverse(InverseError::Memory { .. })
-                | Self::Remesh(RemeshError::Device(_))
-        )
+        match self {
+            Self::Linear(error) => error.is_machine(),
+            Self::Remesh(error) => matches!(error, RemeshError::Device(_)),
+            _ => false,
+        }
     }
 }
 
@@ -245,7 +235,7 @@ pub(super) fn dense(
     factor: &Factor,
     precision: Precision,
     progress: impl FnMut(usize, usize) + Send,
-) -> Result<Source, InverseError> {
+) -> Result<Source, LinearError> {
     Ok(match precision {
         Precision::Double => Source::Double(Arc::new(invert(factor, progress)?)),
         Precision::Single => Source::Single(Arc::new(invert(factor, progress)?)),

@@ -9,9 +9,9 @@ use crate::mechanics::insertion::pushing::Pushing;
 use crate::mechanics::insertion::{Anatomy, Interaction, InvalidPart, MeshRegions, Outcome, validation};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, InvalidNeedleModel, Shaft};
-use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
+use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use crate::mechanics::tissue::nonlinear::{
-    InvalidBody, NonlinearError, Options as Solving, Scheme, Solid, Solver, Stiffening, Structure, Supports,
+    NonlinearError, Options as Solving, Scheme, Solid, Solver, Stiffening, Structure, Supports,
 };
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
@@ -92,21 +92,15 @@ pub enum InvalidSetup {
     /// An invalid needle.
     #[error(transparent)]
     Needle(#[from] InvalidNeedleModel),
-    /// A mesh that does not form a body.
-    #[error(transparent)]
-    Body(#[from] InvalidBody),
-    /// A stiffness matrix that cannot be factored.
+    /// A mesh that does not form a body, a stiffness matrix that cannot be factored, or an invalid viscous memory.
     #[error(transparent)]
     Solver(#[from] NonlinearError),
-    /// An invalid viscous memory.
-    #[error(transparent)]
-    Memory(#[from] CreepError),
 }
 
 impl InvalidSetup {
     /// Returns whether memory ran out, rather than the setup being wrong.
     pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Solver(error) | Self::Memory(CreepError::Nonlinear(error)) if error.is_machine())
+        matches!(self, Self::Solver(error) if error.is_machine())
     }
 }
 
