@@ -8,12 +8,12 @@ pub mod local_origin;
 pub mod store;
 pub mod tables;
 
+use crate::mechanics::mesh::{InvalidMesh, check_positions};
 use nalgebra::Matrix4;
 
 use crate::effects::buffers::Buffer;
 use crate::effects::{OutOfRange, REGISTRY};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
-use crate::mechanics::mesh::locator::NodeCount;
 use crate::memory::TooLarge;
 use crate::plan::Plan;
 use crate::tracking::probe::{InvalidGrid, InvalidProbe};
@@ -49,7 +49,7 @@ pub enum SynthError {
     Gpu(#[from] GpuError),
     /// The number of node positions does not match the mesh.
     #[error(transparent)]
-    Nodes(#[from] NodeCount),
+    Nodes(#[from] InvalidMesh),
     /// More memory is needed than is available.
     #[error(transparent)]
     Memory(#[from] TooLarge),
@@ -214,7 +214,7 @@ impl Synthesizer {
             return Err(SynthError::Pose);
         }
         if let Some(mesh) = &self.tables.mesh {
-            NodeCount::check(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
+            check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
         self.local.take(state);
         let (tables, local) = (&self.tables, self.local.of(state));

@@ -11,8 +11,8 @@ use super::study::watched;
 use super::terminal;
 
 const TEACHING: &str = "\
-Every case is something that breaks numerics: slivers, near incompressibility, 5,000 remeshes, contacts that depend on each
-other. Each has a criterion from theory; what is measured is shown beside it:
+Every case is something that breaks numerics: slivers, near incompressibility, 5,000 remeshes. Each has
+a criterion from theory; what is measured is shown beside it:
 
   figure   what came out, the measurement nearest to its limit
   limit    the largest figure that meets the criterion

@@ -2,7 +2,7 @@
 
 use super::file::CaseFile;
 use crate::document::{Fault, Unreadable};
-use crate::mechanics::tissue::viscoelastic::point::PointError;
+use crate::mechanics::tissue::viscoelastic::HistoryError;
 
 /// Error of a material test: the cause, the key concerned and its place in the file.
 pub type MaterialCaseError = Fault<Wrong>;
@@ -23,7 +23,7 @@ pub enum Wrong {
     },
     /// The material or its history is invalid.
     #[error(transparent)]
-    Point(#[from] PointError),
+    Point(#[from] HistoryError),
 }
 
 impl MaterialCaseError {
@@ -49,9 +49,9 @@ impl CaseFile {
     }
 
     /// Attaches the key concerned to an error.
-    pub(super) fn blame(&self, error: PointError) -> MaterialCaseError {
+    pub(super) fn blame(&self, error: HistoryError) -> MaterialCaseError {
         let key = match &error {
-            PointError::Number { key, at, .. } => {
+            HistoryError::Number { key, at, .. } => {
                 let key = match *key {
                     "time_s" | "value" => format!("history.{key}"),
                     // In a case file the knee refers to the shear strain.
@@ -60,9 +60,9 @@ impl CaseFile {
                 };
                 at.map_or(key.clone(), |at| format!("{key}[{at}]"))
             }
-            PointError::Lengths { .. } => "history.value".to_owned(),
-            PointError::History(_) => "history.time_s".to_owned(),
-            PointError::Overflow { .. } => "history.value".to_owned(),
+            HistoryError::Lengths { .. } => "history.value".to_owned(),
+            HistoryError::Overflow { .. } => "history.value".to_owned(),
+            _ => "history.time_s".to_owned(),
         };
         MaterialCaseError::new(error).at_key(key, self.source.as_ref())
     }

@@ -3,9 +3,8 @@
 use super::error::MaterialCaseError;
 use super::file::{CaseFile, ControlName, Law, MemoryName, RuleName};
 use super::report::Report;
-use crate::mechanics::tissue::viscoelastic::point::{
-    Body, Control, Knee, Loading, Method, Point, PointError, Structure,
-};
+use crate::mechanics::tissue::viscoelastic::HistoryError;
+use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 
 /// A material test with every number checked.
 #[derive(Clone, Debug)]
@@ -126,7 +125,7 @@ impl Case {
     }
 
     /// Attaches the key concerned to an error.
-    pub(super) fn blame(&self, error: PointError) -> MaterialCaseError {
+    pub(super) fn blame(&self, error: HistoryError) -> MaterialCaseError {
         self.file.blame(error)
     }
 }

@@ -1,14 +1,13 @@
 //! Virtual rheometer, after the measurements of Kobayashi et al. 2010 (section 3.1): a sine at many frequencies (figure 7), creep at
 //! many stresses (section 3.1.2), and the stiffness derived from creep against strain (figure 8).
 
+use crate::mechanics::tissue::viscoelastic::HistoryError;
 use std::f64::consts::TAU;
 use std::fmt;
 
 use super::error::MaterialCaseError;
 use super::resolve::Case;
-use crate::mechanics::tissue::viscoelastic::point::{
-    Body, Control, Knee, Loading, Method, Point, PointError, Structure,
-};
+use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 use crate::study::plot::{Axis, Marker, Plot, Series};
 
 /// Storage and loss modulus at one frequency.
@@ -73,7 +72,7 @@ impl Case {
     /// [`MaterialCaseError`] if stress or strain overflows.
     pub fn rheometer(&self) -> Result<Rheometer, MaterialCaseError> {
         let point = self.point();
-        let measured = || -> Result<Rheometer, PointError> {
+        let measured = || -> Result<Rheometer, HistoryError> {
             Ok(Rheometer {
                 dynamic: dynamic(point)?,
                 creep: creep(point)?,
@@ -84,8 +83,8 @@ impl Case {
     }
 }
 
-fn dynamic(point: &Point) -> Result<Vec<Dynamic>, PointError> {
-    let at = |step: usize| -> Result<Dynamic, PointError> {
+fn dynamic(point: &Point) -> Result<Vec<Dynamic>, HistoryError> {
+    let at = |step: usize| -> Result<Dynamic, HistoryError> {
         let frequency = 10f64.powf(2.0 * step as f64 / (FREQUENCIES - 1) as f64 - 1.0);
         let steps = PERIODS * STEPS_A_PERIOD;
         let phase = |step: usize| TAU * step as f64 / STEPS_A_PERIOD as f64;
@@ -112,7 +111,7 @@ fn dynamic(point: &Point) -> Result<Vec<Dynamic>, PointError> {
 }
 
 /// Strain under a constant stress from the start, at the given times.
-fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, PointError> {
+fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, HistoryError> {
     let loading = Loading {
         control: Control::Stress,
         time_s: time_s.to_vec(),
@@ -122,7 +121,7 @@ fn held(point: &Point, stress_kpa: f64, time_s: &[f64]) -> Result<Vec<f64>, Poin
 }
 
 /// Stress for which the final strain without a knee would be 1.
-fn unit_stress(point: &Point) -> Result<f64, PointError> {
+fn unit_stress(point: &Point) -> Result<f64, HistoryError> {
     let linear = Point {
         knee: Knee::NONE,
         ..*point
@@ -140,11 +139,11 @@ fn far(point: &Point) -> f64 {
     }
 }
 
-fn creep(point: &Point) -> Result<Vec<Creep>, PointError> {
+fn creep(point: &Point) -> Result<Vec<Creep>, HistoryError> {
     let (unit, far) = (unit_stress(point)?, far(point));
     let mut time_s = vec![0.0];
     time_s.extend((0..=40).map(|at| HELD_S * 10f64.powf(0.1 * f64::from(at) - 4.0)));
-    let curve = |at: usize| -> Result<Creep, PointError> {
+    let curve = |at: usize| -> Result<Creep, HistoryError> {
         let stress_kpa = unit * far * (at + 1) as f64 / CURVES as f64;
         let strain = held(point, stress_kpa, &time_s)?;
         let curve = time_s
@@ -158,7 +157,7 @@ fn creep(point: &Point) -> Result<Vec<Creep>, PointError> {
     (0..CURVES).map(curve).collect()
 }
 
-fn stiffness(point: &Point) -> Result<Vec<Stiffness>, PointError> {
+fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
     let (unit, far) = (unit_stress(point)?, far(point));
     let modulus_kpa = match point.body {
         Body::SpringPot { modulus_kpa, .. } => modulus_kpa,

@@ -41,7 +41,7 @@ pub struct TetMesh {
     neighbours: Vec<[u32; 4]>,
 }
 
-/// Reason why a mesh cannot be constructed.
+/// Reason why a mesh cannot be constructed or updated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum InvalidMesh {
     /// There is no element.
@@ -118,6 +118,16 @@ pub enum InvalidMesh {
     /// A lattice has an axis without cells.
     #[error("a lattice of {0:?} cells; every axis needs at least one")]
     Cells([usize; 3]),
+    /// The number of node positions is not that of the mesh.
+    #[error("{found} {state} node positions for a mesh of {expected} nodes")]
+    Positions {
+        /// `current` or `reference`.
+        state: &'static str,
+        /// Number of positions.
+        found: usize,
+        /// Number of nodes of the mesh.
+        expected: usize,
+    },
 }
 
 impl TetMesh {
@@ -235,6 +245,23 @@ fn validate(nodes: &[[f64; 3]], elements: &[[u32; 4]], regions: &[i32]) -> Resul
                     corners: *corners,
                 });
             }
+        }
+    }
+    Ok(())
+}
+
+/// Checks the numbers of positions, where there are any, for a mesh of `expected` nodes.
+///
+/// # Errors
+/// [`InvalidMesh::Positions`] of the first that does not match.
+pub fn check_positions(
+    current: Option<&[[f64; 3]]>,
+    reference: Option<&[[f64; 3]]>,
+    expected: usize,
+) -> Result<(), InvalidMesh> {
+    for (state, positions) in [("current", current), ("reference", reference)] {
+        if let Some(found) = positions.map(<[_]>::len).filter(|&found| found != expected) {
+            return Err(InvalidMesh::Positions { state, found, expected });
         }
     }
     Ok(())

@@ -6,15 +6,13 @@
 //! | [`element`] | stiffness of one tetrahedron |
 //! | [`dofs`] | free and prescribed degrees of freedom |
 //! | [`assembly`] | sparse stiffness matrix |
+//! | [`error`] | errors of linear tissue |
 //! | [`factor`] | Cholesky factor of the stiffness, and solutions with their residual |
 //! | [`rigid`] | rigid motions left free by the fixed nodes |
 //! | [`symmetric`] | dense symmetric matrix in row panels, and its updates |
 //! | [`compliance`] | access to entries and columns of K^-1 |
 //! | [`inverse`] | dense inverse of the stiffness |
 //! | [`columns`] | columns of the inverse, solved on demand |
-//! | [`frames`] | axes of a contact node |
-//! | [`condensed`] | compliance of the contact nodes |
-//! | [`switching`] | forces or displacements prescribed at contacts |
 //! | [`nonlinear`] | strain-stiffening tissue in triangles and tetrahedra |
 //! | [`problem`] | static problems: validation and solution |
 //! | [`remesh`] | moves of reference nodes, and updates of the compliance |
@@ -23,11 +21,10 @@
 pub mod assembly;
 pub mod columns;
 pub mod compliance;
-pub mod condensed;
 pub mod dofs;
 pub mod element;
+pub mod error;
 pub mod factor;
-pub mod frames;
 pub mod inverse;
 pub mod knee;
 pub mod material;
@@ -35,7 +32,6 @@ pub mod nonlinear;
 pub mod problem;
 pub mod remesh;
 pub mod rigid;
-pub mod switching;
 pub mod symmetric;
 pub mod viscoelastic;
 

@@ -10,9 +10,8 @@ use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::mesh::quality::UnusableMesh;
 use crate::mechanics::needle::InvalidNeedleModel;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::InvalidMaterial;
-use crate::mechanics::tissue::nonlinear::InvalidStiffening;
-use crate::mechanics::tissue::rigid::RigidError;
 use crate::scene::{Problem, SceneError};
 use crate::statics;
 use crate::tracking::needle::InvalidNeedle;
@@ -68,7 +67,7 @@ pub enum Wrong {
     Interaction(#[from] InvalidInteraction),
     /// Tissue is not sufficiently fixed.
     #[error(transparent)]
-    Rigid(#[from] RigidError),
+    Rigid(#[from] LinearError),
     /// The needle is invalid.
     #[error(transparent)]
     Needle(#[from] InvalidNeedle),
@@ -81,9 +80,6 @@ pub enum Wrong {
     /// No model can be built for the tissue.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
-    /// Stiffening parameters are invalid.
-    #[error(transparent)]
-    Stiffening(#[from] InvalidStiffening),
     /// Mass-spring parameters are invalid.
     #[error(transparent)]
     Springs(#[from] InvalidParameters),

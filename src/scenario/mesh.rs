@@ -1,5 +1,6 @@
 //! Mesh of a scenario, read from a file or generated from the scene's volume, and its fixed nodes.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -16,7 +17,7 @@ use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
 use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::mesh::{NONE, TetMesh};
 use crate::mechanics::tissue::dofs::Dofs;
-use crate::mechanics::tissue::rigid::{self, FreePart, RigidError};
+use crate::mechanics::tissue::rigid::{self, FreePart};
 use crate::scene::Scene;
 use crate::scene::deform::NODES;
 use crate::statics::selection::{Choice, Odd, axes, ordered};
@@ -253,7 +254,7 @@ impl ScenarioFile {
         let most = CRUMB * mesh.nodes().len() as f64;
         let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
             Ok(()) => return Ok(()),
-            Err(RigidError::FreeParts { parts, .. })
+            Err(LinearError::FreeParts { parts, .. })
                 if self.tissue.mesh.is_none() && parts.iter().all(|part| (part.nodes as f64) <= most) =>
             {
                 parts

@@ -12,6 +12,7 @@ use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};
 use crate::mechanics::needle::{Constrained, Flexible, InvalidNeedleModel, Needle, Rigid, Shaft, Stiffness};
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
 use crate::remesh_gpu::maker;
 
@@ -114,10 +115,12 @@ impl Scenario {
     fn blame(&self, error: InvalidSetup) -> ScenarioError {
         let key = match &error {
             InvalidSetup::Interaction { .. } => "tissue.material",
-            InvalidSetup::Fixed { .. } | InvalidSetup::Rigid(_) => "tissue.fix",
+            InvalidSetup::Fixed { .. }
+            | InvalidSetup::Linear(LinearError::LooseNodes { .. } | LinearError::FreeParts { .. }) => "tissue.fix",
             InvalidSetup::Candidate { .. } => "contact_probe",
             InvalidSetup::Remesh(RemeshError::Device(_)) => "tissue.device",
-            InvalidSetup::Inverse(_) | InvalidSetup::Remesh(_) => "tissue.level",
+            InvalidSetup::Linear(LinearError::InverseMemory { .. } | LinearError::Column { .. })
+            | InvalidSetup::Remesh(_) => "tissue.level",
             _ => "tissue",
         };
         self.file.fault(key, Wrong::Setup(error))

@@ -123,7 +123,7 @@ impl<'a> Regions<'a> {
             self.file.fault(format!("{table}.{within}{}", error.key), error)
         })?;
         let material = Material::new(spec.young_kpa.unwrap_or(1.0), spec.poisson.unwrap_or(0.0));
-        let material = material.map_err(|error| self.file.fault(format!("{table}.{}", error.key()), error))?;
+        let material = material.map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
         self.law(table, spec, material).map(drop)
     }
 
@@ -152,7 +152,7 @@ impl<'a> Regions<'a> {
         let young_kpa = number(spec.young_kpa, |tissue| tissue.young_kpa, "young_kpa")?;
         let poisson = number(spec.poisson, |tissue| tissue.poisson, "poisson")?;
         let material = Material::new(young_kpa, poisson)
-            .map_err(|error| self.file.fault(format!("{table}.{}", error.key()), error))?;
+            .map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
         let rigid = spec.rigid.unwrap_or(young_kpa >= RIGID_KPA);
         let usual = Interaction {
             friction_n_per_mm: tissue.map_or(0.0, |tissue| tissue.friction_n_per_mm),

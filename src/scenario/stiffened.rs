@@ -183,7 +183,7 @@ impl ScenarioFile {
         laws: &[Stiffening],
         anatomy: &dyn Anatomy,
     ) -> Result<(), ScenarioError> {
-        let body = Solid::tetrahedra(mesh, laws).map_err(|error| self.fault("tissue", InvalidSetup::Body(error)))?;
+        let body = Solid::tetrahedra(mesh, laws).map_err(|error| self.fault("tissue", InvalidSetup::Solver(error)))?;
         let place = |key: &Key| {
             let base = needle.base(&key.pose);
             (

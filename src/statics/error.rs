@@ -5,10 +5,9 @@ use super::selection::Odd;
 use crate::document::{Fault, NoRegion, Unreadable};
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::quality::UnusableMesh;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::InvalidMaterial;
-use crate::mechanics::tissue::nonlinear::creep::CreepError;
-use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening};
-use crate::mechanics::tissue::problem::SolveError;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 
 /// Error of a static problem: the cause, the key concerned and its place in the file.
 pub type StaticsError = Fault<Wrong>;
@@ -57,20 +56,17 @@ pub enum Wrong {
     },
     /// The problem has no solution.
     #[error(transparent)]
-    Solve(#[from] SolveError),
-    /// The parameters of a stiffening material are invalid.
-    #[error(transparent)]
-    Stiffening(#[from] InvalidStiffening),
+    Solve(#[from] LinearError),
     /// The mesh does not form a valid body.
     #[error(transparent)]
-    Body(#[from] InvalidBody),
+    Body(#[from] NonlinearError),
     /// A step of the history failed.
     #[error("at {time_s} s: {cause}")]
     Step {
         /// The end of the step, s.
         time_s: f64,
         /// Cause of the failure.
-        cause: CreepError,
+        cause: NonlinearError,
     },
 }
 
@@ -81,10 +77,7 @@ impl StaticsError {
             Wrong::Text(error) => error.is_machine(),
             Wrong::Mesh(error) => error.is_machine(),
             Wrong::Solve(error) => error.is_machine(),
-            Wrong::Step {
-                cause: CreepError::Nonlinear(error),
-                ..
-            } => error.is_machine(),
+            Wrong::Step { cause, .. } => cause.is_machine(),
             _ => false,
         }
     }

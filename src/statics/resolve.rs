@@ -1,5 +1,6 @@
 //! Resolution of a problem file to a static problem, and its solution.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -17,8 +18,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
 use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::tissue::material::Materials;
-use crate::mechanics::tissue::problem::{Fix, Solution, SolveError, StaticProblem};
-use crate::mechanics::tissue::rigid::RigidError;
+use crate::mechanics::tissue::problem::{Fix, Solution, StaticProblem};
 
 /// Largest displacement, mm.
 const FARTHEST: f64 = 1e6;
@@ -319,20 +319,25 @@ impl Problem {
     }
 
     /// Attaches the key concerned to an error.
-    fn blame(&self, error: SolveError) -> StaticsError {
+    fn blame(&self, error: LinearError) -> StaticsError {
         let key = match &error {
-            SolveError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
-            SolveError::Rigid(RigidError::FreeParts { .. }) => "fix".to_owned(),
-            SolveError::Assembly(_) | SolveError::Rigid(RigidError::LooseNodes { .. }) => "mesh".to_owned(),
+            LinearError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
+            LinearError::FreeParts { .. } => "fix".to_owned(),
+            LinearError::Count { .. }
+            | LinearError::Element { .. }
+            | LinearError::TooLarge { .. }
+            | LinearError::LooseNodes { .. } => "mesh".to_owned(),
             // Displacements and forces are within bounds.
-            SolveError::Materials(_) | SolveError::Overflow => "material".to_owned(),
+            LinearError::TwoMaterials { .. } | LinearError::NoMaterial { .. } | LinearError::Overflow => {
+                "material".to_owned()
+            }
             // Node and axis numbers are valid here; the remaining errors concern the problem as a whole.
             _ => return StaticsError::new(Wrong::Solve(error)),
         };
         match error {
-            SolveError::Rigid(error) => {
+            LinearError::LooseNodes { .. } | LinearError::FreeParts { .. } => {
                 let help = "`region = \"NAME\"` or `region = NUMBER` in a [[fix]] holds all nodes of a region";
-                let error = SolveError::Rigid(error.named(&self.regions.0));
+                let error = error.named(&self.regions.0);
                 self.file.fault(key, error).with_help(Some(help.to_owned()))
             }
             error => self.file.fault(key, error),

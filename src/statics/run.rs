@@ -1,5 +1,7 @@
 //! Time stepping of problems with a history.
 
+use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
@@ -10,9 +12,9 @@ use super::course::{Model, Moment};
 use super::error::{StaticsError, Wrong};
 use super::fields::Fields;
 use super::resolve::{Problem, Solved};
-use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
+use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Structure, Supports};
-use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution, SolveError};
+use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 
 /// Course of a solution over time: one entry per moment, starting with the initial state.
@@ -79,7 +81,7 @@ impl Problem {
             supports: supports.clone(),
         };
         let (loads, held) = given.at(&moments[0]);
-        let at_start = |error: CreepError| self.fault_at(0.0, error);
+        let at_start = |error: NonlinearError| self.fault_at(0.0, error);
         let options = self.file.solver.unwrap_or_default().options();
         let solver = Solver::new(Arc::clone(&body), supports, options).map_err(|error| at_start(error.into()))?;
         let factored = started.elapsed().as_secs_f64();
@@ -167,7 +169,7 @@ impl Problem {
             }
             let first = given.entry((fix.node, fix.axis)).or_insert_with(|| values.clone());
             if let Some((first, other)) = first.iter().zip(&values).find(|(a, b)| a != b) {
-                let error = SolveError::Contradiction {
+                let error = LinearError::Contradiction {
                     node: fix.node,
                     axis: fix.axis,
                     displacements_mm: [*first, *other],
@@ -197,14 +199,14 @@ impl Problem {
         history.residual.push(progress.residual());
     }
 
-    fn fault_at(&self, time_s: f64, cause: CreepError) -> StaticsError {
+    fn fault_at(&self, time_s: f64, cause: NonlinearError) -> StaticsError {
         let key = match &cause {
-            CreepError::History(HistoryError::Order { .. }) => "viscosity.order",
-            CreepError::History(HistoryError::Uneven { .. }) => "viscosity.rule",
-            CreepError::History(_) | CreepError::Displaced => "history",
-            CreepError::Nonlinear(_) if self.file.solver.is_some() => "solver",
-            CreepError::Nonlinear(_) if self.file.history.is_some() => "history.step_s",
-            CreepError::Nonlinear(_) => "model",
+            NonlinearError::History(HistoryError::Order { .. }) => "viscosity.order",
+            NonlinearError::History(HistoryError::Uneven { .. }) => "viscosity.rule",
+            NonlinearError::History(_) | NonlinearError::Displaced => "history",
+            _ if self.file.solver.is_some() => "solver",
+            _ if self.file.history.is_some() => "history.step_s",
+            _ => "model",
         };
         self.file.fault(key, Wrong::Step { time_s, cause })
     }

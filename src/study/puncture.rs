@@ -17,10 +17,8 @@ use serde::Serialize;
 
 use crate::mechanics::insertion::pushing::{InvalidWay, Phase, Pushing};
 use crate::mechanics::tissue::material::InvalidMaterial;
-use crate::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
-use crate::mechanics::tissue::nonlinear::{
-    InvalidBody, InvalidStiffening, NonlinearError, Options, Scheme, Solver, Structure,
-};
+use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use crate::mechanics::tissue::nonlinear::{NonlinearError, Options, Scheme, Solver, Structure};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 use liver::Liver;
 pub use report::curves;
@@ -92,12 +90,6 @@ pub enum PunctureError {
     /// The material parameters are invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// The stiffening parameters are invalid.
-    #[error(transparent)]
-    Stiffening(#[from] InvalidStiffening),
-    /// The slice is not a valid body.
-    #[error(transparent)]
-    Body(#[from] InvalidBody),
     /// The path of the needle is invalid.
     #[error(transparent)]
     Way(#[from] InvalidWay),
@@ -120,7 +112,7 @@ pub enum PunctureError {
         /// Travel of the needle, mm.
         travel_mm: f64,
         /// Solver error.
-        cause: CreepError,
+        cause: NonlinearError,
     },
 }
 

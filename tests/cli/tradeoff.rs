@@ -62,7 +62,6 @@ fn levels_are_measured_against_the_moved_mesh() {
             "remesh-error-time.png",
             "remesh-error-time.svg",
             "remesh.csv",
-            "switching.csv",
             "tradeoff-remesh.json",
         ]
     );

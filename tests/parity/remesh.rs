@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 use insonify::gpu::GpuError;
-use insonify::mechanics::tissue::remesh::adaptation::AdaptError;
 use insonify::mechanics::tissue::remesh::levels::{Levels, Store, Which};
 use insonify::mechanics::tissue::remesh::{
     Adaptation, AdaptedMesh, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source, State,
@@ -408,7 +407,7 @@ fn what_a_device_cannot_do_is_said() {
     own.simulate_loss().unwrap();
     let (node, position) = nth_move(&soft, &free_nodes(&soft), 3);
     let failed = adaptation.move_node(node, position).unwrap_err();
-    assert!(matches!(failed, AdaptError::Remesh(RemeshError::Device(_))), "{failed}");
+    assert!(matches!(failed, RemeshError::Device(_)), "{failed}");
     assert_eq!(adaptation.mesh().nodes(), soft.nodes(), "the move is taken back");
     // The CPU takes over.
     adaptation.switch(Level::Exact, Precision::Single).unwrap();

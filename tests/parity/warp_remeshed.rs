@@ -1,6 +1,6 @@
 //! Warp between states that both move: tissue moves the current nodes, remeshing the reference nodes.
 
-use insonify::mechanics::mesh::locator::NodeCount;
+use insonify::mechanics::mesh::InvalidMesh;
 use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
 use insonify::mechanics::mesh::{Displacement, TetMesh};
 use insonify::random::{hash3, unit};
@@ -267,7 +267,7 @@ fn a_wrong_number_of_reference_nodes_is_refused_and_leaves_everything_as_it_was(
         bad.probe_to_world[(0, 3)] += 1.0;
         bad.nodes.as_mut().expect("nodes")[0] = Vector3::zeros().into();
         bad.reference.as_mut().expect("reference nodes").pop();
-        let expected = NodeCount {
+        let expected = InvalidMesh::Positions {
             state: "reference",
             found: count - 1,
             expected: count,

@@ -23,8 +23,8 @@ fn elements_solvers_and_inverse_hold() {
 }
 
 #[test]
-fn remeshing_and_constraints_hold() {
-    check("Remeshing and constraints");
+fn remeshing_holds() {
+    check("Remeshing");
 }
 
 #[test]
@@ -49,7 +49,7 @@ fn every_group_is_tested() {
         names,
         [
             "Elements, solvers, inverse",
-            "Remeshing and constraints",
+            "Remeshing",
             "Contact, needle, time",
             "Fading memory",
             "Images"

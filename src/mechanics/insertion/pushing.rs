@@ -23,11 +23,11 @@
 mod line;
 mod slide;
 
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::mechanics::tissue::nonlinear::creep::CreepError;
 use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
 pub use line::{InvalidWay, Layer, crossings};
 use line::{Line, check};
@@ -184,8 +184,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Returns the state of the needle and of the body, as [`Structure::put_state`] does.
     ///
     /// # Errors
-    /// [`CreepError`] where the stiffness cannot be factored.
-    pub(super) fn put_state(&mut self) -> Result<(At, [Vec<f64>; 2]), CreepError> {
+    /// [`NonlinearError`] where the stiffness cannot be factored.
+    pub(super) fn put_state(&mut self) -> Result<(At, [Vec<f64>; 2]), NonlinearError> {
         Ok((self.at, self.structure.put_state()?))
     }
 
@@ -202,8 +202,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Restores a state of a needle with the same aim.
     ///
     /// # Errors
-    /// [`CreepError`] for numbers that do not fit the body.
-    pub(super) fn take_state(&mut self, at: At, state: [&[f64]; 2]) -> Result<(), CreepError> {
+    /// [`NonlinearError`] for numbers that do not fit the body.
+    pub(super) fn take_state(&mut self, at: At, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
         self.structure.take_state(state)?;
         self.at = at;
         Ok(())
@@ -212,8 +212,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Moves the tip to `travel_mm` beyond the entry (below 0: before it), in `step_s` seconds.
     ///
     /// # Errors
-    /// [`CreepError`]; the needle is then unchanged.
-    pub fn step(&mut self, travel_mm: f64, step_s: f64) -> Result<Pushed, CreepError> {
+    /// [`NonlinearError`]; the needle is then unchanged.
+    pub fn step(&mut self, travel_mm: f64, step_s: f64) -> Result<Pushed, NonlinearError> {
         let mut next = self.advance(travel_mm);
         let contact = match next.phase {
             Phase::Held => Some(self.held(&next, travel_mm - self.at.travel_mm)),

@@ -4,13 +4,9 @@ use nalgebra::Isometry3;
 
 use super::{Interaction, InvalidInteraction, StepError};
 use crate::mechanics::needle::InvalidNeedleModel;
-use crate::mechanics::tissue::assembly::AssemblyError;
-use crate::mechanics::tissue::factor::FactorError;
-use crate::mechanics::tissue::inverse::InverseError;
-use crate::mechanics::tissue::nonlinear::creep::CreepError;
-use crate::mechanics::tissue::nonlinear::{InvalidBody, NonlinearError};
+use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::remesh::RemeshError;
-use crate::mechanics::tissue::rigid::RigidError;
 
 /// Reason why a model on a mesh cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -60,40 +56,24 @@ pub enum InvalidSetup {
     /// An invalid needle.
     #[error(transparent)]
     Needle(#[from] InvalidNeedleModel),
-    /// A mesh that cannot be assembled.
+    /// Supports that do not prevent rigid-body motion, or a stiffness that cannot be assembled, factored or inverted.
     #[error(transparent)]
-    Assembly(#[from] AssemblyError),
-    /// Supports that do not prevent rigid-body motion.
-    #[error(transparent)]
-    Rigid(#[from] RigidError),
-    /// A stiffness matrix that cannot be factored.
-    #[error(transparent)]
-    Factor(#[from] FactorError),
-    /// A dense inverse that cannot be computed.
-    #[error(transparent)]
-    Inverse(#[from] InverseError),
+    Linear(#[from] LinearError),
     /// A remeshing level that cannot be used.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
-    /// A mesh that does not form a body of stiffening tissue.
-    #[error(transparent)]
-    Body(#[from] InvalidBody),
-    /// A stiffness matrix of stiffening tissue that cannot be factored.
+    /// A mesh that does not form a body, a stiffness matrix that cannot be factored, or an invalid viscous memory.
     #[error(transparent)]
     Solver(#[from] NonlinearError),
-    /// An invalid viscous memory.
-    #[error(transparent)]
-    Memory(#[from] CreepError),
 }
 
 impl InvalidSetup {
     /// Returns whether the machine failed rather than the input: too little memory, or a device.
     pub fn is_machine(&self) -> bool {
         match self {
-            Self::Factor(FactorError::Memory { .. })
-            | Self::Inverse(InverseError::Memory { .. })
-            | Self::Remesh(RemeshError::Device(_)) => true,
-            Self::Solver(error) | Self::Memory(CreepError::Nonlinear(error)) => error.is_machine(),
+            Self::Linear(error) => error.is_machine(),
+            Self::Remesh(error) => matches!(error, RemeshError::Device(_)),
+            Self::Solver(error) => error.is_machine(),
             _ => false,
         }
     }

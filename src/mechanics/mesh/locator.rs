@@ -12,11 +12,8 @@
 //! where an inverted element contains the point. A mesh that overlaps itself without any inverted element (two separate
 //! parts pushed into each other) is not detected: each of the overlapping elements is a valid answer there.
 
-mod node_count;
-
+use crate::mechanics::mesh::{InvalidMesh, check_positions};
 use rayon::prelude::*;
-
-pub use node_count::NodeCount;
 
 use super::TetMesh;
 use super::element::{self, Carry, Frame, Kind, Outline};
@@ -96,8 +93,8 @@ impl<T: Real> Locator<T> {
     /// positions are permitted: their elements are excluded and counted.
     ///
     /// # Errors
-    /// [`NodeCount`] where the number of positions is not that of the mesh; the locator is then unchanged.
-    pub fn update(&mut self, current: &[[f64; 3]]) -> Result<LocatorReport, NodeCount> {
+    /// [`InvalidMesh`] where the number of positions is not that of the mesh; the locator is then unchanged.
+    pub fn update(&mut self, current: &[[f64; 3]]) -> Result<LocatorReport, InvalidMesh> {
         self.update_states(Some(current), None)
     }
 
@@ -110,8 +107,8 @@ impl<T: Real> Locator<T> {
         &mut self,
         current: Option<&[[f64; 3]]>,
         reference: Option<&[[f64; 3]]>,
-    ) -> Result<LocatorReport, NodeCount> {
-        NodeCount::check(current, reference, self.nodes.len())?;
+    ) -> Result<LocatorReport, InvalidMesh> {
+        check_positions(current, reference, self.nodes.len())?;
         if let Some(current) = current {
             for (node, position) in self.nodes.iter_mut().zip(current) {
                 *node = position.map(T::of);

@@ -6,6 +6,7 @@
 
 mod pattern;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMatRef};
@@ -38,52 +39,12 @@ pub struct Stiffness {
     norm_inf: f64,
 }
 
-/// Error in assembling a stiffness matrix.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum AssemblyError {
-    /// A list does not match the mesh.
-    #[error("{found} {what}; expected {expected}, as the mesh has")]
-    Count {
-        /// Items counted.
-        what: &'static str,
-        /// Number of items given.
-        found: usize,
-        /// Number of items in the mesh.
-        expected: usize,
-    },
-    /// A tetrahedron has no usable volume.
-    #[error("tetrahedron {element} (nodes {corners:?}): {cause}{}", more(.others))]
-    Element {
-        /// Index of the first unusable element, from 0.
-        element: usize,
-        /// Node indices of the element.
-        corners: [u32; 4],
-        /// Defect of the element.
-        cause: DegenerateElement,
-        /// Indices of the next unusable elements, at most ten.
-        others: Vec<usize>,
-    },
-    /// The matrix has more entries than 32-bit indices can address.
-    #[error("the stiffness matrix has more than {limit} entries")]
-    TooLarge {
-        /// Largest number of entries.
-        limit: usize,
-    },
-}
-
-fn more(elements: &[usize]) -> String {
-    match elements {
-        [] => String::new(),
-        others => format!("; unusable as well: {others:?}"),
-    }
-}
-
 impl Stiffness {
     /// Assembles the stiffness of a mesh in its reference state, with one material per element.
     ///
     /// # Errors
-    /// [`AssemblyError`] where a list does not match the mesh or an element is flat or inverted.
-    pub fn assemble(mesh: &TetMesh, materials: &[Material], dofs: &Dofs) -> Result<Stiffness, AssemblyError> {
+    /// [`LinearError`] where a list does not match the mesh or an element is flat or inverted.
+    pub fn assemble(mesh: &TetMesh, materials: &[Material], dofs: &Dofs) -> Result<Stiffness, LinearError> {
         expect("materials", materials.len(), mesh.elements().len())?;
         expect("nodes with degrees of freedom", dofs.nodes(), mesh.nodes().len())?;
         let structure = Structure {
@@ -99,13 +60,13 @@ impl Stiffness {
     /// pattern is unchanged, so a [`Factor`](super::factor::Factor) of one can be refactored to the other.
     ///
     /// # Errors
-    /// [`AssemblyError`] where there is not one position per node, or an element is flat or inverted.
-    pub fn at_nodes(&self, nodes: &[[f64; 3]]) -> Result<Stiffness, AssemblyError> {
+    /// [`LinearError`] where there is not one position per node, or an element is flat or inverted.
+    pub fn at_nodes(&self, nodes: &[[f64; 3]]) -> Result<Stiffness, LinearError> {
         expect("node positions", nodes.len(), self.dofs().nodes())?;
         Stiffness::fill(Arc::clone(&self.structure), nodes)
     }
 
-    fn fill(structure: Arc<Structure>, nodes: &[[f64; 3]]) -> Result<Stiffness, AssemblyError> {
+    fn fill(structure: Arc<Structure>, nodes: &[[f64; 3]]) -> Result<Stiffness, LinearError> {
         let blocks = structure.blocks(nodes)?;
         let Structure { dofs, pattern, .. } = &*structure;
         let mut values = Vec::with_capacity(pattern.entries());
@@ -191,7 +152,7 @@ impl Stiffness {
 
 impl Structure {
     /// Computes the blocks of all node pairs at these node positions (mm).
-    fn blocks(&self, nodes: &[[f64; 3]]) -> Result<Vec<NodeBlock>, AssemblyError> {
+    fn blocks(&self, nodes: &[[f64; 3]]) -> Result<Vec<NodeBlock>, LinearError> {
         let mut blocks = vec![[[0.0; 3]; 3]; self.pattern.pairs()];
         let parts = self.elements.iter().zip(&self.materials).zip(self.pattern.places());
         for (element, ((corners, material), places)) in parts.enumerate() {
@@ -213,10 +174,10 @@ impl Structure {
         Ok(blocks)
     }
 
-    fn unusable(&self, nodes: &[[f64; 3]], element: usize, cause: DegenerateElement) -> AssemblyError {
+    fn unusable(&self, nodes: &[[f64; 3]], element: usize, cause: DegenerateElement) -> LinearError {
         let rest = self.elements.iter().enumerate().skip(element + 1);
         let others = rest.filter(|(_, corners)| Shape::of(&corners.map(|node| nodes[node as usize])).is_err());
-        AssemblyError::Element {
+        LinearError::Element {
             element,
             corners: self.elements[element],
             cause,
@@ -225,11 +186,11 @@ impl Structure {
     }
 }
 
-fn expect(what: &'static str, found: usize, expected: usize) -> Result<(), AssemblyError> {
+fn expect(what: &'static str, found: usize, expected: usize) -> Result<(), LinearError> {
     if found == expected {
         Ok(())
     } else {
-        Err(AssemblyError::Count { what, found, expected })
+        Err(LinearError::Count { what, found, expected })
     }
 }
 

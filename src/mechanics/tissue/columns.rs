@@ -4,12 +4,13 @@
 //! touched. Columns prefetched along a needle's predicted path are solved together, which is several times faster than
 //! one by one.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::collections::HashSet;
 use std::sync::Arc;
 
 use faer::{Mat, MatMut};
 
-use super::compliance::{Compliance, ComplianceError, check_dofs, check_shape};
+use super::compliance::{Compliance, check_dofs, check_shape};
 use super::factor::Factor;
 
 /// Most right-hand sides solved together; more gain little and need their memory twice over.
@@ -90,8 +91,8 @@ impl Columns {
     /// Returns column `dof` (mm/N), solving for it if it is not cached.
     ///
     /// # Errors
-    /// [`ComplianceError`] when `dof` is out of range or the column is not finite.
-    pub fn column(&mut self, dof: usize) -> Result<&[f64], ComplianceError> {
+    /// [`LinearError`] when `dof` is out of range or the column is not finite.
+    pub fn column(&mut self, dof: usize) -> Result<&[f64], LinearError> {
         check_dofs(&[dof], self.factor.size())?;
         self.fetch(&[dof])?;
         match &self.columns[dof] {
@@ -101,7 +102,7 @@ impl Columns {
     }
 
     /// Ensures that these distinct columns, at most the capacity, are cached.
-    fn fetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
+    fn fetch(&mut self, dofs: &[usize]) -> Result<(), LinearError> {
         self.clock += 1;
         let mut missing = Vec::new();
         for &dof in dofs {
@@ -122,7 +123,7 @@ impl Columns {
             for (&dof, column) in block.iter().zip(solutions.col_iter()) {
                 let values: Vec<f64> = column.iter().copied().collect();
                 if !values.iter().all(|value| value.is_finite()) {
-                    return Err(ComplianceError::NotFinite { dof });
+                    return Err(LinearError::Column { dof });
                 }
                 let last_used = self.clock;
                 self.columns[dof] = Some(Column { values, last_used });
@@ -166,7 +167,7 @@ impl Compliance for Columns {
         self.factor.size()
     }
 
-    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), ComplianceError> {
+    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), LinearError> {
         check_shape("rows of the column", out.len(), self.size())?;
         out.copy_from_slice(self.column(dof)?);
         Ok(())
@@ -174,12 +175,7 @@ impl Compliance for Columns {
 
     /// Solves for rows or columns, whichever has fewer missing (K^-1 is symmetric). On a tie, uses the smaller list, as
     /// each vector lies elsewhere in memory.
-    fn entries_into(
-        &mut self,
-        rows: &[usize],
-        columns: &[usize],
-        mut out: MatMut<'_, f64>,
-    ) -> Result<(), ComplianceError> {
+    fn entries_into(&mut self, rows: &[usize], columns: &[usize], mut out: MatMut<'_, f64>) -> Result<(), LinearError> {
         check_dofs(rows, self.size())?;
         check_dofs(columns, self.size())?;
         check_shape("rows of the block", out.nrows(), rows.len())?;
@@ -202,7 +198,7 @@ impl Compliance for Columns {
     }
 
     /// Solves the missing columns together. Beyond the capacity, only the first are prefetched.
-    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
+    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), LinearError> {
         check_dofs(dofs, self.size())?;
         let mut wanted = distinct(dofs);
         wanted.truncate(self.capacity);
@@ -210,7 +206,7 @@ impl Compliance for Columns {
     }
 
     /// Performs one solve, regardless of the cache.
-    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
         check_shape("forces", x.len(), self.size())?;
         check_shape("displacements", out.len(), self.size())?;
         out.copy_from_slice(x);

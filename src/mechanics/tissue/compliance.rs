@@ -1,5 +1,6 @@
 //! Access to the compliance K^-1 (mm/N), from a dense inverse or by solving on demand.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::{Mat, MatMut};
@@ -16,20 +17,20 @@ pub trait Compliance {
     /// Writes column `dof` of K^-1 to `out`: the displacements (mm) under a unit force (N) on it, one per row.
     ///
     /// # Errors
-    /// [`ComplianceError`] when `dof` is out of range, `out` has the wrong length, or the column cannot be computed.
-    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), ComplianceError>;
+    /// [`LinearError`] when `dof` is out of range, `out` has the wrong length, or the column cannot be computed.
+    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), LinearError>;
 
     /// Writes the block of K^-1 at these rows and columns, in their order, to `out` (rows by columns).
     ///
     /// # Errors
-    /// [`ComplianceError`] when an index is out of range, `out` has the wrong shape, or a column cannot be computed.
-    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), ComplianceError>;
+    /// [`LinearError`] when an index is out of range, `out` has the wrong shape, or a column cannot be computed.
+    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), LinearError>;
 
     /// Returns the block of K^-1 at these rows and columns, in their order.
     ///
     /// # Errors
     /// Those of [`entries_into`](Self::entries_into).
-    fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, ComplianceError> {
+    fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, LinearError> {
         let mut out = Mat::zeros(rows.len(), columns.len());
         self.entries_into(rows, columns, out.as_mut())?;
         Ok(out)
@@ -38,78 +39,43 @@ pub trait Compliance {
     /// Computes these columns together before their use. A stored inverse only checks the indices.
     ///
     /// # Errors
-    /// [`ComplianceError`] when an index is out of range or a column cannot be computed.
-    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), ComplianceError> {
+    /// [`LinearError`] when an index is out of range or a column cannot be computed.
+    fn prefetch(&mut self, dofs: &[usize]) -> Result<(), LinearError> {
         check_dofs(dofs, self.size())
     }
 
     /// Computes the displacements `out` (mm) under the forces `x` (N) on all free degrees of freedom.
     ///
     /// # Errors
-    /// [`ComplianceError`] when a length is wrong or the displacements cannot be computed.
-    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError>;
+    /// [`LinearError`] when a length is wrong or the displacements cannot be computed.
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), LinearError>;
 
     /// Memory currently in use, bytes.
     fn bytes(&self) -> usize;
 }
 
-/// Error in reading or changing entries of the compliance.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ComplianceError {
-    /// An index is out of range.
-    #[error("degree of freedom {dof}, but there are {size}: valid are 0 to {size} - 1")]
-    OutOfRange {
-        /// Index given.
-        dof: usize,
-        /// Number of free degrees of freedom.
-        size: usize,
-    },
-    /// An index is given twice where each may occur once.
-    #[error("degree of freedom {dof} is named twice; name each once")]
-    Repeated {
-        /// Repeated index.
-        dof: usize,
-    },
-    /// An operand has the wrong length.
-    #[error("{what}: {found} given, {expected} expected")]
-    Shape {
-        /// Quantity measured by the length.
-        what: &'static str,
-        /// Length given.
-        found: usize,
-        /// Length required.
-        expected: usize,
-    },
-    /// A solution has infinite or undefined values.
-    #[error("column {dof} of K^-1 holds a value that is not finite: the stiffness is singular to working precision")]
-    NotFinite {
-        /// Index of the column.
-        dof: usize,
-    },
-}
-
-pub(super) fn check_shape(what: &'static str, found: usize, expected: usize) -> Result<(), ComplianceError> {
+pub(super) fn check_shape(what: &'static str, found: usize, expected: usize) -> Result<(), LinearError> {
     if found == expected {
         Ok(())
     } else {
-        Err(ComplianceError::Shape { what, found, expected })
+        Err(LinearError::Shape { what, found, expected })
     }
 }
 
 /// Checks that all indices are below `size`.
-pub(super) fn check_dofs(dofs: &[usize], size: usize) -> Result<(), ComplianceError> {
+pub(super) fn check_dofs(dofs: &[usize], size: usize) -> Result<(), LinearError> {
     match dofs.iter().find(|&&dof| dof >= size) {
-        Some(&dof) => Err(ComplianceError::OutOfRange { dof, size }),
+        Some(&dof) => Err(LinearError::OutOfRange { dof, size }),
         None => Ok(()),
     }
 }
 
 /// Checks that no index occurs twice.
-pub(super) fn check_distinct(dofs: &[usize]) -> Result<(), ComplianceError> {
+pub(super) fn check_distinct(dofs: &[usize]) -> Result<(), LinearError> {
     let mut sorted = dofs.to_vec();
     sorted.sort_unstable();
     match sorted.windows(2).find(|pair| pair[0] == pair[1]) {
-        Some(pair) => Err(ComplianceError::Repeated { dof: pair[0] }),
+        Some(pair) => Err(LinearError::Repeated { dof: pair[0] }),
         None => Ok(()),
     }
 }
@@ -120,15 +86,15 @@ impl<T: Scalar> Compliance for Arc<Symmetric<T>> {
         Symmetric::size(self)
     }
 
-    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), ComplianceError> {
+    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), LinearError> {
         self.copy_column(dof, out, T::wide)
     }
 
-    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), ComplianceError> {
+    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), LinearError> {
         copy_entries(self, rows, columns, out)
     }
 
-    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
         multiply(self, x, out)
     }
 
@@ -142,7 +108,7 @@ fn copy_entries<T: Scalar>(
     rows: &[usize],
     columns: &[usize],
     mut out: MatMut<'_, f64>,
-) -> Result<(), ComplianceError> {
+) -> Result<(), LinearError> {
     let size = matrix.size();
     check_dofs(rows, size)?;
     check_dofs(columns, size)?;
@@ -156,7 +122,7 @@ fn copy_entries<T: Scalar>(
     Ok(())
 }
 
-fn multiply<T: Scalar>(matrix: &Symmetric<T>, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+fn multiply<T: Scalar>(matrix: &Symmetric<T>, x: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
     let x: Vec<T> = x.iter().map(|x| T::of(*x)).collect();
     let mut product = vec![T::of(0.0); out.len()];
     matrix.multiply(&x, &mut product)?;
@@ -171,15 +137,15 @@ impl<T: Scalar> Compliance for Symmetric<T> {
         Symmetric::size(self)
     }
 
-    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), ComplianceError> {
+    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), LinearError> {
         self.copy_column(dof, out, T::wide)
     }
 
-    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), ComplianceError> {
+    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), LinearError> {
         copy_entries(self, rows, columns, out)
     }
 
-    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
         multiply(self, x, out)
     }
 

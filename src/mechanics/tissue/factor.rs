@@ -6,6 +6,7 @@
 
 mod scratch;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::linalg::cholesky::llt::factor::LltError;
@@ -93,58 +94,12 @@ pub struct Factor<R = f64> {
     scratch: Scratch,
 }
 
-/// Error of a Cholesky factorisation.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum FactorError {
-    /// A pivot is zero, negative or NaN.
-    #[error(
-        "the stiffness matrix is not positive definite to working precision: no usable pivot at node {node}, axis {}; look for \
-         parts that can move freely, for nearly flat tetrahedra and for extreme contrasts of stiffness near that node",
-        ["x", "y", "z"][*.axis as usize % 3]
-    )]
-    NotPositiveDefinite {
-        /// Node of the pivot's degree of freedom.
-        node: u32,
-        /// Axis of the pivot's degree of freedom, 0 to 2.
-        axis: u8,
-    },
-    /// Memory does not suffice, or 32-bit indices do not.
-    #[error("the Cholesky factor of {size} degrees of freedom does not fit into memory{}", needed(.bytes))]
-    Memory {
-        /// Number of degrees of freedom.
-        size: usize,
-        /// Bytes required, where known.
-        bytes: Option<usize>,
-    },
-    /// The matrix to refactor has another sparsity pattern.
-    #[error(
-        "a matrix of {found} degrees of freedom and {found_entries} entries has another pattern than the one factored \
-        before ({expected} and {expected_entries})"
-    )]
-    Pattern {
-        /// Degrees of freedom of the given matrix.
-        found: usize,
-        /// Entries of the given matrix.
-        found_entries: usize,
-        /// Degrees of freedom of the factor.
-        expected: usize,
-        /// Entries of the matrix factored before.
-        expected_entries: usize,
-    },
-}
-
-fn needed(bytes: &Option<usize>) -> String {
-    bytes.map_or(String::new(), |bytes| {
-        format!(": it needs {} MiB", bytes.div_ceil(1 << 20))
-    })
-}
-
 impl Factor {
     /// Analyses and factors a stiffness matrix.
     ///
     /// # Errors
-    /// [`FactorError`] where the matrix is not positive definite or the factor does not fit into memory.
-    pub fn new(stiffness: &impl Symmetric) -> Result<Factor, FactorError> {
+    /// [`LinearError`] where the matrix is not positive definite or the factor does not fit into memory.
+    pub fn new(stiffness: &impl Symmetric) -> Result<Factor, LinearError> {
         Factor::analyse(stiffness)
     }
 }
@@ -153,19 +108,19 @@ impl Factor<f32> {
     /// Analyses and factors a stiffness matrix in single precision.
     ///
     /// # Errors
-    /// [`FactorError`] where the rounded matrix is not positive definite or the factor does not fit into memory.
-    pub fn single(stiffness: &impl Symmetric) -> Result<Factor<f32>, FactorError> {
+    /// [`LinearError`] where the rounded matrix is not positive definite or the factor does not fit into memory.
+    pub fn single(stiffness: &impl Symmetric) -> Result<Factor<f32>, LinearError> {
         Factor::analyse(stiffness)
     }
 }
 
 impl<R: Real + RealField> Factor<R> {
-    fn analyse(stiffness: &impl Symmetric) -> Result<Self, FactorError> {
+    fn analyse(stiffness: &impl Symmetric) -> Result<Self, LinearError> {
         let size = stiffness.lower().ncols();
         let pattern = stiffness.lower().symbolic();
         let ordering = SymmetricOrdering::Amd;
         let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, ordering, Default::default())
-            .map_err(|_: FaerError| FactorError::Memory { size, bytes: None })?;
+            .map_err(|_: FaerError| LinearError::FactorMemory { size, bytes: None })?;
         let mut factor = Factor {
             symbolic: Arc::new(symbolic),
             entries: pattern.row_idx().len(),
@@ -182,11 +137,11 @@ impl<R: Real + RealField> Factor<R> {
     /// freedom.
     ///
     /// # Errors
-    /// [`FactorError`]; the factor is then unchanged.
-    pub fn refactor(&mut self, stiffness: &impl Symmetric) -> Result<(), FactorError> {
+    /// [`LinearError`]; the factor is then unchanged.
+    pub fn refactor(&mut self, stiffness: &impl Symmetric) -> Result<(), LinearError> {
         self.check_pattern(stiffness)?;
         let length = self.symbolic.len_val();
-        let memory = FactorError::Memory {
+        let memory = LinearError::FactorMemory {
             size: self.size(),
             bytes: length.checked_mul(size_of::<R>()),
         };
@@ -227,14 +182,14 @@ impl<R: Real + RealField> Factor<R> {
         }
     }
 
-    fn check_pattern(&self, stiffness: &impl Symmetric) -> Result<(), FactorError> {
+    fn check_pattern(&self, stiffness: &impl Symmetric) -> Result<(), LinearError> {
         let lower = stiffness.lower();
         let (found, found_entries) = (lower.ncols(), lower.row_idx().len());
         let (expected, expected_entries) = (self.size(), self.entries);
         if (found, found_entries) == (expected, expected_entries) {
             return Ok(());
         }
-        Err(FactorError::Pattern {
+        Err(LinearError::Pattern {
             found,
             found_entries,
             expected,
@@ -243,7 +198,7 @@ impl<R: Real + RealField> Factor<R> {
     }
 
     /// Returns the error for a pivot of the permuted matrix, with its degree of freedom.
-    fn bad_pivot(&self, stiffness: &impl Symmetric, index: usize) -> FactorError {
+    fn bad_pivot(&self, stiffness: &impl Symmetric, index: usize) -> LinearError {
         // faer counts columns from 1 in the simplicial factorisation, from 0 in the supernodal one.
         let column = match self.symbolic.raw() {
             SymbolicCholeskyRaw::Simplicial(_) => index.saturating_sub(1),
@@ -254,7 +209,7 @@ impl<R: Real + RealField> Factor<R> {
             None => column as u32,
         };
         let (node, axis) = stiffness.node_of(dof);
-        FactorError::NotPositiveDefinite { node, axis }
+        LinearError::NotPositiveDefinite { node, axis }
     }
 
     /// Number of degrees of freedom.

@@ -9,13 +9,14 @@
 #[cfg(test)]
 mod tests;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::{Mutex, PoisonError};
 
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
 use super::assembly::Stiffness;
-use super::compliance::{Compliance, ComplianceError};
+use super::compliance::Compliance;
 use super::factor::Factor;
 use super::symmetric::{PANEL_ROWS, PanelMut, Scalar, Symmetric};
 use crate::memory;
@@ -23,42 +24,16 @@ use crate::memory;
 /// Right-hand sides solved together.
 const BLOCK: usize = 32;
 
-/// Error in computing a dense inverse.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum InverseError {
-    /// The inverse exceeds the available memory.
-    #[error(
-        "the dense inverse of {size} degrees of freedom needs {:.1} GiB, and {:.1} GiB of memory are available; use columns on \
-         demand, which need none of it, single precision, or a coarser mesh",
-        gib(*needed), gib(*available)
-    )]
-    Memory {
-        /// Number of degrees of freedom.
-        size: usize,
-        /// Bytes required.
-        needed: usize,
-        /// Bytes available.
-        available: usize,
-    },
-    /// A solution is not finite.
-    #[error(transparent)]
-    Column(#[from] ComplianceError),
-}
-
-fn gib(bytes: usize) -> f64 {
-    bytes as f64 / (1u64 << 30) as f64
-}
-
 /// Computes K^-1 (mm/N) from the factor of K on the current rayon pool; the result is bitwise independent of the number
 /// of threads. `progress` receives the number of finished columns and their total, in ascending order, from any thread.
 ///
 /// # Errors
-/// [`InverseError::Memory`] before any allocation, where the system reports its available memory (Linux);
-/// [`InverseError::Column`] when a solution is not finite.
+/// [`LinearError::InverseMemory`] before any allocation, where the system reports its available memory (Linux);
+/// [`LinearError::Column`] when a solution is not finite.
 pub fn invert<T: Scalar>(
     factor: &Factor,
     progress: impl FnMut(usize, usize) + Send,
-) -> Result<Symmetric<T>, InverseError> {
+) -> Result<Symmetric<T>, LinearError> {
     let size = factor.size();
     check_memory::<T>(size)?;
     let mut inverse = Symmetric::zeros(size);
@@ -70,23 +45,23 @@ pub fn invert<T: Scalar>(
         let (done, report) = &mut *progress.lock().unwrap_or_else(PoisonError::into_inner);
         *done += rows;
         report(*done, size);
-        Ok::<(), ComplianceError>(())
+        Ok::<(), LinearError>(())
     })?;
     Ok(inverse)
 }
 
 /// Checks the memory needed by an inverse and the blocks of all threads against what is available.
-pub(super) fn check_memory<T: Scalar>(size: usize) -> Result<(), InverseError> {
+pub(super) fn check_memory<T: Scalar>(size: usize) -> Result<(), LinearError> {
     check_memory_of::<T>(size, rayon::current_num_threads(), memory::available())
 }
 
-fn check_memory_of<T: Scalar>(size: usize, threads: usize, available: Option<usize>) -> Result<(), InverseError> {
+fn check_memory_of<T: Scalar>(size: usize, threads: usize, available: Option<usize>) -> Result<(), LinearError> {
     // A block of solutions, and the factor's scratch memory of the same size.
     let block = 2 * BLOCK * size_of::<f64>();
     let blocks = threads.saturating_mul(size).saturating_mul(block);
     let needed = Symmetric::<T>::bytes_of(size).saturating_add(blocks);
     match available {
-        Some(available) if needed > available => Err(InverseError::Memory {
+        Some(available) if needed > available => Err(LinearError::InverseMemory {
             size,
             needed,
             available,
@@ -96,7 +71,7 @@ fn check_memory_of<T: Scalar>(size: usize, threads: usize, available: Option<usi
 }
 
 /// Solves for the rows of a panel.
-fn fill<T: Scalar>(factor: &Factor, panel: PanelMut<'_, T>) -> Result<(), ComplianceError> {
+fn fill<T: Scalar>(factor: &Factor, panel: PanelMut<'_, T>) -> Result<(), LinearError> {
     let mut solutions = Mat::<f64>::zeros(factor.size(), BLOCK.min(panel.rows));
     for first in (0..panel.rows).step_by(BLOCK) {
         let count = BLOCK.min(panel.rows - first);
@@ -121,12 +96,12 @@ fn fill<T: Scalar>(factor: &Factor, panel: PanelMut<'_, T>) -> Result<(), Compli
 }
 
 /// Checks that the solutions for the unit forces from `first` on are finite.
-fn check_finite(solutions: MatRef<'_, f64>, first: usize) -> Result<(), ComplianceError> {
+fn check_finite(solutions: MatRef<'_, f64>, first: usize) -> Result<(), LinearError> {
     let bad = solutions
         .col_iter()
         .position(|column| !column.iter().all(|x| x.is_finite()));
     match bad {
-        Some(k) => Err(ComplianceError::NotFinite { dof: first + k }),
+        Some(k) => Err(LinearError::Column { dof: first + k }),
         None => Ok(()),
     }
 }
@@ -135,12 +110,12 @@ fn check_finite(solutions: MatRef<'_, f64>, first: usize) -> Result<(), Complian
 /// of this stiffness.
 ///
 /// # Errors
-/// [`ComplianceError`] when an index is out of range, the sizes differ, or a column cannot be computed.
+/// [`LinearError`] when an index is out of range, the sizes differ, or a column cannot be computed.
 pub fn sampled_residual(
     stiffness: &Stiffness,
     compliance: &mut dyn Compliance,
     dofs: &[usize],
-) -> Result<f64, ComplianceError> {
+) -> Result<f64, LinearError> {
     let size = stiffness.dofs().free();
     super::compliance::check_shape("degrees of freedom of the compliance", compliance.size(), size)?;
     let [mut column, mut product] = [vec![0.0; size], vec![0.0; size]];

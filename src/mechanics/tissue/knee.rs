@@ -1,5 +1,7 @@
 //! Strain-stiffening law.
 
+use crate::mechanics::tissue::material::InvalidMaterial;
+
 /// Constant stiffness up to a knee, and 1 + a (|e| - e0)^2 times as much above (Y. Kobayashi et al., "Development of an
 /// integrated needle insertion system with image guidance and deformation simulation", Computerized Medical Imaging and
 /// Graphics 34, 2010, equations 3 and 8). The strain e is the shear strain of a point in shear, and the relative strain
@@ -12,18 +14,6 @@ pub struct Knee {
     pub stiffening: f64,
 }
 
-/// Error for an invalid stiffening parameter.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{key} is {found}; expected {expected}")]
-pub struct InvalidStiffening {
-    /// Key of the parameter.
-    pub key: &'static str,
-    /// Value given.
-    pub found: f64,
-    /// Values expected.
-    pub expected: &'static str,
-}
-
 impl Knee {
     /// Law without stiffening.
     pub const NONE: Knee = Knee {
@@ -34,10 +24,10 @@ impl Knee {
     /// Checks both parameters.
     ///
     /// # Errors
-    /// [`InvalidStiffening`] for a parameter that is out of range.
-    pub fn check(&self) -> Result<(), InvalidStiffening> {
+    /// [`InvalidMaterial`] for a parameter that is out of range.
+    pub fn check(&self) -> Result<(), InvalidMaterial> {
         let Knee { strain, stiffening } = *self;
-        let wrong = |key, found, expected| Err(InvalidStiffening { key, found, expected });
+        let wrong = |key, found, expected| Err(InvalidMaterial { key, found, expected });
         if strain.is_nan() || strain < 0.0 {
             return wrong(
                 "knee_strain",

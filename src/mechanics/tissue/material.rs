@@ -1,5 +1,6 @@
 //! Isotropic linear elastic materials, by mesh region.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 
 use crate::mechanics::mesh::TetMesh;
@@ -11,36 +12,14 @@ pub struct Material {
     poisson: f64,
 }
 
-/// Error for invalid material parameters.
+/// A parameter of a material that is out of range.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidMaterial {
-    /// Young's modulus is not above 0, or so large or small that the Lame parameters overflow or vanish.
-    #[error(
-        "young_kpa is {found}; expected a number above 0, and neither so small nor so large that stiffness is lost"
-    )]
-    Young {
-        /// Modulus given, kPa.
-        found: f64,
-    },
-    /// Poisson's ratio is outside the range of stable, compressible materials.
-    #[error(
-        "poisson is {found}; expected a number above -1 and below 0.5 (soft tissue: 0.45 to 0.499; 0.5 itself is incompressible, \
-         which displacements alone cannot represent)"
-    )]
-    Poisson {
-        /// Ratio given.
-        found: f64,
-    },
-}
-
-impl InvalidMaterial {
-    /// Key of the invalid parameter.
-    pub fn key(&self) -> &'static str {
-        match self {
-            InvalidMaterial::Young { .. } => "young_kpa",
-            InvalidMaterial::Poisson { .. } => "poisson",
-        }
-    }
+#[error("{key} is {found}; expected {expected}")]
+pub struct InvalidMaterial {
+    /// Key of the parameter.
+    pub key: &'static str,
+    pub found: f64,
+    pub expected: &'static str,
 }
 
 impl Material {
@@ -51,12 +30,21 @@ impl Material {
     /// [`InvalidMaterial`] with the parameter that is out of range.
     pub fn new(young_kpa: f64, poisson: f64) -> Result<Material, InvalidMaterial> {
         if !(poisson > -1.0 && poisson < 0.5) {
-            return Err(InvalidMaterial::Poisson { found: poisson });
+            return Err(InvalidMaterial {
+                key: "poisson",
+                found: poisson,
+                expected: "a number above -1 and below 0.5 (soft tissue: 0.45 to 0.499; 0.5 itself is incompressible, which \
+                           displacements alone cannot represent)",
+            });
         }
         let material = Material { young_kpa, poisson };
         let [lambda, mu] = material.lame_kpa();
         if !(young_kpa > 0.0 && mu.is_normal() && lambda.is_finite()) {
-            return Err(InvalidMaterial::Young { found: young_kpa });
+            return Err(InvalidMaterial {
+                key: "young_kpa",
+                found: young_kpa,
+                expected: "a number above 0, and neither so small nor so large that stiffness is lost",
+            });
         }
         Ok(material)
     }
@@ -88,44 +76,16 @@ pub struct Materials {
     by_region: BTreeMap<i32, Material>,
 }
 
-/// Error in assigning materials to regions.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum MaterialsError {
-    /// A region has two materials.
-    #[error("region {region} has two materials: {} kPa, {} and {} kPa, {}", .materials[0].young_kpa, .materials[0].poisson,
-        .materials[1].young_kpa, .materials[1].poisson)]
-    Twice {
-        /// Region number.
-        region: i32,
-        /// First and second material of the region.
-        materials: [Material; 2],
-    },
-    /// Regions of the mesh have no material.
-    #[error("no material for {}; give each its own, or one without a region for all others", list(.regions))]
-    Missing {
-        /// Region numbers, ascending, with the number of tetrahedra in each.
-        regions: Vec<(i32, usize)>,
-    },
-}
-
-fn list(regions: &[(i32, usize)]) -> String {
-    let items: Vec<String> = regions
-        .iter()
-        .map(|(region, elements)| format!("region {region} ({elements} tetrahedra)"))
-        .collect();
-    items.join(", ")
-}
-
 impl Materials {
     /// Assigns `by_region` to the regions it names, and `default` to all others.
     ///
     /// # Errors
-    /// [`MaterialsError::Twice`] where a region is named twice.
-    pub fn new(default: Option<Material>, by_region: &[(i32, Material)]) -> Result<Materials, MaterialsError> {
+    /// [`LinearError::TwoMaterials`] where a region is named twice.
+    pub fn new(default: Option<Material>, by_region: &[(i32, Material)]) -> Result<Materials, LinearError> {
         let mut map = BTreeMap::new();
         for &(region, material) in by_region {
             if let Some(first) = map.insert(region, material) {
-                return Err(MaterialsError::Twice {
+                return Err(LinearError::TwoMaterials {
                     region,
                     materials: [first, material],
                 });
@@ -159,8 +119,8 @@ impl Materials {
     /// Returns the material of each element of a mesh.
     ///
     /// # Errors
-    /// [`MaterialsError::Missing`] with all regions that have no material.
-    pub fn check(&self, mesh: &TetMesh) -> Result<Vec<Material>, MaterialsError> {
+    /// [`LinearError::NoMaterial`] with all regions that have no material.
+    pub fn check(&self, mesh: &TetMesh) -> Result<Vec<Material>, LinearError> {
         let mut missing = BTreeMap::<i32, usize>::new();
         let mut materials = Vec::with_capacity(mesh.regions().len());
         for &region in mesh.regions() {
@@ -172,7 +132,7 @@ impl Materials {
         if missing.is_empty() {
             Ok(materials)
         } else {
-            Err(MaterialsError::Missing {
+            Err(LinearError::NoMaterial {
                 regions: missing.into_iter().collect(),
             })
         }

@@ -32,8 +32,7 @@ mod structure;
 mod supports;
 mod tangent;
 
-pub use super::knee::InvalidStiffening;
-pub use body::{Body, InvalidBody, Sheet, Solid};
+pub use body::{Body, Sheet, Solid};
 pub use error::NonlinearError;
 pub use law::Stiffening;
 #[cfg(feature = "internals")]

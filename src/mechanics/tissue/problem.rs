@@ -2,14 +2,15 @@
 
 mod balance;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use super::assembly::{AssemblyError, Stiffness};
+use super::assembly::Stiffness;
 use super::dofs::Dofs;
-use super::factor::{Factor, FactorError};
-use super::material::{Materials, MaterialsError};
-use super::rigid::{self, RigidError};
+use super::factor::Factor;
+use super::material::Materials;
+use super::rigid::{self};
 use crate::mechanics::mesh::TetMesh;
 use balance::Balance;
 
@@ -83,78 +84,12 @@ pub struct Solution {
     pub seconds: Seconds,
 }
 
-/// Why a static problem cannot be solved.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SolveError {
-    /// The mesh does not have the node.
-    #[error("{what} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
-    Node {
-        /// Input that names the node: "a fix" or "a load".
-        what: &'static str,
-        /// Index of the node.
-        node: u32,
-        /// Number of nodes in the mesh.
-        nodes: usize,
-    },
-    /// The axis is beyond z.
-    #[error("a fix of node {node} names axis {axis}; axes are 0, 1 and 2")]
-    Axis {
-        /// Index of the node.
-        node: u32,
-        /// Axis given.
-        axis: u8,
-    },
-    /// A displacement or force is NaN or infinite.
-    #[error("{what} of node {node} is {value}; expected a finite number")]
-    NotFinite {
-        /// Quantity: "the displacement" or "the force".
-        what: &'static str,
-        /// Index of the node.
-        node: u32,
-        /// Value given.
-        value: f64,
-    },
-    /// Two different values are prescribed for one displacement.
-    #[error("node {node} is fixed at both {} mm and {} mm along {}", .displacements_mm[0], .displacements_mm[1],
-        ["x", "y", "z"][*.axis as usize % 3])]
-    Contradiction {
-        /// Index of the node.
-        node: u32,
-        /// Axis, 0 to 2.
-        axis: u8,
-        /// The two displacements, mm.
-        displacements_mm: [f64; 2],
-    },
-    /// The materials do not cover the mesh.
-    #[error(transparent)]
-    Materials(#[from] MaterialsError),
-    /// The prescribed displacements leave rigid motions free.
-    #[error(transparent)]
-    Rigid(#[from] RigidError),
-    /// The stiffness cannot be assembled.
-    #[error(transparent)]
-    Assembly(#[from] AssemblyError),
-    /// The stiffness cannot be factored.
-    #[error(transparent)]
-    Factor(#[from] FactorError),
-    /// The displacements overflow.
-    #[error("the displacements are no finite numbers: stiffness, forces or displacements are too large or too small")]
-    Overflow,
-}
-
-impl SolveError {
-    /// Whether memory ran out, as opposed to an error in the problem.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, SolveError::Factor(FactorError::Memory { .. }))
-    }
-}
-
 impl StaticProblem<'_> {
     /// Checks and solves the problem.
     ///
     /// # Errors
-    /// [`SolveError`] with the node, element, region or part at fault.
-    pub fn solve(&self) -> Result<Solution, SolveError> {
+    /// [`LinearError`] with the node, element, region or part at fault.
+    pub fn solve(&self) -> Result<Solution, LinearError> {
         let mut clock = Clock::start();
         let fixed = self.fixed()?;
         let mut forces = self.forces()?;
@@ -185,7 +120,7 @@ impl StaticProblem<'_> {
             .collect();
         let (free, residual) = factor.solve_refined(&stiffness, &rhs);
         if !residual.is_finite() || free.iter().any(|u| !u.is_finite()) {
-            return Err(SolveError::Overflow);
+            return Err(LinearError::Overflow);
         }
         dofs.scatter(&free, &mut displacements);
         let holding = Balance::new(self.mesh, &materials)?.settle(&dofs, &factor, &forces, &mut displacements);
@@ -193,7 +128,7 @@ impl StaticProblem<'_> {
             *load = std::array::from_fn(|axis| holding[axis] - load[axis]);
         }
         if displacements.iter().chain(&forces).flatten().any(|x| !x.is_finite()) {
-            return Err(SolveError::Overflow);
+            return Err(LinearError::Overflow);
         }
         let reaction = |(node, axis): (u32, u8)| Reaction {
             node,
@@ -210,17 +145,17 @@ impl StaticProblem<'_> {
         })
     }
 
-    fn check_node(&self, what: &'static str, node: u32) -> Result<(), SolveError> {
+    fn check_node(&self, what: &'static str, node: u32) -> Result<(), LinearError> {
         let nodes = self.mesh.nodes().len();
         if (node as usize) < nodes {
             Ok(())
         } else {
-            Err(SolveError::Node { what, node, nodes })
+            Err(LinearError::Node { what, node, nodes })
         }
     }
 
     /// Returns the prescribed displacements by node and axis.
-    fn fixed(&self) -> Result<BTreeMap<(u32, u8), f64>, SolveError> {
+    fn fixed(&self) -> Result<BTreeMap<(u32, u8), f64>, LinearError> {
         let mut fixed = BTreeMap::new();
         for &Fix {
             node,
@@ -230,10 +165,10 @@ impl StaticProblem<'_> {
         {
             self.check_node("a fix", node)?;
             if axis > 2 {
-                return Err(SolveError::Axis { node, axis });
+                return Err(LinearError::Axis { node, axis });
             }
             if !value.is_finite() {
-                return Err(SolveError::NotFinite {
+                return Err(LinearError::NotFinite {
                     what: "the displacement",
                     node,
                     value,
@@ -241,7 +176,7 @@ impl StaticProblem<'_> {
             }
             let first = *fixed.entry((node, axis)).or_insert(value);
             if first != value {
-                return Err(SolveError::Contradiction {
+                return Err(LinearError::Contradiction {
                     node,
                     axis,
                     displacements_mm: [first, value],
@@ -252,12 +187,12 @@ impl StaticProblem<'_> {
     }
 
     /// Returns the given force on every node.
-    fn forces(&self) -> Result<Vec<[f64; 3]>, SolveError> {
+    fn forces(&self) -> Result<Vec<[f64; 3]>, LinearError> {
         let mut forces = vec![[0.0; 3]; self.mesh.nodes().len()];
         for &Load { node, force_n } in &self.loads {
             self.check_node("a load", node)?;
             if let Some(&value) = force_n.iter().find(|value| !value.is_finite()) {
-                return Err(SolveError::NotFinite {
+                return Err(LinearError::NotFinite {
                     what: "the force",
                     node,
                     value,

@@ -43,7 +43,7 @@ mod testing;
 use faer::{Mat, MatMut, MatRef};
 
 pub use adaptation::Adaptation;
-pub use adapted::{AdaptedMesh, Change, RefusedMove};
+pub use adapted::{AdaptedMesh, Change};
 pub use error::RemeshError;
 pub use make::{Maker, Source, make};
 pub use options::Options;

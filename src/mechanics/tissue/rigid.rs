@@ -8,6 +8,7 @@
 mod motion;
 mod parts;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, Vector3};
@@ -40,42 +41,12 @@ pub struct FreePart {
     pub motions: Vec<Motion>,
 }
 
-/// Why displacements are not determined.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum RigidError {
-    /// Nodes with free displacements belong to no element.
-    #[error("{} of no tetrahedron, which nothing holds: {}; leave them out or fix them along x, y and z",
-        if .nodes.len() == 1 { "a node" } else { "nodes" }, numbers(.nodes))]
-    LooseNodes {
-        /// Node indices, ascending, from 0.
-        nodes: Vec<u32>,
-    },
-    /// Parts that can move rigidly.
-    #[error("{}; fix nodes of {}", sentences(.parts, .names), if .parts.len() == 1 { "it" } else { "each" })]
-    FreeParts {
-        /// Movable parts, in the order of their lowest elements.
-        parts: Vec<FreePart>,
-        /// Names of regions, where given.
-        names: BTreeMap<i32, String>,
-    },
-}
-
-impl RigidError {
-    /// Returns the error with names for regions.
-    pub fn named(mut self, called: &BTreeMap<i32, String>) -> Self {
-        if let RigidError::FreeParts { names, .. } = &mut self {
-            names.clone_from(called);
-        }
-        self
-    }
-}
-
 /// Most items of a list in a message.
 const NAMED: usize = 8;
 /// Most parts in a message; larger than [`NAMED`], as each part needs nodes to fix it.
 const PARTS: usize = 32;
 
-fn numbers(nodes: &[u32]) -> String {
+pub(super) fn numbers(nodes: &[u32]) -> String {
     let mut named: Vec<String> = nodes.iter().take(NAMED).map(u32::to_string).collect();
     if nodes.len() > NAMED {
         named.push(format!("and {} more", nodes.len() - NAMED));
@@ -83,7 +54,7 @@ fn numbers(nodes: &[u32]) -> String {
     named.join(", ")
 }
 
-fn sentences(parts: &[FreePart], names: &BTreeMap<i32, String>) -> String {
+pub(super) fn sentences(parts: &[FreePart], names: &BTreeMap<i32, String>) -> String {
     let mut named: Vec<String> = parts.iter().take(PARTS).map(|part| part.sentence(names)).collect();
     if parts.len() > PARTS {
         named.push(format!("and {} parts more", parts.len() - PARTS));
@@ -129,16 +100,16 @@ impl FreePart {
 /// Checks that the prescribed displacements prevent all rigid motions.
 ///
 /// # Errors
-/// [`RigidError`] with the nodes of no element, or with all movable parts and their motions.
+/// [`LinearError`] with the nodes of no element, or with all movable parts and their motions.
 ///
 /// # Panics
 /// If the mesh and the degrees of freedom do not have the same number of nodes.
-pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), RigidError> {
+pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), LinearError> {
     assert_eq!(mesh.nodes().len(), dofs.nodes(), "degrees of freedom of another mesh");
     let parts = Parts::of(mesh);
     let loose: Vec<u32> = parts.loose_nodes().filter(|&node| dofs.of(node) != [NONE; 3]).collect();
     if !loose.is_empty() {
-        return Err(RigidError::LooseNodes { nodes: loose });
+        return Err(LinearError::LooseNodes { nodes: loose });
     }
     let mut held = vec![false; parts.len()];
     while hold_more(mesh, dofs, &parts, &mut held) {}
@@ -152,7 +123,7 @@ pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), RigidError> {
         return Ok(());
     }
     free.sort_by_key(|(part, _)| *part);
-    Err(RigidError::FreeParts {
+    Err(LinearError::FreeParts {
         parts: free.into_iter().map(|(_, free)| free).collect(),
         names: BTreeMap::new(),
     })

@@ -17,12 +17,13 @@ mod multiply;
 mod tests;
 mod update;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::fmt;
 
 use bytemuck::Pod;
 use rayon::prelude::*;
 
-use super::compliance::{ComplianceError, check_dofs, check_shape};
+use super::compliance::{check_dofs, check_shape};
 use crate::real::Real;
 use crate::simd::Lanes;
 
@@ -148,18 +149,13 @@ impl<T: Scalar> Symmetric<T> {
     /// Writes column `j`, which is also row `j`, to `out`.
     ///
     /// # Errors
-    /// [`ComplianceError`] when `j` is out of range or `out` has the wrong length.
-    pub fn column_into(&self, j: usize, out: &mut [T]) -> Result<(), ComplianceError> {
+    /// [`LinearError`] when `j` is out of range or `out` has the wrong length.
+    pub fn column_into(&self, j: usize, out: &mut [T]) -> Result<(), LinearError> {
         self.copy_column(j, out, |value| value)
     }
 
     /// Writes column `j`, converted, to `out`.
-    pub(super) fn copy_column<U>(
-        &self,
-        j: usize,
-        out: &mut [U],
-        convert: impl Fn(T) -> U,
-    ) -> Result<(), ComplianceError> {
+    pub(super) fn copy_column<U>(&self, j: usize, out: &mut [U], convert: impl Fn(T) -> U) -> Result<(), LinearError> {
         check_dofs(&[j], self.size)?;
         check_shape("rows of the column", out.len(), self.size)?;
         let own = j / PANEL_ROWS;

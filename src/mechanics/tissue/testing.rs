@@ -61,12 +61,4 @@ impl Block {
             factor,
         }
     }
-
-    /// Returns free nodes spread over the block.
-    pub fn free_nodes(&self, count: usize) -> Vec<u32> {
-        let free: Vec<u32> = (0..self.dofs.nodes() as u32)
-            .filter(|&node| self.dofs.of(node) != [u32::MAX; 3])
-            .collect();
-        (0..count).map(|k| free[k * (free.len() - 1) / count.max(2)]).collect()
-    }
 }

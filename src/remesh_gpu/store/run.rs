@@ -1,10 +1,10 @@
 //! Transfers and dispatches of the device store.
 
+use crate::mechanics::tissue::error::LinearError;
 use faer::{Mat, MatRef};
 
 use super::{DEPTH, DeviceStore};
 use crate::gpu::{Dispatch, GpuError, Readback};
-use crate::mechanics::tissue::compliance::ComplianceError;
 use crate::mechanics::tissue::remesh::RemeshError;
 use crate::remesh_gpu::passes::Params;
 use crate::remesh_gpu::tiles::SIDE;
@@ -29,7 +29,7 @@ impl DeviceStore {
             return Ok(());
         }
         let what = "values of a vector";
-        Err(ComplianceError::Shape { what, found, expected }.into())
+        Err(LinearError::Shape { what, found, expected }.into())
     }
 
     /// Copies columns of the current inverse to Y, at most its capacity.

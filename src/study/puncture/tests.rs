@@ -69,14 +69,14 @@ fn what_makes_no_curve_is_refused() {
             stiffening: -1.0,
             ..default
         }),
-        PunctureError::Stiffening(_)
+        PunctureError::Material(_)
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             thickness_mm: 0.0,
             ..default
         }),
-        PunctureError::Body(_)
+        PunctureError::Nonlinear(NonlinearError::Thickness { .. })
     ));
     assert!(matches!(
         wrong(PunctureOptions {

@@ -1,4 +1,4 @@
-//! Cases of remeshing and constraints.
+//! Cases of remeshing.
 
 mod counts;
 mod devices;
@@ -6,14 +6,13 @@ mod moves;
 mod precision;
 mod refusals;
 mod setup;
-mod switching;
 mod tip;
 
 use super::case::{Case, Group};
 
 /// Group of remeshing cases.
 pub const GROUP: Group = Group {
-    name: "Remeshing and constraints",
+    name: "Remeshing",
     cases: &[
         Case {
             name: "many remeshes, exact level",
@@ -87,20 +86,6 @@ pub const GROUP: Group = Group {
             covers: &["cpu f64", "cpu f32"],
             seed: 29,
             run: moves::overlapping,
-        },
-        Case {
-            name: "constraint switching",
-            criterion: "1e4 random switches by pivots: difference to a fresh factorisation under 1e-9",
-            covers: &["cpu f64"],
-            seed: 30,
-            run: switching::many,
-        },
-        Case {
-            name: "dependent contacts",
-            criterion: "two nearly dependent displacements, a contact on a fixed node: an error, or a finite force",
-            covers: &["cpu f64"],
-            seed: 31,
-            run: switching::dependent,
         },
     ],
 };

@@ -33,7 +33,6 @@ use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::mesh::InvalidMesh;
-use crate::mechanics::mesh::locator::NodeCount;
 use crate::scene::SceneError;
 use crate::study::machine::Machine;
 use crate::study::stability::Effort;
@@ -122,9 +121,6 @@ pub enum ImageError {
     /// The mesh of the study is invalid.
     #[error(transparent)]
     Mesh(#[from] InvalidMesh),
-    /// The number of nodes differs from that of the mesh.
-    #[error(transparent)]
-    Nodes(#[from] NodeCount),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -140,7 +136,7 @@ impl ImageError {
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
             Self::Synth(SynthError::Memory { .. }) => true,
             Self::Scene(error) => error.is_machine(),
-            Self::Synth(_) | Self::Mesh(_) | Self::Nodes(_) | Self::Grids(_) => false,
+            Self::Synth(_) | Self::Mesh(_) | Self::Grids(_) => false,
         }
     }
 }

@@ -15,7 +15,6 @@
 //! | [`subject`] | mesh, supports, contacts and moves |
 //! | [`gold`] | reference solutions |
 //! | [`contender`] | update methods |
-//! | `switching` | pivots against refactorisation in contact switching |
 //! | [`bandwidth`] | memory bandwidth of this machine |
 
 pub mod bandwidth;
@@ -24,7 +23,6 @@ mod error;
 pub mod gold;
 mod report;
 pub mod subject;
-mod switching;
 #[cfg(test)]
 mod tests;
 
@@ -178,9 +176,6 @@ pub fn study(
             );
         };
         one(subject, gpus, options, &mut report, &mut inner)?;
-        if at + 1 == subjects.len() && options.cpu {
-            report.set_switching(switching::table(subject)?);
-        }
     }
     progress("done", 1.0);
     Ok(report.finish())

@@ -13,8 +13,8 @@ use super::gather::Entry;
 use super::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::material::InvalidMaterial;
-use crate::mechanics::tissue::nonlinear::creep::{CreepError, Memory};
-use crate::mechanics::tissue::nonlinear::{InvalidBody, InvalidStiffening, NonlinearError, Scheme, Slope};
+use crate::mechanics::tissue::nonlinear::creep::Memory;
+use crate::mechanics::tissue::nonlinear::{NonlinearError, Scheme, Slope};
 use crate::study::machine::Machine;
 use crate::study::spread::Spread;
 use crate::study::stability::Effort;
@@ -100,18 +100,9 @@ pub enum TissueError {
     /// The material parameters are invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// The stiffening parameters are invalid.
-    #[error(transparent)]
-    Stiffening(#[from] InvalidStiffening),
-    /// The mesh is not a valid body.
-    #[error(transparent)]
-    Body(#[from] InvalidBody),
     /// The nonlinear problem cannot be solved.
     #[error(transparent)]
     Nonlinear(#[from] NonlinearError),
-    /// The viscoelastic history cannot be followed.
-    #[error(transparent)]
-    Creep(#[from] CreepError),
     /// The gold standard cannot be solved.
     #[error("what all else is compared with cannot be solved: {0}")]
     Gold(String),

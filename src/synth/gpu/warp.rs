@@ -1,8 +1,8 @@
 //! Deforming mesh on the GPU: buffers of the warp pass, synchronised with the states of the mesh.
 
 use crate::effects::buffers::{ADJACENCY, Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS};
+use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::locator::NodeCount;
 use crate::mechanics::mesh::map::{Moved, States};
 use crate::mechanics::mesh::pack::{self, Piece, WarpBuffer, WarpParams};
 use crate::synth::FrameState;
@@ -38,7 +38,7 @@ impl Warp {
     }
 
     /// Moves the nodes to the state of a frame.
-    pub fn update(&mut self, state: &FrameState) -> Result<(), NodeCount> {
+    pub fn update(&mut self, state: &FrameState) -> Result<(), InvalidMesh> {
         let moved = self.states.update(state.nodes.as_deref(), state.reference.as_deref())?;
         self.due.deformed |= moved.deformed;
         self.due.reference |= moved.reference;

@@ -1,7 +1,8 @@
 //! Fractional viscosity in a body: closed forms, and where the two laws part.
 
 use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::nonlinear::creep::{Creep, CreepError, Memory};
+use insonify::mechanics::tissue::nonlinear::NonlinearError;
+use insonify::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use insonify::mechanics::tissue::nonlinear::{Scheme, Stiffening};
 use insonify::mechanics::tissue::viscoelastic::Rule;
 
@@ -178,17 +179,17 @@ fn what_has_no_history_is_refused() {
     let (body, rollers, unit) = pulled(1, 4.0, law(0.3));
     let (solver, prescribed) = held(&body, &rollers, options(Scheme::Newton));
     let begin = |order| Creep::new(solver.clone(), Memory::Rate, order, Rule::Trapezoid, &unit);
-    assert!(matches!(begin(1.5), Err(CreepError::History(_))));
+    assert!(matches!(begin(1.5), Err(NonlinearError::History(_))));
     let mut creep = begin(0.2).unwrap();
     assert!(matches!(
         creep.step(-1.0, &unit, &prescribed, None),
-        Err(CreepError::History(_))
+        Err(NonlinearError::History(_))
     ));
     assert!(matches!(
         creep.step(1.0, &unit[1..], &prescribed, None),
-        Err(CreepError::Nonlinear(_))
+        Err(NonlinearError::Length { .. })
     ));
     creep.step(1.0, &unit, &prescribed, None).unwrap();
     let again = Creep::new(creep.solver().clone(), Memory::Rate, 0.2, Rule::Trapezoid, &unit);
-    assert!(matches!(again, Err(CreepError::Displaced)));
+    assert!(matches!(again, Err(NonlinearError::Displaced)));
 }

@@ -1,18 +1,13 @@
-//! A needle that goes in and comes out: corners chosen at the tip, moved and taken back, constraints switched on the way.
+//! A needle that goes in and comes out: corners chosen at the tip, moved and taken back.
 
-use faer::linalg::solvers::{DenseSolveCore, Llt, Solve};
-use faer::{Mat, MatRef};
-use insonify::mechanics::tissue::condensed::{Condensed, Contact};
-use insonify::mechanics::tissue::dofs::Dofs;
-use insonify::mechanics::tissue::frames::Frame;
-use insonify::mechanics::tissue::remesh::adaptation::AdaptError;
-use insonify::mechanics::tissue::remesh::corner::{NoCorner, best_corner};
-use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Options, Precision, RefusedMove};
-use insonify::mechanics::tissue::switching::{ConstraintSolver, PIVOT_LIMIT, Pivots, Prescribed};
-use insonify::mechanics::tissue::symmetric::Symmetric;
+use faer::Mat;
+use faer::linalg::solvers::{Llt, Solve};
+use insonify::mechanics::tissue::remesh::RemeshError;
+use insonify::mechanics::tissue::remesh::corner::best_corner;
+use insonify::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Options, Precision};
 
 use super::running::{condensed_error, follow, go, source};
-use super::support::{contacts, dense, free_nodes, gold, mesh, part, rounding};
+use super::support::{contacts, dense, free_nodes, gold, mesh, rounding};
 
 /// The element that holds a point of the current mesh, and the coordinates there.
 fn locate(mesh: &AdaptedMesh, p: [f64; 3]) -> Option<u32> {
@@ -52,7 +47,7 @@ fn insert(adaptation: &mut Adaptation, steps: usize) -> Vec<u32> {
                 adaptation.move_node(corner.node, tip(step)).unwrap();
                 taken.push(corner.node);
             }
-            Err(NoCorner::NoneFits { .. }) => {}
+            Err(RemeshError::NoCorner { .. }) => {}
             Err(error) => panic!("{error}"),
         }
     }
@@ -103,14 +98,11 @@ fn moves_that_spoil_the_mesh_are_refused_at_every_level_and_nothing_changes() {
         let far = adaptation.mesh().nodes()[node as usize].map(|x| x + 50.0);
         let refused = adaptation.move_node(node, far);
         assert!(
-            matches!(refused, Err(AdaptError::Move(RefusedMove::Element { .. }))),
+            matches!(refused, Err(RemeshError::Element { .. })),
             "{level}: {refused:?}"
         );
         let count = adaptation.mesh().nodes().len() as u32;
-        assert!(matches!(
-            adaptation.restore(count),
-            Err(AdaptError::Move(RefusedMove::Node { .. }))
-        ));
+        assert!(matches!(adaptation.restore(count), Err(RemeshError::Node { .. })));
         let size = adaptation.mesh().dofs().free();
         assert!(adaptation.parts().1.set_contacts(&[size]).is_err(), "a contact outside");
         assert!(
@@ -166,68 +158,6 @@ fn the_field_from_condensed_forces_is_the_full_solution() {
                 (u[*dof] - at_contacts[(at, 0)]).abs() <= bound * solved.norm_max(),
                 "{level}: contact {at}"
             );
-        }
-    }
-}
-
-/// K^c as the constraint switching takes it: its own small compliance.
-fn condensed(matrix: MatRef<'_, f64>) -> Condensed {
-    let nodes = matrix.nrows() / 3;
-    let dofs = Dofs::new(nodes, []);
-    let frame = Frame::WORLD;
-    let contacts: Vec<Contact> = (0..nodes as u32).map(|node| Contact { node, frame }).collect();
-    let mut compliance = Symmetric::<f64>::from_fn(matrix.nrows(), |i, j| matrix[(i, j)]);
-    let mut condensed = Condensed::new();
-    condensed.add(&mut compliance, &dofs, &contacts).unwrap();
-    condensed
-}
-
-/// K^c after remeshes with some contacts held in place: what the constraint switching makes of it equals what it makes of the
-/// rebuilt inverse.
-#[test]
-fn constraints_are_switched_on_what_remeshing_leaves() {
-    let mesh = mesh(0.45);
-    let nodes = free_nodes(&mesh);
-    let source = source(&mesh);
-    let mut adaptation = follow(mesh, source, Level::Exact, Precision::Double, Options::default());
-    let count = adaptation.remesher().contacts().len();
-    let values: Vec<f64> = (0..count).map(|i| 0.3 * (i as f64 + 1.0).sin()).collect();
-    let mut prescribed = vec![Prescribed::Force; count];
-    for round in 0..8 {
-        go(&mut adaptation, &nodes, 4 * round, 4 * round + 4);
-        // Three more contacts are held, and an earlier one let go.
-        for k in 0..3 {
-            prescribed[(7 * round as usize + 2 * k) % count] = Prescribed::Displacement;
-        }
-        prescribed[(5 * round as usize) % count] = Prescribed::Force;
-        let now = condensed(adaptation.remesher().condensed());
-        let mut solver = Pivots::new(&now, PIVOT_LIMIT).unwrap();
-        let changes: Vec<_> = prescribed.iter().copied().enumerate().collect();
-        solver.switch(&changes).unwrap();
-        let state = solver.solve(&values).unwrap();
-
-        // u_D = K_DD f_D + K_DF f_F for the rebuilt inverse.
-        let gold = gold(adaptation.mesh());
-        let contacts = adaptation.remesher().contacts();
-        let k = part(gold.as_ref(), contacts, contacts);
-        let held: Vec<usize> = (0..count)
-            .filter(|i| prescribed[*i] == Prescribed::Displacement)
-            .collect();
-        let free: Vec<usize> = (0..count).filter(|i| prescribed[*i] == Prescribed::Force).collect();
-        let rest = Mat::from_fn(held.len(), 1, |i, _| {
-            values[held[i]] - free.iter().map(|j| k[(held[i], *j)] * values[*j]).sum::<f64>()
-        });
-        let own = part(k.as_ref(), &held, &held);
-        let factor = Llt::new(own.as_ref(), faer::Side::Lower).unwrap();
-        let forces = factor.solve(&rest);
-        let condition = own.norm_l1() * factor.inverse().norm_l1();
-        let bound = rounding(adaptation.mesh(), gold.as_ref()) * condition * forces.norm_max();
-        for (at, dof) in held.iter().enumerate() {
-            assert!(
-                (state.force_n[*dof] - forces[(at, 0)]).abs() <= bound,
-                "round {round}, contact {dof}"
-            );
-            assert_eq!(state.displacement_mm[*dof], values[*dof]);
         }
     }
 }

@@ -1,5 +1,6 @@
 //! Setup of a finite element insertion.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::Arc;
 
 use super::body::{Body, Channel};
@@ -11,7 +12,7 @@ use crate::mechanics::needle::{CentreLine, Needle};
 use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
 use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::inverse::{InverseError, invert};
+use crate::mechanics::tissue::inverse::invert;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Adaptation, AdaptedMesh, Level, Maker, Precision, Source};
 use crate::mechanics::tissue::rigid;
@@ -174,7 +175,7 @@ pub(super) struct Base {
 
 impl Base {
     /// Computes the dense inverse.
-    fn invert(&mut self, progress: impl FnMut(usize, usize) + Send) -> Result<(), InverseError> {
+    fn invert(&mut self, progress: impl FnMut(usize, usize) + Send) -> Result<(), LinearError> {
         self.dense = Some(match self.precision {
             Precision::Double => Source::Double(Arc::new(invert(&self.factor, progress)?)),
             Precision::Single => Source::Single(Arc::new(invert(&self.factor, progress)?)),
@@ -183,7 +184,7 @@ impl Base {
     }
 
     /// Computes the dense inverse if a level needs it.
-    pub fn prepare(&mut self, level: Level) -> Result<(), InverseError> {
+    pub fn prepare(&mut self, level: Level) -> Result<(), LinearError> {
         if level == Level::Exact || self.dense.is_some() {
             return Ok(());
         }

@@ -1,5 +1,6 @@
 //! A needle enters a block with a soft layer, rests, and is withdrawn.
 
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -307,15 +308,21 @@ fn setups_are_checked() {
     assert!(matches!(spoilt, InvalidSetup::Fixed { node: 1_000_000, .. }));
     let spoilt = refused(|setup| setup.shaft.length_mm = -1.0);
     assert!(matches!(spoilt, InvalidSetup::Needle(_)));
-    assert!(matches!(refused(|setup| setup.laws.truncate(1)), InvalidSetup::Body(_)));
-    assert!(matches!(refused(|setup| setup.fixed.clear()), InvalidSetup::Solver(_)));
+    assert!(matches!(
+        refused(|setup| setup.laws.truncate(1)),
+        InvalidSetup::Solver(NonlinearError::Materials { .. })
+    ));
+    assert!(matches!(
+        refused(|setup| setup.fixed.clear()),
+        InvalidSetup::Solver(NonlinearError::Factor(_))
+    ));
     let spoilt = refused(|setup| {
         setup.viscosity = Some(Viscosity {
             order: 1.5,
             memory: Memory::Rate,
         });
     });
-    assert!(matches!(spoilt, InvalidSetup::Memory(_)));
+    assert!(matches!(spoilt, InvalidSetup::Solver(NonlinearError::History(_))));
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod answers;
 mod spoilt;
 
+use crate::mechanics::mesh::InvalidMesh;
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::*;
@@ -106,7 +107,7 @@ fn a_wrong_number_of_nodes_is_refused() {
     let error = Locator::<f64>::new(&mesh).update(&[[0.0; 3]; 3]).unwrap_err();
     assert_eq!(
         error,
-        NodeCount {
+        InvalidMesh::Positions {
             state: "current",
             found: 3,
             expected: 8

@@ -1,8 +1,9 @@
 //! Deformed and reference state of a mesh, either of which a frame may change: tissue moves the current nodes, remeshing the
 //! reference ones.
 
+use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::locator::{Locator, NodeCount};
+use crate::mechanics::mesh::locator::Locator;
 use crate::real::Real;
 
 /// Consistent locators of the deformed and the reference state of one mesh: the first carries points to the nodes among
@@ -35,8 +36,12 @@ impl<T: Real> States<T> {
     /// leaves a state unchanged. Unchanged reference nodes cost a comparison. Allocates nothing.
     ///
     /// # Errors
-    /// [`NodeCount`] where the number of positions is not that of the mesh; both states are then unchanged.
-    pub fn update(&mut self, current: Option<&[[f64; 3]]>, reference: Option<&[[f64; 3]]>) -> Result<Moved, NodeCount> {
+    /// [`InvalidMesh`] where the number of positions is not that of the mesh; both states are then unchanged.
+    pub fn update(
+        &mut self,
+        current: Option<&[[f64; 3]]>,
+        reference: Option<&[[f64; 3]]>,
+    ) -> Result<Moved, InvalidMesh> {
         let reference = reference.filter(|nodes| *nodes != self.deformed.reference());
         let moved = Moved {
             deformed: current.is_some() || reference.is_some(),

@@ -1,8 +1,8 @@
 //! Sparsity pattern of a stiffness matrix, and the entries that each element adds to.
 
+use crate::mechanics::tissue::error::LinearError;
 use faer::sparse::SymbolicSparseColMat;
 
-use super::AssemblyError;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
 
 /// Pairs of an element's corners, in the order of [`Pattern::places`].
@@ -37,11 +37,11 @@ pub struct Pattern {
 }
 
 impl Pattern {
-    pub fn new(elements: &[[u32; 4]], dofs: &Dofs) -> Result<Pattern, AssemblyError> {
+    pub fn new(elements: &[[u32; 4]], dofs: &Dofs) -> Result<Pattern, LinearError> {
         // Nine entries per block, and four times an element's number, stay below this.
         let limit = i32::MAX as usize;
         if elements.len() > limit / 9 {
-            return Err(AssemblyError::TooLarge { limit });
+            return Err(LinearError::TooLarge { limit });
         }
         let nodes = dofs.nodes();
         let (firsts, corners) = corners_by_node(elements, nodes);
@@ -79,7 +79,7 @@ impl Pattern {
         }
         starts.push(rows.len() as u32);
         if rows.len() > limit / 9 {
-            return Err(AssemblyError::TooLarge { limit });
+            return Err(LinearError::TooLarge { limit });
         }
         let mut pattern = Pattern {
             starts,

@@ -1,3 +1,4 @@
+use crate::mechanics::tissue::error::LinearError;
 use nalgebra::DMatrix;
 
 use super::*;
@@ -119,7 +120,7 @@ fn other_positions_keep_the_pattern() {
     assert!(
         matches!(
             error,
-            AssemblyError::Count {
+            LinearError::Count {
                 found: 35,
                 expected: 36,
                 ..
@@ -148,7 +149,7 @@ fn unusable_elements_are_named() {
         .map(|(e, _)| e)
         .collect();
     let error = stiffness.at_nodes(&nodes).unwrap_err();
-    let AssemblyError::Element { element, others, .. } = &error else {
+    let LinearError::Element { element, others, .. } = &error else {
         panic!("{error}")
     };
     assert_eq!(*element, inverted[0]);
@@ -158,5 +159,5 @@ fn unusable_elements_are_named() {
         "{error}"
     );
     let few = Stiffness::assemble(&mesh, &materials[1..], &dofs).unwrap_err();
-    assert!(matches!(few, AssemblyError::Count { what: "materials", .. }));
+    assert!(matches!(few, LinearError::Count { what: "materials", .. }));
 }

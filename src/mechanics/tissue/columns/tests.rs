@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::inverse::{invert, sampled_residual};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::mechanics::tissue::testing::Block;
@@ -112,14 +113,14 @@ fn requests_that_do_not_fit_are_refused() {
     let block = Block::new(100, 0.45);
     let mut columns = Columns::new(block.factor.clone(), 10);
     let size = columns.size();
-    let outside = ComplianceError::OutOfRange { dof: size, size };
-    assert_eq!(columns.column(size).err(), Some(outside));
-    assert_eq!(columns.prefetch(&[0, size]), Err(outside));
-    assert_eq!(columns.entries(&[size], &[0]).err(), Some(outside));
-    assert_eq!(columns.entries(&[0], &[size]).err(), Some(outside));
+    let outside = LinearError::OutOfRange { dof: size, size };
+    assert_eq!(columns.column(size).err(), Some(outside.clone()));
+    assert_eq!(columns.prefetch(&[0, size]), Err(outside.clone()));
+    assert_eq!(columns.entries(&[size], &[0]).err(), Some(outside.clone()));
+    assert_eq!(columns.entries(&[0], &[size]).err(), Some(outside.clone()));
     assert!(matches!(
         columns.column_into(0, &mut [0.0]),
-        Err(ComplianceError::Shape { found: 1, .. })
+        Err(LinearError::Shape { found: 1, .. })
     ));
     assert!(columns.is_empty());
 }

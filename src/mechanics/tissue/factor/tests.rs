@@ -1,3 +1,4 @@
+use crate::mechanics::tissue::error::LinearError;
 use faer::Mat;
 
 use super::*;
@@ -91,7 +92,7 @@ fn refactoring_is_factoring() {
     factor.refactor(&stiffness).unwrap();
     assert_eq!(factor.values, first.values);
     let error = factor.refactor(&block(100, false)).unwrap_err();
-    assert!(matches!(error, FactorError::Pattern { .. }), "{error}");
+    assert!(matches!(error, LinearError::Pattern { .. }), "{error}");
     assert_eq!(factor.values, first.values);
 }
 
@@ -112,7 +113,7 @@ fn a_matrix_that_is_not_definite_names_a_node() {
             .chain([(7, 0), (7, 2)]);
         let stiffness = Stiffness::assemble(&mesh, &materials, &Dofs::new(mesh.nodes().len(), fixed)).unwrap();
         let error = Factor::new(&stiffness).unwrap_err();
-        assert_eq!(error, FactorError::NotPositiveDefinite { node: 7, axis: 1 });
+        assert_eq!(error, LinearError::NotPositiveDefinite { node: 7, axis: 1 });
         assert!(error.to_string().contains("node 7, axis y"), "{error}");
     }
 }
@@ -126,7 +127,7 @@ fn a_failed_refactorisation_leaves_the_factor() {
     broken.negate();
     assert!(matches!(
         factor.refactor(&broken),
-        Err(FactorError::NotPositiveDefinite { .. })
+        Err(LinearError::NotPositiveDefinite { .. })
     ));
     assert_eq!(factor.values, first);
 }

@@ -1,3 +1,4 @@
+use crate::mechanics::tissue::error::LinearError;
 use nalgebra::DMatrix;
 
 use super::*;
@@ -118,7 +119,7 @@ fn progress_ascends_to_the_end() {
 fn what_exceeds_the_memory_is_refused_with_what_it_needs() {
     let size = 30_000;
     let error = check_memory_of::<f64>(size, 2, Some(1 << 30)).expect_err("3.6 GB in 1 GiB");
-    let InverseError::Memory { needed, available, .. } = error else {
+    let LinearError::InverseMemory { needed, available, .. } = error else {
         panic!("{error}");
     };
     assert_eq!(available, 1 << 30);
@@ -151,8 +152,5 @@ fn a_residual_tells_a_wrong_inverse() {
             .is_nan()
     );
     let short = sampled_residual(&block.stiffness, &mut Symmetric::<f64>::zeros(3), &dofs);
-    assert!(
-        matches!(short, Err(ComplianceError::Shape { found: 3, .. })),
-        "{short:?}"
-    );
+    assert!(matches!(short, Err(LinearError::Shape { found: 3, .. })), "{short:?}");
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::tissue::error::LinearError;
 
 #[test]
 fn lame_parameters_follow_the_text_books() {
@@ -17,7 +18,7 @@ fn poisson_lies_between_minus_one_and_a_half() {
     }
     for nu in [0.5, 0.6, -1.0, -2.0, f64::NAN, f64::INFINITY] {
         let error = Material::new(5.0, nu).unwrap_err();
-        assert!(matches!(error, InvalidMaterial::Poisson { .. }), "{nu}");
+        assert!(error.key == "poisson", "{nu}");
     }
     let text = Material::new(5.0, 0.5).unwrap_err().to_string();
     assert!(text.contains("poisson is 0.5") && text.contains("below 0.5"), "{text}");
@@ -27,7 +28,7 @@ fn poisson_lies_between_minus_one_and_a_half() {
 fn young_is_above_zero_and_finite() {
     for young in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-310, 1e308] {
         let error = Material::new(young, 0.49).unwrap_err();
-        assert!(matches!(error, InvalidMaterial::Young { .. }), "{young}");
+        assert!(error.key == "young_kpa", "{young}");
     }
     let text = Material::new(-3.0, 0.4).unwrap_err().to_string();
     assert!(text.contains("young_kpa is -3") && text.contains("above 0"), "{text}");
@@ -47,7 +48,7 @@ fn regions_without_a_material_are_counted() {
     let hard = Material::new(20.0, 0.3).unwrap();
     let some = Materials::new(None, &[(4, soft)]).unwrap();
     let error = some.check(&mesh).unwrap_err();
-    assert_eq!(error, MaterialsError::Missing { regions: vec![(7, 1)] });
+    assert_eq!(error, LinearError::NoMaterial { regions: vec![(7, 1)] });
     assert!(error.to_string().contains("region 7 (1 tetrahedra)"), "{error}");
     let all = Materials::new(Some(hard), &[(4, soft)]).unwrap();
     assert_eq!(all.check(&mesh).unwrap(), vec![soft, hard]);

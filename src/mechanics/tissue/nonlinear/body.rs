@@ -4,7 +4,7 @@ use super::law::{Stiffening, relative_strain};
 use super::simplex::{Simplex, dot};
 use super::tangent::Kind;
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::element::DegenerateElement;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 
 /// Newtons per square millimetre in one kilopascal.
 const NEWTON_PER_MM2: f64 = 1e-3;
@@ -45,60 +45,20 @@ pub(super) struct Response<const D: usize> {
     pub normal: [[f64; D]; D],
 }
 
-/// Error in constructing a body.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidBody {
-    /// The body has no element.
-    #[error("the body has no elements")]
-    Empty,
-    /// The number of materials differs from that of elements.
-    #[error("{found} materials for {expected} elements")]
-    Materials {
-        /// Number of materials given.
-        found: usize,
-        /// Number of elements.
-        expected: usize,
-    },
-    /// An element refers to a node that does not exist.
-    #[error("element {element} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
-    Node {
-        /// Index of the element, from 0.
-        element: usize,
-        /// Node index in the element.
-        node: u32,
-        /// Number of nodes.
-        nodes: usize,
-    },
-    /// An element has no usable area or volume.
-    #[error("element {element}: {cause}")]
-    Element {
-        /// Index of the element, from 0.
-        element: usize,
-        /// Defect of the element.
-        cause: DegenerateElement,
-    },
-    /// The thickness of a sheet is not a finite number above 0.
-    #[error("the thickness is {found} mm; expected a finite number above 0")]
-    Thickness {
-        /// Thickness given, mm.
-        found: f64,
-    },
-}
-
 impl Sheet {
     /// Creates a sheet of `thickness_mm` without strain across it, from `triangles` with their corners anticlockwise
     /// and one of `laws` each. Forces on its nodes are those on the full thickness.
     ///
     /// # Errors
-    /// [`InvalidBody`] for unusable elements or thickness, or a wrong number of `laws`.
+    /// [`NonlinearError`] for unusable elements or thickness, or a wrong number of `laws`.
     pub fn plane_strain(
         nodes: Vec<[f64; 2]>,
         triangles: Vec<[u32; 3]>,
         laws: &[Stiffening],
         thickness_mm: f64,
-    ) -> Result<Sheet, InvalidBody> {
+    ) -> Result<Sheet, NonlinearError> {
         if !(thickness_mm.is_finite() && thickness_mm > 0.0) {
-            return Err(InvalidBody::Thickness { found: thickness_mm });
+            return Err(NonlinearError::Thickness { found: thickness_mm });
         }
         Body::of(nodes, triangles, laws, thickness_mm)
     }
@@ -108,8 +68,8 @@ impl Solid {
     /// Creates the body of a mesh, with one of `laws` per element.
     ///
     /// # Errors
-    /// [`InvalidBody`] for unusable elements, or a wrong number of `laws`.
-    pub fn tetrahedra(mesh: &TetMesh, laws: &[Stiffening]) -> Result<Solid, InvalidBody> {
+    /// [`NonlinearError`] for unusable elements, or a wrong number of `laws`.
+    pub fn tetrahedra(mesh: &TetMesh, laws: &[Stiffening]) -> Result<Solid, NonlinearError> {
         Body::of(mesh.nodes().to_vec(), mesh.elements().to_vec(), laws, 1.0)
     }
 }
@@ -120,12 +80,12 @@ impl<const D: usize, const N: usize> Body<D, N> {
         elements: Vec<[u32; N]>,
         laws: &[Stiffening],
         thickness: f64,
-    ) -> Result<Self, InvalidBody> {
+    ) -> Result<Self, NonlinearError> {
         if elements.is_empty() {
-            return Err(InvalidBody::Empty);
+            return Err(NonlinearError::Empty);
         }
         if laws.len() != elements.len() {
-            return Err(InvalidBody::Materials {
+            return Err(NonlinearError::Materials {
                 found: laws.len(),
                 expected: elements.len(),
             });
@@ -133,14 +93,14 @@ impl<const D: usize, const N: usize> Body<D, N> {
         let cell = |(element, (corners, law)): (usize, (&[u32; N], &Stiffening))| {
             let count = nodes.len();
             if let Some(&node) = corners.iter().find(|node| **node as usize >= count) {
-                return Err(InvalidBody::Node {
+                return Err(NonlinearError::Node {
                     element,
                     node,
                     nodes: count,
                 });
             }
             let shape = Simplex::of(&corners.map(|node| nodes[node as usize]));
-            let shape = shape.map_err(|cause| InvalidBody::Element { element, cause })?;
+            let shape = shape.map_err(|cause| NonlinearError::Element { element, cause })?;
             let weight = NEWTON_PER_MM2 * shape.measure * thickness;
             let [lambda, mu] = law.material().lame_kpa().map(|kpa| kpa * weight);
             Ok(Cell {
@@ -155,7 +115,7 @@ impl<const D: usize, const N: usize> Body<D, N> {
             .zip(laws)
             .enumerate()
             .map(cell)
-            .collect::<Result<_, InvalidBody>>()?;
+            .collect::<Result<_, NonlinearError>>()?;
         Ok(Body { nodes, elements, cells })
     }
 

@@ -15,7 +15,7 @@
 
 use super::error::NonlinearError;
 use super::solver::{Contact, Progress, Solver, Target};
-use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
+use crate::mechanics::tissue::viscoelastic::{History, Operator, Rule};
 
 /// Quantity whose history is kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -52,35 +52,21 @@ struct Stresses<const D: usize> {
     past: Vec<f64>,
 }
 
-/// Why a body with memory cannot be advanced.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum CreepError {
-    /// The increment cannot be solved.
-    #[error(transparent)]
-    Nonlinear(#[from] NonlinearError),
-    /// The history rejects the step.
-    #[error(transparent)]
-    History(#[from] HistoryError),
-    /// The body is already strained.
-    #[error("the body is displaced; a history starts at rest")]
-    Displaced,
-}
-
 impl<const D: usize, const N: usize> Creep<D, N> {
     /// Starts a history of order `order` (0, elastic, to 1, viscous) with `loads` (N on each degree of freedom), which
     /// may jump there. Prescribed displacements cannot jump: the force would be unbounded.
     ///
     /// # Errors
-    /// [`CreepError`] for a displaced body, an invalid order or rule, or a wrong number of loads.
+    /// [`NonlinearError`] for a displaced body, an invalid order or rule, or a wrong number of loads.
     pub fn new(
         mut solver: Solver<D, N>,
         memory: Memory,
         order: f64,
         rule: Rule,
         loads: &[f64],
-    ) -> Result<Self, CreepError> {
+    ) -> Result<Self, NonlinearError> {
         if solver.displacement().iter().any(|u| *u != 0.0) {
-            return Err(CreepError::Displaced);
+            return Err(NonlinearError::Displaced);
         }
         // At the start nothing is strained, and the body responds as below the knee.
         let (rate, forces) = solver.at_rest(loads)?;
@@ -106,10 +92,10 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     /// are remembered, its history takes D^2 numbers per element.
     ///
     /// # Errors
-    /// [`CreepError`] after the start, or for an invalid order or rule.
-    pub fn follow_stress(&mut self, order: f64, rule: Rule) -> Result<(), CreepError> {
+    /// [`NonlinearError`] after the start, or for an invalid order or rule.
+    pub fn follow_stress(&mut self, order: f64, rule: Rule) -> Result<(), NonlinearError> {
         if self.time_s() > 0.0 {
-            return Err(CreepError::Displaced);
+            return Err(NonlinearError::Displaced);
         }
         let rate = self.solver.at_rest(&self.loads)?.0;
         let rest = vec![0.0; rate.len()];
@@ -159,8 +145,8 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     /// Cached data are recomputed, so that both bodies continue identically.
     ///
     /// # Errors
-    /// [`CreepError`] where the stiffness cannot be factored.
-    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], CreepError> {
+    /// [`NonlinearError`] where the stiffness cannot be factored.
+    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
         let state = self.solver.put_state(self.memory == Memory::Rate)?;
         Ok([state, self.history.remembered()])
     }
@@ -169,8 +155,8 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     /// [`contact_force`](Self::contact_force) are valid only after the next step.
     ///
     /// # Errors
-    /// [`CreepError`] for numbers that do not fit such a body.
-    pub fn take_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), CreepError> {
+    /// [`NonlinearError`] for numbers that do not fit such a body.
+    pub fn take_state(&mut self, [state, past]: [&[f64]; 2]) -> Result<(), NonlinearError> {
         let before = self.history.clone();
         self.history.recall(past)?;
         if let Err(error) = self.solver.take_state(state, self.memory == Memory::Rate) {
@@ -190,14 +176,14 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     /// the step.
     ///
     /// # Errors
-    /// [`CreepError`]; the body is then unchanged.
+    /// [`NonlinearError`]; the body is then unchanged.
     pub fn step(
         &mut self,
         step_s: f64,
         loads: &[f64],
         prescribed: &[f64],
         contact: Option<&Contact>,
-    ) -> Result<&Progress, CreepError> {
+    ) -> Result<&Progress, NonlinearError> {
         let plain = Target {
             loads,
             prescribed,
@@ -240,7 +226,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         Ok(self.solver.progress())
     }
 
-    fn step_stress(&mut self, step_s: f64) -> Result<(), CreepError> {
+    fn step_stress(&mut self, step_s: f64) -> Result<(), NonlinearError> {
         let Some(Stresses { now, history, past }) = &mut self.stress else {
             return Ok(());
         };

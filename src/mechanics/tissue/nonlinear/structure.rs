@@ -1,7 +1,8 @@
 //! Common interface of elastic and viscous bodies.
 
-use super::creep::{Creep, CreepError};
+use super::creep::Creep;
 use super::solver::{Contact, Progress, Solver, Target};
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 
 /// Body advanced in time; an elastic one ignores the time step.
 #[derive(Clone, Debug)]
@@ -17,14 +18,14 @@ impl<const D: usize, const N: usize> Structure<D, N> {
     /// the step.
     ///
     /// # Errors
-    /// [`CreepError`]; the body is then unchanged.
+    /// [`NonlinearError`]; the body is then unchanged.
     pub fn step(
         &mut self,
         step_s: f64,
         loads: &[f64],
         prescribed: &[f64],
         contact: Option<&Contact>,
-    ) -> Result<&Progress, CreepError> {
+    ) -> Result<&Progress, NonlinearError> {
         match self {
             Structure::Elastic(solver) => Ok(solver.step(&Target {
                 loads,
@@ -40,8 +41,8 @@ impl<const D: usize, const N: usize> Structure<D, N> {
     /// continues as one that [imports](Self::take_state) the state.
     ///
     /// # Errors
-    /// [`CreepError`] where the stiffness cannot be factored.
-    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], CreepError> {
+    /// [`NonlinearError`] where the stiffness cannot be factored.
+    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
         match self {
             Structure::Elastic(solver) => Ok([solver.put_state(false)?, Vec::new()]),
             Structure::Viscous(creep) => creep.put_state(),
@@ -51,8 +52,8 @@ impl<const D: usize, const N: usize> Structure<D, N> {
     /// Imports the state of another body of this kind: the same steps then give the same bits.
     ///
     /// # Errors
-    /// [`CreepError`] for numbers that do not fit such a body.
-    pub fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), CreepError> {
+    /// [`NonlinearError`] for numbers that do not fit such a body.
+    pub fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
         match self {
             Structure::Elastic(solver) => Ok(solver.take_state(state[0], false)?),
             Structure::Viscous(creep) => creep.take_state(state),

@@ -7,12 +7,12 @@
 //! forces of an element sum to zero for any displacements. Iterative refinement with the residual from these forces (N.
 //! J. Higham, "Accuracy and Stability of Numerical Algorithms", chapter 12) corrects it.
 
-use super::super::assembly::AssemblyError;
 use super::super::dofs::Dofs;
 use super::super::element::Shape;
 use super::super::factor::Factor;
 use super::super::material::Material;
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::error::LinearError;
 
 /// Largest sum of all forces, relative to the sum of their magnitudes, that is not refined.
 const BALANCED: f64 = 1e-13;
@@ -29,11 +29,11 @@ pub(super) struct Balance<'a> {
 
 impl<'a> Balance<'a> {
     /// Prepares the elements; `materials` has one entry per element.
-    pub fn new(mesh: &'a TetMesh, materials: &[Material]) -> Result<Balance<'a>, AssemblyError> {
+    pub fn new(mesh: &'a TetMesh, materials: &[Material]) -> Result<Balance<'a>, LinearError> {
         let elements = mesh.elements();
         let shape = |(element, (corners, material)): (usize, (&[u32; 4], &Material))| {
             let shape = Shape::of(&corners.map(|node| mesh.nodes()[node as usize]));
-            let shape = shape.map_err(|cause| AssemblyError::Element {
+            let shape = shape.map_err(|cause| LinearError::Element {
                 element,
                 corners: *corners,
                 cause,
@@ -44,7 +44,7 @@ impl<'a> Balance<'a> {
         let shapes = elements.iter().zip(materials).enumerate().map(shape);
         Ok(Balance {
             elements,
-            shapes: shapes.collect::<Result<_, AssemblyError>>()?,
+            shapes: shapes.collect::<Result<_, LinearError>>()?,
         })
     }
 

@@ -1,6 +1,6 @@
 //! Mesh and remesher combined: a move is applied to both or to neither.
 
-use super::adapted::{AdaptedMesh, Change, Record, RefusedMove};
+use super::adapted::{AdaptedMesh, Change, Record};
 use super::make::{Maker, Source, make};
 use super::{Level, Options, Precision, RemeshError, RemeshReport, Remesher};
 
@@ -16,17 +16,6 @@ pub struct Adaptation {
     failure: Option<String>,
     /// Buffer for the degrees of freedom of an expected change.
     expected: Vec<u32>,
-}
-
-/// Why a move was refused. Mesh and remesher are then unchanged.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum AdaptError {
-    /// The mesh refused the move.
-    #[error(transparent)]
-    Move(#[from] RefusedMove),
-    /// The remesher refused the move.
-    #[error(transparent)]
-    Remesh(#[from] RemeshError),
 }
 
 impl Adaptation {
@@ -110,8 +99,8 @@ impl Adaptation {
     /// Moves a node to `to` (mm, reference state).
     ///
     /// # Errors
-    /// [`AdaptError`] where the mesh or the remesher refuses.
-    pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<RemeshReport, AdaptError> {
+    /// [`RemeshError`] where the mesh or the remesher refuses.
+    pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<RemeshReport, RemeshError> {
         let change = self.mesh.begin_move(node, to)?;
         self.hand_over(change, Record::Moved)
     }
@@ -119,8 +108,8 @@ impl Adaptation {
     /// Moves a node back to its original position.
     ///
     /// # Errors
-    /// [`AdaptError`] where the mesh or the remesher refuses.
-    pub fn restore(&mut self, node: u32) -> Result<RemeshReport, AdaptError> {
+    /// [`RemeshError`] where the mesh or the remesher refuses.
+    pub fn restore(&mut self, node: u32) -> Result<RemeshReport, RemeshError> {
         let change = self.mesh.begin_restore(node)?;
         self.hand_over(change, Record::Restored)
     }
@@ -128,8 +117,8 @@ impl Adaptation {
     /// Undoes the last move; `None` if there is none.
     ///
     /// # Errors
-    /// [`AdaptError`] where the mesh or the remesher refuses.
-    pub fn undo(&mut self) -> Result<Option<RemeshReport>, AdaptError> {
+    /// [`RemeshError`] where the mesh or the remesher refuses.
+    pub fn undo(&mut self) -> Result<Option<RemeshReport>, RemeshError> {
         let change = self.mesh.begin_undo()?;
         change.map(|change| self.hand_over(change, Record::Undone)).transpose()
     }
@@ -185,7 +174,7 @@ impl Adaptation {
     }
 
     /// Passes a change to the remesher, and records or reverts it in the mesh.
-    fn hand_over(&mut self, change: Change, record: Record) -> Result<RemeshReport, AdaptError> {
+    fn hand_over(&mut self, change: Change, record: Record) -> Result<RemeshReport, RemeshError> {
         let mut result = self.remesher.remesh(&self.mesh, &change);
         if let Err(failed @ RemeshError::Device(_)) = result {
             let next = self.give_up_device(failed);
@@ -196,7 +185,7 @@ impl Adaptation {
             Err(_) => self.mesh.take_back(&change),
         }
         self.mesh.reclaim(change);
-        result.map_err(AdaptError::from)
+        result
     }
 
     /// Replaces a remesher whose device has failed by one of [`make`] in the current state of the mesh.

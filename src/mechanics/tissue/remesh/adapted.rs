@@ -7,19 +7,18 @@
 mod around;
 mod change;
 mod moves;
-mod refused;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::Arc;
 
 use super::difference::Difference;
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::assembly::{AssemblyError, Stiffness};
+use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
 use crate::mechanics::tissue::material::Material;
 use around::Around;
 pub use change::Change;
 pub(super) use moves::Record;
-pub use refused::RefusedMove;
 
 /// Largest Jacobian condition that a move may cause.
 ///
@@ -54,8 +53,8 @@ impl AdaptedMesh {
     /// Creates the mesh with every node at its base, given one material per element.
     ///
     /// # Errors
-    /// [`AssemblyError`] where a list does not match the mesh or an element is flat or inverted.
-    pub fn new(mesh: &TetMesh, materials: &[Material], dofs: &Dofs) -> Result<AdaptedMesh, AssemblyError> {
+    /// [`LinearError`] where a list does not match the mesh or an element is flat or inverted.
+    pub fn new(mesh: &TetMesh, materials: &[Material], dofs: &Dofs) -> Result<AdaptedMesh, LinearError> {
         let stiffness = Arc::new(Stiffness::assemble(mesh, materials, dofs)?);
         let count = mesh.nodes().len();
         Ok(AdaptedMesh {

@@ -27,6 +27,7 @@ mod speculation;
 mod support;
 mod update;
 
+use crate::mechanics::tissue::error::LinearError;
 use std::fmt;
 
 use faer::{Mat, MatMut, MatRef};
@@ -35,7 +36,7 @@ use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
 use super::sampling::SampleSchedule;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, State, check_step};
-use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_dofs};
+use crate::mechanics::tissue::compliance::{Compliance, check_dofs};
 use contacts::Contacts;
 use speculation::Speculation;
 use support::Support;
@@ -145,12 +146,12 @@ impl Exact {
 }
 
 /// Checks that a source has one row per free degree of freedom.
-fn fits(source: &dyn Compliance, size: usize) -> Result<(), ComplianceError> {
+fn fits(source: &dyn Compliance, size: usize) -> Result<(), LinearError> {
     let found = source.size();
     if found == size {
         return Ok(());
     }
-    Err(ComplianceError::Shape {
+    Err(LinearError::Shape {
         what: "rows of the compliance",
         found,
         expected: size,

@@ -1,9 +1,10 @@
 use super::*;
+use crate::mechanics::tissue::error::LinearError;
 
 fn free(mesh: &TetMesh, fixed: &[(u32, u8)]) -> Vec<FreePart> {
     match check(mesh, &Dofs::new(mesh.nodes().len(), fixed.iter().copied())) {
         Ok(()) => Vec::new(),
-        Err(RigidError::FreeParts { parts, .. }) => parts,
+        Err(LinearError::FreeParts { parts, .. }) => parts,
         Err(error) => panic!("{error}"),
     }
 }
@@ -176,7 +177,7 @@ fn nodes_of_no_element_are_numbered() {
     let error = check(&mesh, &Dofs::new(20, all(&[0, 1, 2, 9, 11]))).unwrap_err();
     assert_eq!(
         error,
-        RigidError::LooseNodes {
+        LinearError::LooseNodes {
             nodes: vec![8, 10, 12, 13, 14, 15, 16, 17, 18, 19]
         }
     );

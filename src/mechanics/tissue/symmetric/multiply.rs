@@ -1,9 +1,10 @@
 //! Products with a vector; every entry is read once, for its row and its column.
 
+use crate::mechanics::tissue::error::LinearError;
 use rayon::prelude::*;
 
 use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
-use crate::mechanics::tissue::compliance::{ComplianceError, check_shape};
+use crate::mechanics::tissue::compliance::check_shape;
 use crate::simd::{Simd, WithSimd, dispatch};
 
 /// Number of parts of a product, independent of the number of threads: their sums are added in order, so the result is
@@ -16,8 +17,8 @@ impl<T: Scalar> Symmetric<T> {
     /// Computes y = A x on the current rayon pool.
     ///
     /// # Errors
-    /// [`ComplianceError::Shape`] when a length is wrong.
-    pub fn multiply(&self, x: &[T], y: &mut [T]) -> Result<(), ComplianceError> {
+    /// [`LinearError::Shape`] when a length is wrong.
+    pub fn multiply(&self, x: &[T], y: &mut [T]) -> Result<(), LinearError> {
         check_shape("values of x", x.len(), self.size)?;
         check_shape("values of y", y.len(), self.size)?;
         let parts: Vec<Vec<T>> = self

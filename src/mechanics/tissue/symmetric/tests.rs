@@ -1,3 +1,4 @@
+use crate::mechanics::tissue::error::LinearError;
 use faer::Mat;
 use nalgebra::DMatrix;
 
@@ -217,7 +218,7 @@ fn operands_that_do_not_fit_are_refused_and_change_nothing() {
     let mut matrix = symmetric::<f64>(20, 1);
     let before = matrix.clone();
     let (y, c) = operands::<f64>(20, 3);
-    let shape = |what, found, expected| Err(ComplianceError::Shape { what, found, expected });
+    let shape = |what, found, expected| Err(LinearError::Shape { what, found, expected });
     let short = y.as_ref().subrows(0, 19);
     assert_eq!(matrix.rank_update(short, c.as_ref()), shape("rows of Y", 19, 20));
     assert_eq!(
@@ -228,15 +229,18 @@ fn operands_that_do_not_fit_are_refused_and_change_nothing() {
         matrix.rank_update(y.as_ref(), c.as_ref().subcols(0, 2)),
         shape("columns of C", 2, 3)
     );
-    let outside = ComplianceError::OutOfRange { dof: 20, size: 20 };
-    assert_eq!(matrix.update_rows(&[20], y.as_ref(), c.as_ref()), Err(outside));
-    let twice = ComplianceError::Repeated { dof: 5 };
+    let outside = LinearError::OutOfRange { dof: 20, size: 20 };
+    assert_eq!(matrix.update_rows(&[20], y.as_ref(), c.as_ref()), Err(outside.clone()));
+    let twice = LinearError::Repeated { dof: 5 };
     assert_eq!(matrix.update_rows(&[5, 1, 5], y.as_ref(), c.as_ref()), Err(twice));
-    assert_eq!(Compliance::column_into(&mut matrix, 20, &mut [0.0; 20]), Err(outside));
+    assert_eq!(
+        Compliance::column_into(&mut matrix, 20, &mut [0.0; 20]),
+        Err(outside.clone())
+    );
     assert_eq!(matrix.column_into(0, &mut [0.0; 3]), shape("rows of the column", 3, 20));
     assert_eq!(matrix.multiply(&[0.0; 3], &mut [0.0; 20]), shape("values of x", 3, 20));
     assert_eq!(matrix.multiply(&[0.0; 20], &mut [0.0; 2]), shape("values of y", 2, 20));
-    assert_eq!(matrix.entries(&[0], &[20]).err(), Some(outside));
-    assert_eq!(matrix.prefetch(&[3, 20]), Err(outside));
+    assert_eq!(matrix.entries(&[0], &[20]).err(), Some(outside.clone()));
+    assert_eq!(matrix.prefetch(&[3, 20]), Err(outside.clone()));
     assert_eq!(matrix, before);
 }

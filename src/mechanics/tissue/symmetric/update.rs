@@ -1,6 +1,7 @@
 //! Symmetric updates A -= Y C Y^T: the change of an inverse by the matrix inversion lemma, in full (level I) or in some
 //! rows and columns (levels II and III).
 
+use crate::mechanics::tissue::error::LinearError;
 use std::ops::Range;
 
 use faer::linalg::matmul::matmul;
@@ -8,7 +9,7 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
-use crate::mechanics::tissue::compliance::{ComplianceError, check_distinct, check_dofs, check_shape};
+use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::simd::{Simd, WithSimd, dispatch};
 
 /// Columns of the matrix that a tile covers.
@@ -22,8 +23,8 @@ impl<T: Scalar> Symmetric<T> {
     /// operations. It runs on the current rayon pool; the result does not depend on the number of threads.
     ///
     /// # Errors
-    /// [`ComplianceError::Shape`] when Y or C has the wrong shape; the matrix is then unchanged.
-    pub fn rank_update(&mut self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), ComplianceError> {
+    /// [`LinearError::Shape`] when Y or C has the wrong shape; the matrix is then unchanged.
+    pub fn rank_update(&mut self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), LinearError> {
         let rank = self.check_update(y, c)?;
         if rank == 0 {
             return Ok(());
@@ -46,9 +47,9 @@ impl<T: Scalar> Symmetric<T> {
     /// [`rank_update`](Self::rank_update); it takes size s operations per row.
     ///
     /// # Errors
-    /// [`ComplianceError`] when Y or C has the wrong shape, or a row is out of range or repeated; the matrix is then
+    /// [`LinearError`] when Y or C has the wrong shape, or a row is out of range or repeated; the matrix is then
     /// unchanged.
-    pub fn update_rows(&mut self, rows: &[usize], y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), ComplianceError> {
+    pub fn update_rows(&mut self, rows: &[usize], y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<(), LinearError> {
         let rank = self.check_update(y, c)?;
         check_dofs(rows, self.size)?;
         check_distinct(rows)?;
@@ -90,7 +91,7 @@ impl<T: Scalar> Symmetric<T> {
     }
 
     /// Checks the operands of an update and returns its rank.
-    fn check_update(&self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<usize, ComplianceError> {
+    fn check_update(&self, y: MatRef<'_, T>, c: MatRef<'_, T>) -> Result<usize, LinearError> {
         check_shape("rows of Y", y.nrows(), self.size)?;
         check_shape("rows of C", c.nrows(), y.ncols())?;
         check_shape("columns of C", c.ncols(), y.ncols())?;

@@ -114,75 +114,50 @@ impl Default for Span {
     }
 }
 
-/// Error in creating or advancing a history.
+/// Error of a history, or of the response of a point.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum HistoryError {
-    /// The order is outside 0 to 1.
     #[error("the order is {found}; expected a number from 0 (a spring) to 1 (a dashpot)")]
-    Order {
-        /// Order given.
-        found: f64,
-    },
-    /// The step is not a finite time above 0.
+    Order { found: f64 },
     #[error("a step of {found} s; expected a finite time above 0")]
-    Step {
-        /// Length of the step, s.
-        found: f64,
-    },
-    /// A value is not finite.
+    Step { found: f64 },
     #[error("component {component} is {found}; expected a finite number")]
-    Value {
-        /// Index of the component, from 0.
-        component: usize,
-        /// Value given.
-        found: f64,
-    },
+    Value { component: usize, found: f64 },
     /// The number of components differs from that at the start.
     #[error("{found} components; the history has {expected}")]
-    Components {
-        /// Number of components given.
-        found: usize,
-        /// Number of components of the history.
-        expected: usize,
-    },
+    Components { found: usize, expected: usize },
     /// The numbers are not the state of a history of this rule and size.
     #[error("{found} numbers, or numbers that are not finite; not what a history of this rule and size remembers")]
-    Remembered {
-        /// Count of the numbers given.
-        found: usize,
-    },
-    /// A rule for equal steps received an unequal one.
+    Remembered { found: usize },
+    /// A rule for equal steps received an unequal one, s.
     #[error(
         "a step of {found} s after steps of {expected} s; the rule of Gruenwald and Letnikov takes equal steps only"
     )]
-    Uneven {
-        /// Step given, s.
-        found: f64,
-        /// Earlier steps, s.
-        expected: f64,
-    },
-    /// A step is shorter than the sum of exponentials supports.
+    Uneven { found: f64, expected: f64 },
+    /// A step is shorter than the sum of exponentials supports, s.
     #[error("a step of {found} s; this sum of exponentials was made for steps from {shortest} s")]
-    Short {
-        /// Step given, s.
-        found: f64,
-        /// Shortest step supported, s.
-        shortest: f64,
-    },
-    /// A history is longer than the sum of exponentials supports.
+    Short { found: f64, shortest: f64 },
+    /// A history is longer than the sum of exponentials supports, s.
     #[error("a history of {found} s; this sum of exponentials was made for up to {longest} s")]
-    Long {
-        /// Time at the end of the step, s.
-        found: f64,
-        /// Longest time supported, s.
-        longest: f64,
-    },
-    /// The span is invalid.
+    Long { found: f64, longest: f64 },
     #[error(
         "a span of {} s to {} s within {}; expected times above 0, ascending and less than 1e40 apart, within 1e-13 to 1e-2",
         .0.shortest_s, .0.longest_s, .0.tolerance
     )]
     Span(Span),
+    /// A number of a point's material or loading is out of range: its key, and its index where it is in a list.
+    #[error("found {found}; expected {expected}")]
+    Number {
+        key: &'static str,
+        at: Option<usize>,
+        found: f64,
+        expected: &'static str,
+    },
+    #[error("found {values} values at {times} times; expected a value for each, and at least one")]
+    Lengths { times: usize, values: usize },
+    /// Stress or strain overflows.
+    #[error("the response at {time_s} s is no finite number; expected smaller moduli, strains or stresses")]
+    Overflow { time_s: f64 },
 }
 
 impl HistoryError {

@@ -51,44 +51,10 @@ pub struct Point {
     pub structure: Structure,
 }
 
-/// Why a response cannot be computed.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PointError {
-    /// A number of the material or of its history is out of range.
-    #[error("found {found}; expected {expected}")]
-    Number {
-        /// Key of the number, as in [`Body`], [`Knee`] and [`Loading`].
-        key: &'static str,
-        /// Index of the number in a list, from 0, if it is in one.
-        at: Option<usize>,
-        /// Value given.
-        found: f64,
-        /// Values expected.
-        expected: &'static str,
-    },
-    /// There is not one value per time, or there are none.
-    #[error("found {values} values at {times} times; expected a value for each, and at least one")]
-    Lengths {
-        /// Number of times.
-        times: usize,
-        /// Number of values.
-        values: usize,
-    },
-    /// The rule does not support the history.
-    #[error(transparent)]
-    History(#[from] HistoryError),
-    /// Stress or strain overflows.
-    #[error("the response at {time_s} s is no finite number; expected smaller moduli, strains or stresses")]
-    Overflow {
-        /// Time of the overflow, s.
-        time_s: f64,
-    },
-}
-
 /// Returns an error with the key and the expected values unless `right`.
-fn check(key: &'static str, found: f64, right: bool, expected: &'static str) -> Result<(), PointError> {
+fn check(key: &'static str, found: f64, right: bool, expected: &'static str) -> Result<(), HistoryError> {
     let at = None;
-    right.then_some(()).ok_or(PointError::Number {
+    right.then_some(()).ok_or(HistoryError::Number {
         key,
         at,
         found,
@@ -100,10 +66,10 @@ impl Point {
     /// Checks all parameters of the material.
     ///
     /// # Errors
-    /// [`PointError::Number`] for a parameter that is out of range.
-    pub fn check(&self) -> Result<(), PointError> {
+    /// [`HistoryError::Number`] for a parameter that is out of range.
+    pub fn check(&self) -> Result<(), HistoryError> {
         self.body.check()?;
-        self.knee.check().map_err(|error| PointError::Number {
+        self.knee.check().map_err(|error| HistoryError::Number {
             key: error.key,
             at: None,
             found: error.found,

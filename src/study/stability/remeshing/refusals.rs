@@ -2,9 +2,8 @@
 
 use super::setup::{BACKENDS, Now, Start, state};
 use crate::mechanics::tissue::element::DegenerateElement;
-use crate::mechanics::tissue::remesh::adaptation::AdaptError;
-use crate::mechanics::tissue::remesh::corner::{NoCorner, best_corner};
-use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RefusedMove, RemeshError};
+use crate::mechanics::tissue::remesh::corner::best_corner;
+use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError};
 use crate::study::stability::record::{Record, Unexpected};
 
 /// Returns the point at `height` times the corner's own height above the opposite face of an element, for the corner at `place`.
@@ -37,10 +36,10 @@ pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let node = start.mesh.elements()[element as usize][place];
     let to = |height: f64| above_face(&start.mesh, element, place, height);
     let count = start.mesh.nodes().len() as u32;
-    let is_element = |error: &AdaptError| matches!(error, AdaptError::Move(RefusedMove::Element { .. }));
-    let is_flat = |error: &AdaptError| {
+    let is_element = |error: &RemeshError| matches!(error, RemeshError::Element { .. });
+    let is_flat = |error: &RemeshError| {
         let cause = match error {
-            AdaptError::Move(RefusedMove::Element { cause, .. }) => cause,
+            RemeshError::Element { cause, .. } => cause,
             _ => return false,
         };
         matches!(
@@ -48,11 +47,11 @@ pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
             DegenerateElement::Flat { .. } | DegenerateElement::Inverted { .. }
         )
     };
-    let is_thin = |error: &AdaptError| matches!(error, AdaptError::Move(RefusedMove::Condition { .. }));
-    let is_position = |error: &AdaptError| matches!(error, AdaptError::Move(RefusedMove::Position { .. }));
-    let is_node = |error: &AdaptError| matches!(error, AdaptError::Move(RefusedMove::Node { .. }));
+    let is_thin = |error: &RemeshError| matches!(error, RemeshError::Condition { .. });
+    let is_position = |error: &RemeshError| matches!(error, RemeshError::Position { .. });
+    let is_node = |error: &RemeshError| matches!(error, RemeshError::Node { .. });
     let far = start.mesh.nodes()[node as usize].map(|x| x + 50.0);
-    let moves: [(&str, u32, [f64; 3], &dyn Fn(&AdaptError) -> bool); 7] = [
+    let moves: [(&str, u32, [f64; 3], &dyn Fn(&RemeshError) -> bool); 7] = [
         ("50 mm away", node, far, &is_element),
         ("beyond the opposite face", node, to(-0.5), &is_element),
         ("onto the opposite face", node, to(0.0), &is_flat),
@@ -90,7 +89,7 @@ pub fn spoiling(record: &mut Record<'_>) -> Result<(), Unexpected> {
     record.refused(
         "the others taken already",
         none,
-        |error| matches!(error, NoCorner::NoneFits { unfit, .. } if unfit.len() == 4),
+        |error| matches!(error, RemeshError::NoCorner { unfit, .. } if unfit.len() == 4),
     );
     Ok(())
 }
@@ -144,11 +143,11 @@ pub fn near_singular(record: &mut Record<'_>) -> Result<(), Unexpected> {
                     refused => {
                         refusals += 1;
                         record.refused(format!("refused, {what}"), refused, |error| match error {
-                            AdaptError::Remesh(RemeshError::Singular {
+                            RemeshError::Singular {
                                 node: named,
                                 reciprocal_condition,
                                 ..
-                            }) => *named == node && *reciprocal_condition < limit,
+                            } => *named == node && *reciprocal_condition < limit,
                             _ => false,
                         });
                         record.zero(

@@ -4,7 +4,8 @@ use super::setup::Start;
 use crate::mechanics::mesh::{Locator, NONE};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::AdaptedMesh;
-use crate::mechanics::tissue::remesh::corner::{NoCorner, best_corner};
+use crate::mechanics::tissue::remesh::RemeshError;
+use crate::mechanics::tissue::remesh::corner::best_corner;
 use crate::real::Real;
 use crate::study::stability::record::{Record, Unexpected};
 use crate::study::stability::solving::problem::{Problem, two_parts};
@@ -86,7 +87,7 @@ pub fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
         );
         let choice = best_corner(&mesh, named, p, |_| false);
         record.refused(format!("a corner for a tip {name}"), choice, |error| {
-            matches!(error, NoCorner::Element { .. })
+            matches!(error, RemeshError::NoElement { .. })
         });
     }
     // A vertex that may not be moved: moving any other corner there would flatten the element.
@@ -99,7 +100,7 @@ pub fn places(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let (element, held) = fixed.ok_or_else(|| Unexpected::new("no fixed node"))?;
     let choice = best_corner(&start.mesh, element, start.mesh.nodes()[held as usize], |_| false);
     record.refused("a corner for a tip on a fixed vertex", choice, |error| {
-        matches!(error, NoCorner::NoneFits { .. })
+        matches!(error, RemeshError::NoCorner { .. })
     });
     Ok(())
 }

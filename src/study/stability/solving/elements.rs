@@ -1,15 +1,15 @@
 //! Cases of elements of every shape.
 
+use crate::mechanics::tissue::error::LinearError;
 use nalgebra::Vector3;
 
 use super::problem::{Problem, lattice, moved, shaken, surface};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::quality::jacobian_condition;
-use crate::mechanics::tissue::assembly::{AssemblyError, Stiffness};
+use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::element::{DegenerateElement, FLATTEST};
 use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::problem::SolveError;
 use crate::study::stability::record::{Record, Unexpected, largest, noise, relative};
 
 /// Rounding units of error per unit of the condition number: a backward stable solution has a small multiple of one (N. J. Higham,
@@ -111,11 +111,11 @@ pub fn slivers(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Returns whether the error names, first or among the others, an element for which `is_it` holds.
-fn names(error: &SolveError, is_it: &mut dyn FnMut(usize, DegenerateElement) -> bool) -> bool {
+fn names(error: &LinearError, is_it: &mut dyn FnMut(usize, DegenerateElement) -> bool) -> bool {
     match error {
-        SolveError::Assembly(AssemblyError::Element {
+        LinearError::Element {
             element, cause, others, ..
-        }) => is_it(*element, *cause) || others.iter().any(|other| is_it(*other, *cause)),
+        } => is_it(*element, *cause) || others.iter().any(|other| is_it(*other, *cause)),
         _ => false,
     }
 }

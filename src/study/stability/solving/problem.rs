@@ -1,5 +1,6 @@
 //! Static problems shared by the cases, and their condition numbers.
 
+use crate::mechanics::tissue::error::LinearError;
 use nalgebra::Matrix4;
 
 use crate::mechanics::mesh::{NONE, TetMesh};
@@ -7,7 +8,7 @@ use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::material::{Material, Materials};
-use crate::mechanics::tissue::problem::{Fix, Load, Solution, SolveError, StaticProblem};
+use crate::mechanics::tissue::problem::{Fix, Load, Solution, StaticProblem};
 use crate::study::stability::record::{Record, Unexpected, noise};
 
 /// Creates a lattice of cells over the box from the origin to `extent`, mm.
@@ -151,7 +152,7 @@ impl Problem {
         self.loads = (0..self.mesh.nodes().len() as u32).map(load).collect();
     }
 
-    pub fn solve(&self) -> Result<Solution, SolveError> {
+    pub fn solve(&self) -> Result<Solution, LinearError> {
         let problem = StaticProblem {
             mesh: &self.mesh,
             materials: self.materials.clone(),

@@ -3,16 +3,10 @@
 use faer::Mat;
 
 use super::problem::{Problem, moved};
-use crate::mechanics::tissue::columns::Columns;
-use crate::mechanics::tissue::compliance::Compliance;
-use crate::mechanics::tissue::condensed::{Condensed, Contact};
 use crate::mechanics::tissue::factor::Factor;
-use crate::mechanics::tissue::frames::Frame;
 use crate::mechanics::tissue::inverse::invert;
-use crate::mechanics::tissue::switching::{ConstraintSolver, PIVOT_LIMIT, Pivots, Prescribed, Refactorised};
 use crate::mechanics::tissue::symmetric::{Scalar, Symmetric};
 use crate::study::stability::record::{Record, Unexpected, relative};
-use std::sync::Arc;
 
 /// Returns the problem with all lengths times `length` and all forces times `force`.
 fn scaled(problem: &Problem, length: f64, force: f64) -> Result<Problem, Unexpected> {
@@ -92,7 +86,7 @@ fn unequal(a: impl IntoIterator<Item = f64>, b: impl IntoIterator<Item = f64>) -
     a.into_iter().zip(b).filter(|(a, b)| a != b).count() as f64
 }
 
-/// Tests no load, rank zero, no contact, and doubled input.
+/// Tests no load, rank zero, and doubled input.
 pub fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let mut problem = Problem::block(record, 0.45)?;
     let single = problem.solve()?;
@@ -113,10 +107,9 @@ pub fn nothing_and_twice(record: &mut Record<'_>) -> Result<(), Unexpected> {
     );
     let reactions = still.reactions.iter().map(|reaction| reaction.force_n);
     record.zero("reactions to no load that are not zero", unequal(reactions, zeros));
-    let factor = Arc::new(Factor::new(&problem.stiffness()?)?);
+    let factor = Factor::new(&problem.stiffness()?)?;
     rank_zero::<f64>(record, "f64", &factor)?;
-    rank_zero::<f32>(record, "f32", &factor)?;
-    contacts(record, &problem, factor)
+    rank_zero::<f32>(record, "f32", &factor)
 }
 
 /// Tests that updates of rank zero, and by a zero matrix, leave an inverse unchanged.
@@ -130,56 +123,6 @@ fn rank_zero<T: Scalar>(record: &mut Record<'_>, precision: &str, factor: &Facto
         updated.update_rows(&[0, size - 1], y.as_ref(), Mat::zeros(rank, rank).as_ref())?;
         let what = format!("inverses in {precision} changed by nothing of rank {rank}");
         record.zero(what, f64::from(updated != inverse));
-    }
-    Ok(())
-}
-
-/// Tests contact forces: none without contacts, zero for zero displacements, doubled for doubled ones.
-fn contacts(record: &mut Record<'_>, problem: &Problem, factor: Arc<Factor>) -> Result<(), Unexpected> {
-    let dofs = problem.dofs();
-    let mut columns = Columns::new(factor, 30);
-    let mut condensed = Condensed::new();
-    let none = Pivots::new(&condensed, PIVOT_LIMIT)?.solve(&[])?;
-    record.zero(
-        "forces and displacements of no contact",
-        (none.force_n.len() + none.displacement_mm.len()) as f64,
-    );
-    let nodes: Vec<u32> = (0..dofs.nodes() as u32)
-        .filter(|node| dofs.of(*node)[0] != u32::MAX)
-        .collect();
-    let frame = Frame::along([1.0, 2.0, -0.5])?;
-    let chosen: Vec<Contact> = nodes
-        .iter()
-        .step_by(nodes.len() / 5)
-        .map(|&node| Contact { node, frame })
-        .collect();
-    condensed.add(&mut columns as &mut dyn Compliance, &dofs, &chosen)?;
-    let size = condensed.size();
-    let given: Vec<f64> = (0..size as u64).map(|i| record.noise(i)).collect();
-    let held: Vec<(usize, Prescribed)> = (0..size)
-        .step_by(2)
-        .map(|dof| (dof, Prescribed::Displacement))
-        .collect();
-    let ways: [(&str, Box<dyn ConstraintSolver>); 2] = [
-        ("pivots", Box::new(Pivots::new(&condensed, PIVOT_LIMIT)?)),
-        ("a factorisation", Box::new(Refactorised::new(&condensed, PIVOT_LIMIT)?)),
-    ];
-    for (way, mut solver) in ways {
-        solver.switch(&held)?;
-        let [once, twice, nothing] = [1.0, 2.0, 0.0].map(|factor| -> Result<Vec<f64>, Unexpected> {
-            let values: Vec<f64> = given.iter().map(|x| factor * x).collect();
-            let state = solver.solve(&values)?;
-            Ok([state.force_n, state.displacement_mm].concat())
-        });
-        let (once, twice, nothing) = (once?, twice?, nothing?);
-        record.zero(
-            format!("contact values by {way} not doubled"),
-            unequal(twice, once.iter().map(|x| 2.0 * x)),
-        );
-        record.zero(
-            format!("contact values by {way} of nothing"),
-            unequal(nothing, std::iter::repeat(0.0)),
-        );
     }
     Ok(())
 }

@@ -2,15 +2,15 @@
 
 use super::problem::{Problem, lattice, two_parts};
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::Material;
-use crate::mechanics::tissue::problem::SolveError;
-use crate::mechanics::tissue::rigid::{Motion, RigidError};
+use crate::mechanics::tissue::rigid::Motion;
 use crate::study::stability::record::{Record, Unexpected};
 
 /// Returns the free motions of the part with the lowest node `example`; empty if the error does not list them.
-fn motions(error: &SolveError, example: u32) -> Vec<Motion> {
+fn motions(error: &LinearError, example: u32) -> Vec<Motion> {
     match error {
-        SolveError::Rigid(RigidError::FreeParts { parts, .. }) => {
+        LinearError::FreeParts { parts, .. } => {
             let part = parts.iter().find(|part| part.example == example);
             part.map_or_else(Vec::new, |part| part.motions.clone())
         }
@@ -28,7 +28,7 @@ fn counts(motions: &[Motion]) -> [usize; 2] {
 }
 
 /// Returns whether the text of an error contains all words.
-fn says(error: &SolveError, words: &[&str]) -> bool {
+fn says(error: &LinearError, words: &[&str]) -> bool {
     let text = error.to_string();
     words.iter().all(|word| text.contains(word))
 }
@@ -72,7 +72,7 @@ pub fn refused(record: &mut Record<'_>) -> Result<(), Unexpected> {
     record.refused(
         "a node of no element",
         loose.solve(),
-        |error| matches!(error, SolveError::Rigid(RigidError::LooseNodes { nodes }) if *nodes == [count]),
+        |error| matches!(error, LinearError::LooseNodes { nodes } if *nodes == [count]),
     );
     Ok(())
 }

@@ -3,7 +3,6 @@
 use crate::mechanics::insertion::spring::InvalidParameters;
 use crate::mechanics::insertion::{InvalidSetup, StepError};
 use crate::mechanics::mesh::InvalidMesh;
-use crate::mechanics::mesh::locator::NodeCount;
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::tissue::material::InvalidMaterial;
 
@@ -52,9 +51,6 @@ pub enum InsertionStudyError {
     /// A step cannot be computed.
     #[error(transparent)]
     Step(#[from] StepError),
-    /// The locator belongs to a mesh with another number of nodes.
-    #[error(transparent)]
-    Locator(#[from] NodeCount),
 }
 
 fn gib(bytes: usize) -> f64 {

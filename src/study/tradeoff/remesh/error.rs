@@ -1,17 +1,10 @@
 //! Errors of the remeshing study.
 
 use crate::gpu::GpuError;
-use crate::mechanics::mesh::locator::NodeCount;
-use crate::mechanics::tissue::assembly::AssemblyError;
-use crate::mechanics::tissue::compliance::ComplianceError;
-use crate::mechanics::tissue::condensed::CondensedError;
-use crate::mechanics::tissue::factor::FactorError;
-use crate::mechanics::tissue::inverse::InverseError;
+use crate::mechanics::mesh::InvalidMesh;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::remesh::RemeshError;
-use crate::mechanics::tissue::remesh::adapted::RefusedMove;
-use crate::mechanics::tissue::rigid::RigidError;
-use crate::mechanics::tissue::switching::SwitchError;
 
 /// Error of studying a mesh.
 #[derive(Debug, thiserror::Error)]
@@ -51,39 +44,18 @@ pub enum StudyError {
     /// The material parameters are invalid.
     #[error(transparent)]
     Material(#[from] InvalidMaterial),
-    /// The mesh, or part of it, can move as a rigid body.
+    /// The stiffness cannot be assembled, factorised or inverted.
     #[error(transparent)]
-    Rigid(#[from] RigidError),
-    /// The stiffness cannot be assembled.
-    #[error(transparent)]
-    Assembly(#[from] AssemblyError),
-    /// The stiffness cannot be factorised.
-    #[error(transparent)]
-    Factor(#[from] FactorError),
-    /// The inverse cannot be computed.
-    #[error(transparent)]
-    Inverse(#[from] InverseError),
-    /// Entries of the inverse cannot be computed.
-    #[error(transparent)]
-    Compliance(#[from] ComplianceError),
-    /// A move that was possible before is refused.
-    #[error(transparent)]
-    Move(#[from] RefusedMove),
+    Linear(#[from] LinearError),
     /// A remesher refuses a change.
     #[error(transparent)]
     Remesh(#[from] RemeshError),
-    /// The contacts cannot be condensed.
-    #[error(transparent)]
-    Condensed(#[from] CondensedError),
-    /// The contacts cannot be solved.
-    #[error(transparent)]
-    Switch(#[from] SwitchError),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
     /// The locator belongs to a mesh with another number of nodes.
     #[error(transparent)]
-    Locator(#[from] NodeCount),
+    Locator(#[from] InvalidMesh),
 }
 
 impl StudyError {

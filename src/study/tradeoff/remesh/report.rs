@@ -103,7 +103,6 @@ pub(super) struct Report {
     study: Study,
     remesh: Table,
     drift: Table,
-    switching: Option<Table>,
     copy_cpu: f64,
     copy_gpus: Vec<(String, f64)>,
 }
@@ -168,7 +167,6 @@ impl Report {
                     .each(&["nodes"])
                     .beside(&["p95_ms", "prepare_ms", "held_mb"]),
             ),
-            switching: None,
             drift: Table::new(
                 "drift",
                 "Error of the compliance at the contacts, K^c, after so many updates",
@@ -229,16 +227,12 @@ impl Report {
         self.remesh.push(choices, values, flag);
     }
 
-    pub fn set_switching(&mut self, table: Table) {
-        self.switching = Some(table);
-    }
-
     pub fn note(&mut self, note: String) {
         self.study.notes.push(note);
     }
 
     pub fn finish(mut self) -> Study {
-        self.study.tables = [self.remesh, self.drift].into_iter().chain(self.switching).collect();
+        self.study.tables = vec![self.remesh, self.drift];
         self.study
     }
 }

@@ -63,10 +63,10 @@ fn what_is_no_tissue_is_refused() {
             stiffening: -1.0,
             ..default
         }),
-        TissueError::Stiffening(_)
+        TissueError::Material(_)
     ));
     assert!(matches!(
         wrong(TissueOptions { order: 2.0, ..default }),
-        TissueError::Creep(_)
+        TissueError::Nonlinear(NonlinearError::History(_))
     ));
 }

@@ -1,6 +1,7 @@
 //! Cholesky factor for iterations, in the lowest sufficient precision.
 
-use crate::mechanics::tissue::factor::{Factor, FactorError, Symmetric};
+use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::factor::{Factor, Symmetric};
 use crate::random::pcg_step;
 
 /// Largest relative error with which a factor in single precision may reproduce a test vector. The vector contains all
@@ -30,11 +31,11 @@ impl Approximate {
     /// Analyses and factors a matrix.
     ///
     /// # Errors
-    /// [`FactorError`] where the matrix cannot be factored.
-    pub fn new(matrix: &impl Symmetric) -> Result<Self, FactorError> {
+    /// [`LinearError`] where the matrix cannot be factored.
+    pub fn new(matrix: &impl Symmetric) -> Result<Self, LinearError> {
         let factor = match Factor::single(matrix) {
             Ok(factor) => Either::Single(factor),
-            Err(FactorError::NotPositiveDefinite { .. }) => Either::Double(Factor::new(matrix)?),
+            Err(LinearError::NotPositiveDefinite { .. }) => Either::Double(Factor::new(matrix)?),
             Err(error) => return Err(error),
         };
         let size = matrix.lower().ncols();
@@ -53,15 +54,15 @@ impl Approximate {
     /// Factors a matrix of the same pattern. Once single precision has failed, double precision is kept.
     ///
     /// # Errors
-    /// [`FactorError`]; the factor is then that of an earlier matrix.
-    pub fn refactor(&mut self, matrix: &impl Symmetric) -> Result<(), FactorError> {
+    /// [`LinearError`]; the factor is then that of an earlier matrix.
+    pub fn refactor(&mut self, matrix: &impl Symmetric) -> Result<(), LinearError> {
         let single = match &mut self.factor {
             Either::Double(factor) => return factor.refactor(matrix),
             Either::Single(factor) => factor.refactor(matrix),
         };
         match single {
             Ok(()) if self.tells(matrix) => return Ok(()),
-            Ok(()) | Err(FactorError::NotPositiveDefinite { .. }) => {}
+            Ok(()) | Err(LinearError::NotPositiveDefinite { .. }) => {}
             Err(error) => return Err(error),
         }
         self.factor = Either::Double(Factor::new(matrix)?);

@@ -7,7 +7,7 @@ use super::super::supports::Supports;
 use super::super::tangent::{Kind, Tangent};
 use super::Contact;
 use super::approximate::Approximate;
-use crate::mechanics::tissue::factor::FactorError;
+use crate::mechanics::tissue::error::LinearError;
 
 /// Linear equations to solve, and the accuracy required.
 #[derive(Clone, Copy, Debug)]
@@ -169,6 +169,6 @@ impl<const D: usize> Linear<D> {
     }
 }
 
-fn is_memory(error: &FactorError) -> bool {
-    matches!(error, FactorError::Memory { .. })
+fn is_memory(error: &LinearError) -> bool {
+    matches!(error, LinearError::FactorMemory { .. })
 }

@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::tissue::remesh::RemeshError;
 use crate::mechanics::tissue::remesh::testing::{
     adapted, dofs_of, error, gold, inner_nodes, inverse, nearby, part, rounding,
 };
@@ -14,7 +15,7 @@ fn adaptation(level: Level, options: Options) -> Adaptation {
     adaptation
 }
 
-fn go(adaptation: &mut Adaptation, node: u32, salt: u32) -> Result<RemeshReport, AdaptError> {
+fn go(adaptation: &mut Adaptation, node: u32, salt: u32) -> Result<RemeshReport, RemeshError> {
     let to = nearby(adaptation.mesh(), node, salt);
     adaptation.move_node(node, to)
 }
@@ -64,12 +65,12 @@ fn a_refused_request_changes_neither_mesh_nor_remesher() {
         let before = state(&adaptation);
         let refused = go(&mut adaptation, inner[0], 1);
         assert!(
-            matches!(refused, Err(AdaptError::Remesh(RemeshError::Singular { .. }))),
+            matches!(refused, Err(RemeshError::Singular { .. })),
             "{level}: {refused:?}"
         );
         assert_eq!(state(&adaptation), before, "{level}");
         let refused = adaptation.move_node(inner[0], [f64::NAN; 3]);
-        assert!(matches!(refused, Err(AdaptError::Move(RefusedMove::Position { .. }))));
+        assert!(matches!(refused, Err(RemeshError::Position { .. })));
         assert_eq!(state(&adaptation), before, "{level}");
     }
 }
@@ -92,11 +93,8 @@ fn refused_restores_and_undos_leave_the_moves_listed() {
     remesher.set_level(&adapted(0.45), Level::I).expect("current");
     adaptation.remesher = remesher;
     // The remesher is two changes behind.
-    let behind = |result: Result<(), AdaptError>| {
-        assert!(
-            matches!(result, Err(AdaptError::Remesh(RemeshError::OutOfStep { .. }))),
-            "{result:?}"
-        );
+    let behind = |result: Result<(), RemeshError>| {
+        assert!(matches!(result, Err(RemeshError::OutOfStep { .. })), "{result:?}");
     };
     behind(adaptation.undo().map(drop));
     behind(adaptation.restore(inner[0]).map(drop));

@@ -1,8 +1,9 @@
 //! Stiffness change due to the move of one node.
 
+use crate::mechanics::tissue::remesh::RemeshError;
 use faer::Mat;
 
-use super::{AdaptedMesh, RefusedMove};
+use super::AdaptedMesh;
 use crate::mechanics::tissue::element::Shape;
 
 /// Effects of the move of one node.
@@ -37,7 +38,7 @@ impl Change {
     }
 
     /// Computes the effects of moving `node` to `to` from the elements around it, reusing the memory of `self`.
-    pub(super) fn fill(mut self, mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+    pub(super) fn fill(mut self, mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RemeshError> {
         let dofs = mesh.dofs();
         self.support.clear();
         self.support.extend(mesh.support_of(node));
@@ -48,7 +49,7 @@ impl Change {
         for (element, place) in mesh.elements_around(node) {
             let corners = mesh.elements()[element as usize];
             let mut positions = mesh.positions(element, mesh.nodes());
-            let refused = |cause| RefusedMove::Element {
+            let refused = |cause| RemeshError::Element {
                 node,
                 to,
                 element,

@@ -1,8 +1,9 @@
 //! Moves of nodes, and their reversal.
 
-use super::{AdaptedMesh, Change, RefusedMove};
+use super::{AdaptedMesh, Change};
 use crate::mechanics::mesh::quality::jacobian_condition;
 use crate::mechanics::tissue::element::Shape;
+use crate::mechanics::tissue::remesh::RemeshError;
 
 /// Effect of a change on the list of moves.
 #[derive(Clone, Copy, Debug)]
@@ -21,13 +22,13 @@ impl AdaptedMesh {
     ///
     /// # Errors
     /// Those of [`move_node`](Self::move_node).
-    pub fn assess(&self, node: u32, to: [f64; 3]) -> Result<f64, RefusedMove> {
+    pub fn assess(&self, node: u32, to: [f64; 3]) -> Result<f64, RemeshError> {
         let nodes = self.nodes.len();
         if node as usize >= nodes {
-            return Err(RefusedMove::Node { node, nodes });
+            return Err(RemeshError::Node { node, nodes });
         }
         if to.iter().any(|x| !x.is_finite()) {
-            return Err(RefusedMove::Position { node, to });
+            return Err(RemeshError::Position { node, to });
         }
         let (mut worst, mut thinnest, mut before) = (0.0, 0, 0.0f64);
         for (element, place) in self.elements_around(node) {
@@ -36,7 +37,7 @@ impl AdaptedMesh {
             positions[place] = to;
             if let Err(cause) = Shape::of(&positions) {
                 let corners = self.elements()[element as usize];
-                return Err(RefusedMove::Element {
+                return Err(RemeshError::Element {
                     node,
                     to,
                     element,
@@ -51,7 +52,7 @@ impl AdaptedMesh {
         }
         // A move is accepted if it improves elements that were too thin from the start.
         if worst > self.condition_limit && worst > before {
-            return Err(RefusedMove::Condition {
+            return Err(RemeshError::Condition {
                 node,
                 to,
                 element: thinnest,
@@ -65,9 +66,9 @@ impl AdaptedMesh {
     /// Moves a node to `to` (mm).
     ///
     /// # Errors
-    /// [`RefusedMove`] when an element would be inverted or flat, or thinner than both the limit and the thinnest
+    /// [`RemeshError`] when an element would be inverted or flat, or thinner than both the limit and the thinnest
     /// element around the node before.
-    pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+    pub fn move_node(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RemeshError> {
         let change = self.begin_move(node, to)?;
         self.record(Record::Moved, &change);
         Ok(change)
@@ -76,8 +77,8 @@ impl AdaptedMesh {
     /// Moves a node back to its original position and removes its moves from the list.
     ///
     /// # Errors
-    /// [`RefusedMove`] when that would invert or flatten an element, as other nodes have moved since.
-    pub fn restore(&mut self, node: u32) -> Result<Change, RefusedMove> {
+    /// [`RemeshError`] when that would invert or flatten an element, as other nodes have moved since.
+    pub fn restore(&mut self, node: u32) -> Result<Change, RemeshError> {
         let change = self.begin_restore(node)?;
         self.record(Record::Restored, &change);
         Ok(change)
@@ -86,8 +87,8 @@ impl AdaptedMesh {
     /// Undoes the last move; `None` if there is none. In the reverse order of the moves this is never refused.
     ///
     /// # Errors
-    /// [`RefusedMove`] when that would invert or flatten an element, as nodes have been restored in another order.
-    pub fn undo(&mut self) -> Result<Option<Change>, RefusedMove> {
+    /// [`RemeshError`] when that would invert or flatten an element, as nodes have been restored in another order.
+    pub fn undo(&mut self) -> Result<Option<Change>, RemeshError> {
         let change = self.begin_undo()?;
         if let Some(change) = &change {
             self.record(Record::Undone, change);
@@ -101,20 +102,20 @@ impl AdaptedMesh {
     }
 
     /// Performs [`move_node`](Self::move_node), but does not list the move until it is [recorded](Self::record).
-    pub(in super::super) fn begin_move(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+    pub(in super::super) fn begin_move(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RemeshError> {
         self.assess(node, to)?;
         self.shift(node, to)
     }
 
     /// Performs [`restore`](Self::restore) without updating the list of moves.
-    pub(in super::super) fn begin_restore(&mut self, node: u32) -> Result<Change, RefusedMove> {
+    pub(in super::super) fn begin_restore(&mut self, node: u32) -> Result<Change, RemeshError> {
         let nodes = self.nodes.len();
         let home = self.original.get(node as usize).copied();
-        self.shift(node, home.ok_or(RefusedMove::Node { node, nodes })?)
+        self.shift(node, home.ok_or(RemeshError::Node { node, nodes })?)
     }
 
     /// Performs [`undo`](Self::undo) without updating the list of moves.
-    pub(in super::super) fn begin_undo(&mut self) -> Result<Option<Change>, RefusedMove> {
+    pub(in super::super) fn begin_undo(&mut self) -> Result<Option<Change>, RemeshError> {
         match self.moves.last() {
             Some(&(node, before)) => self.shift(node, before).map(Some),
             None => Ok(None),
@@ -137,7 +138,7 @@ impl AdaptedMesh {
     }
 
     /// Moves a node if its elements stay usable.
-    fn shift(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RefusedMove> {
+    fn shift(&mut self, node: u32, to: [f64; 3]) -> Result<Change, RemeshError> {
         let spare = self.spare.take().unwrap_or_else(Change::none);
         let change = spare.fill(self, node, to)?;
         self.place(node, to);

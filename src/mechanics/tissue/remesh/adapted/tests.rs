@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::tissue::remesh::RemeshError;
 use crate::mechanics::tissue::remesh::testing::{adapted, current, free_nodes, inner_nodes, nearby};
 
 /// Returns the state that a refused move must not change.
@@ -119,27 +120,27 @@ fn unusable_moves_are_refused_and_change_nothing() {
     let refused = mesh.move_node(count as u32, [0.0; 3]).expect_err("no such node");
     assert_eq!(
         refused,
-        RefusedMove::Node {
+        RemeshError::Node {
             node: count as u32,
             nodes: count
         }
     );
     assert_eq!(mesh.restore(count as u32).expect_err("no such node"), refused);
     for to in [[f64::NAN, 0.0, 0.0], [0.0, f64::INFINITY, 0.0]] {
-        assert!(matches!(mesh.move_node(node, to), Err(RefusedMove::Position { .. })));
+        assert!(matches!(mesh.move_node(node, to), Err(RemeshError::Position { .. })));
     }
     // Beyond the far face of one of its tetrahedra, that tetrahedron is inverted.
     let (element, place) = mesh.elements_around(node).next().expect("an element");
     let mut outside = [1.0; 4];
     outside[place] = -2.0;
     let inverted = mesh.move_node(node, mesh.point(element, outside));
-    assert!(matches!(inverted, Err(RefusedMove::Element { .. })), "{inverted:?}");
+    assert!(matches!(inverted, Err(RemeshError::Element { .. })), "{inverted:?}");
     // Almost on that face, the tetrahedron is too thin.
     let mut close = [(1.0 - 1e-6) / 3.0; 4];
     close[place] = 1e-6;
     let to = mesh.point(element, close);
     match mesh.move_node(node, to) {
-        Err(RefusedMove::Condition { condition, limit, .. }) => assert!(condition > limit && limit == CONDITION_LIMIT),
+        Err(RemeshError::Condition { condition, limit, .. }) => assert!(condition > limit && limit == CONDITION_LIMIT),
         other => panic!("{other:?}"),
     }
     assert_eq!(state(&mesh), before);

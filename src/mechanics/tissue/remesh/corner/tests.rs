@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::tissue::remesh::RemeshError;
 use crate::mechanics::tissue::remesh::testing::{adapted, inner_nodes};
 
 /// Returns an element whose corners are all free, and a point in it.
@@ -45,11 +46,11 @@ fn without_a_usable_corner_it_says_what_is_wrong_with_each() {
     let (element, tip) = inside(&mesh);
     let mut corners = mesh.elements()[element as usize];
     corners.sort_unstable();
-    let expected = corners.map(|node| Unfit::Taken { node }).to_vec();
+    let expected = corners.map(|node| RemeshError::Taken { node }).to_vec();
     let none = best_corner(&mesh, element, tip, |_| true).expect_err("all are taken");
     assert_eq!(
         none,
-        NoCorner::NoneFits {
+        RemeshError::NoCorner {
             element,
             tip,
             unfit: expected
@@ -66,12 +67,10 @@ fn without_a_usable_corner_it_says_what_is_wrong_with_each() {
     let (element, _) = mesh.elements_around(fixed).next().expect("an element");
     let tip = mesh.nodes()[fixed as usize];
     match best_corner(&mesh, element, tip, |_| false) {
-        Err(NoCorner::NoneFits { unfit, .. }) => {
-            assert!(unfit.contains(&Unfit::Fixed { node: fixed }), "{unfit:?}");
+        Err(RemeshError::NoCorner { unfit, .. }) => {
+            assert!(unfit.contains(&RemeshError::Fixed { node: fixed }), "{unfit:?}");
             assert!(
-                unfit
-                    .iter()
-                    .any(|reason| matches!(reason, Unfit::Refused(RefusedMove::Element { .. }))),
+                unfit.iter().any(|reason| matches!(reason, RemeshError::Element { .. })),
                 "{unfit:?}"
             );
         }
@@ -81,7 +80,7 @@ fn without_a_usable_corner_it_says_what_is_wrong_with_each() {
     let outside = best_corner(&mesh, elements as u32, tip, |_| false);
     assert_eq!(
         outside,
-        Err(NoCorner::Element {
+        Err(RemeshError::NoElement {
             element: elements as u32,
             elements
         })

@@ -1,11 +1,12 @@
 //! Corrected compliance beyond the contacts: other entries, and displacements of the entire mesh.
 
+use crate::mechanics::tissue::error::LinearError;
 use faer::prelude::{Reborrow, ReborrowMut};
 use faer::{Accum, Mat, MatMut, MatRef};
 
 use super::Exact;
 use super::update::product;
-use crate::mechanics::tissue::compliance::{ComplianceError, check_shape};
+use crate::mechanics::tissue::compliance::check_shape;
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::defect::{backward_error, defect};
 
@@ -15,8 +16,8 @@ impl Exact {
     /// K0^-1, for instance on another thread, they give the displacements of the entire mesh.
     ///
     /// # Errors
-    /// [`ComplianceError::Shape`] where a slice has the wrong length.
-    pub fn base_forces(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+    /// [`LinearError::Shape`] where a slice has the wrong length.
+    pub fn base_forces(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
         check_shape("forces on the base", out.len(), self.source.size())?;
         out.fill(0.0);
         let mut carried = Vec::new();
@@ -26,7 +27,7 @@ impl Exact {
     }
 
     /// Computes [`base_forces`](Self::base_forces) as a list: the contacts, then S.
-    pub(super) fn carried(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), ComplianceError> {
+    pub(super) fn carried(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), LinearError> {
         check_shape("forces", forces.len(), self.contacts.dofs().len())?;
         let Exact {
             held, contacts, work, ..
@@ -54,7 +55,7 @@ impl Exact {
     }
 
     /// Computes a block of the compliance of the current mesh.
-    pub(super) fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, ComplianceError> {
+    pub(super) fn block(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, LinearError> {
         self.complete();
         let mut block = self.source.entries(rows, columns)?;
         // S before the rows: a source that solves for columns has those of S cached.
@@ -72,7 +73,7 @@ impl Exact {
         Ok(block)
     }
 
-    pub(super) fn whole(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+    pub(super) fn whole(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
         check_shape("displacements", out.len(), self.source.size())?;
         let mut base = vec![0.0; out.len()];
         self.base_forces(forces, &mut base)?;
@@ -84,7 +85,7 @@ impl Exact {
         mesh: &AdaptedMesh,
         forces: &[f64],
         out: &mut [f64],
-    ) -> Result<f64, ComplianceError> {
+    ) -> Result<f64, LinearError> {
         self.whole(forces, out)?;
         let mut all = vec![0.0; out.len()];
         for (&dof, force) in self.contacts.dofs().iter().zip(forces) {
@@ -101,7 +102,7 @@ impl Exact {
     }
 
     /// Computes out = K^-1 x for any forces x, which are overwritten.
-    fn apply(&mut self, x: &mut [f64], out: &mut [f64]) -> Result<(), ComplianceError> {
+    fn apply(&mut self, x: &mut [f64], out: &mut [f64]) -> Result<(), LinearError> {
         self.complete();
         self.source.multiply_into(x, out)?;
         let across: Vec<f64> = self.held.dofs().iter().map(|dof| out[*dof]).collect();
@@ -110,7 +111,7 @@ impl Exact {
     }
 
     /// Returns the largest residual of the columns `dofs` of the compliance of the current mesh.
-    pub(super) fn true_residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, ComplianceError> {
+    pub(super) fn true_residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, LinearError> {
         self.complete();
         mesh.difference_into(&mut self.difference);
         let size = self.source.size();

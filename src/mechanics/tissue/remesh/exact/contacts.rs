@@ -1,11 +1,12 @@
 //! Compliance at the contacts.
 
+use crate::mechanics::tissue::error::LinearError;
 use faer::prelude::ReborrowMut;
 use faer::{Accum, Mat, MatRef};
 
 use super::support::{CHANGE_ROOM, CONTACTS_ROOM, HELD_ROOM, Support};
 use super::update::{Work, product};
-use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_distinct, check_dofs};
+use crate::mechanics::tissue::compliance::{Compliance, check_distinct, check_dofs};
 use crate::mechanics::tissue::remesh::growable::Growable;
 
 #[derive(Debug)]
@@ -53,7 +54,7 @@ impl Contacts {
         source: &mut dyn Compliance,
         held: &mut Support,
         work: &mut Work,
-    ) -> Result<(), ComplianceError> {
+    ) -> Result<(), LinearError> {
         check_dofs(dofs, source.size())?;
         check_distinct(dofs)?;
         let before: Vec<Option<usize>> = dofs

@@ -1,8 +1,9 @@
 //! Matrices on the degrees of freedom around moved nodes.
 
+use crate::mechanics::tissue::error::LinearError;
 use faer::prelude::{Reborrow, ReborrowMut};
 
-use crate::mechanics::tissue::compliance::{Compliance, ComplianceError};
+use crate::mechanics::tissue::compliance::Compliance;
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::growable::{Growable, symmetrise};
@@ -65,7 +66,7 @@ impl Support {
         source: &mut dyn Compliance,
         support: &[u32],
         contacts: &[usize],
-    ) -> Result<(), ComplianceError> {
+    ) -> Result<(), LinearError> {
         let old = self.len();
         let missing = support.iter().filter(|dof| self.places[**dof as usize] == NONE);
         self.dofs.extend(missing.map(|dof| *dof as usize));
@@ -88,7 +89,7 @@ impl Support {
         Ok(())
     }
 
-    fn read(&mut self, source: &mut dyn Compliance, old: usize, contacts: &[usize]) -> Result<(), ComplianceError> {
+    fn read(&mut self, source: &mut dyn Compliance, old: usize, contacts: &[usize]) -> Result<(), LinearError> {
         let len = self.len();
         let new = &self.dofs[old..];
         let mut g = self.g.shape(len, len);

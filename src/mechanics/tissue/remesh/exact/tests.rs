@@ -1,5 +1,6 @@
 use super::*;
 use crate::mechanics::tissue::dofs::NONE;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::remesh::testing::{
     adapted, dofs_of, free_nodes, gold, inner_nodes, inverse, nearby, part, rounding,
 };
@@ -237,7 +238,7 @@ fn a_source_that_does_not_fit_is_refused() {
     let mesh = adapted(0.45);
     let other = crate::mechanics::tissue::symmetric::Symmetric::<f64>::zeros(5);
     let refused = Exact::new(&mesh, Box::new(other), Precision::Double, Options::default());
-    let shape = ComplianceError::Shape {
+    let shape = LinearError::Shape {
         what: "rows of the compliance",
         found: 5,
         expected: mesh.dofs().free(),

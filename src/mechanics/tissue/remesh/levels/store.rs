@@ -1,11 +1,12 @@
 //! Storage of a dense inverse, and its operations.
 
+use crate::mechanics::tissue::error::LinearError;
 use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
-use crate::mechanics::tissue::compliance::{Compliance, ComplianceError, check_shape};
+use crate::mechanics::tissue::compliance::{Compliance, check_shape};
 use crate::mechanics::tissue::remesh::make::Entry;
 use crate::mechanics::tissue::remesh::{Precision, RemeshError};
 use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Scalar, Symmetric};
@@ -163,7 +164,7 @@ impl<T: Entry> Store for Host<T> {
 }
 
 /// Reads columns of a symmetric matrix.
-fn read_columns<T: Scalar>(matrix: &Symmetric<T>, columns: &[usize]) -> Result<Mat<T>, ComplianceError> {
+fn read_columns<T: Scalar>(matrix: &Symmetric<T>, columns: &[usize]) -> Result<Mat<T>, LinearError> {
     let mut y = Mat::<T>::zeros(matrix.size(), columns.len());
     let read = y
         .par_col_iter_mut()

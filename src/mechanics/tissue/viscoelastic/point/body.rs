@@ -2,7 +2,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use super::{Control, PointError, check};
+use super::{Control, check};
 use crate::mechanics::tissue::viscoelastic::{History, HistoryError, Operator, Rule};
 
 /// Linear viscoelastic body in shear.
@@ -30,7 +30,7 @@ pub enum Body {
 }
 
 impl Body {
-    pub(super) fn check(&self) -> Result<(), PointError> {
+    pub(super) fn check(&self) -> Result<(), HistoryError> {
         let (Body::SpringPot { order, modulus_kpa } | Body::Zener { order, modulus_kpa, .. }) = *self;
         let right = (0.0..=1.0).contains(&order);
         check("order", order, right, "a number from 0 (a spring) to 1 (a dashpot)")?;

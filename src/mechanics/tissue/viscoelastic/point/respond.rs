@@ -4,7 +4,8 @@ mod refine;
 
 use super::balance;
 use super::body::{Line, Memory};
-use super::{Control, Point, PointError, Structure, check};
+use super::{Control, Point, Structure, check};
+use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
 /// Summation rule of the past, see [`Rule`].
@@ -55,13 +56,13 @@ impl Loading {
     /// Checks all times and values.
     ///
     /// # Errors
-    /// [`PointError`] for the first that is invalid.
-    pub fn check(&self) -> Result<(), PointError> {
+    /// [`HistoryError`] for the first that is invalid.
+    pub fn check(&self) -> Result<(), HistoryError> {
         let (times, values) = (self.time_s.len(), self.value.len());
         if times != values || times == 0 {
-            return Err(PointError::Lengths { times, values });
+            return Err(HistoryError::Lengths { times, values });
         }
-        let wrong = |key, at: usize, found, expected| PointError::Number {
+        let wrong = |key, at: usize, found, expected| HistoryError::Number {
             key,
             at: Some(at),
             found,
@@ -83,7 +84,7 @@ impl Loading {
     }
 
     /// Checks that the times are equally spaced.
-    fn check_equal(&self) -> Result<(), PointError> {
+    fn check_equal(&self) -> Result<(), HistoryError> {
         let times = &self.time_s;
         let Some(first) = times.get(1).map(|second| second - times[0]) else {
             return Ok(());
@@ -92,7 +93,7 @@ impl Loading {
             .windows(2)
             .position(|pair| (pair[1] - pair[0] - first).abs() > EQUAL * first);
         odd.map_or(Ok(()), |at| {
-            Err(PointError::Number {
+            Err(HistoryError::Number {
                 key: "time_s",
                 at: Some(at + 1),
                 found: times[at + 1],
@@ -127,8 +128,8 @@ impl Point {
     /// largest value, or until the rule's cost allows no more (see [`Response::change`]).
     ///
     /// # Errors
-    /// [`PointError`] for an invalid material or history, or an overflow.
-    pub fn respond(&self, loading: &Loading, method: Method) -> Result<Response, PointError> {
+    /// [`HistoryError`] for an invalid material or history, or an overflow.
+    pub fn respond(&self, loading: &Loading, method: Method) -> Result<Response, HistoryError> {
         self.check()?;
         loading.check()?;
         refine::refined(self, loading, method)
@@ -137,8 +138,8 @@ impl Point {
     /// Computes the response with `substeps` steps between two times, graded unless the rule needs equal ones.
     ///
     /// # Errors
-    /// [`PointError`] for an invalid material, history or number of steps, or an overflow.
-    pub fn respond_in(&self, loading: &Loading, method: Method, substeps: usize) -> Result<Response, PointError> {
+    /// [`HistoryError`] for an invalid material, history or number of steps, or an overflow.
+    pub fn respond_in(&self, loading: &Loading, method: Method, substeps: usize) -> Result<Response, HistoryError> {
         self.check()?;
         loading.check()?;
         check("substeps", substeps as f64, substeps > 0, "at least one step")?;
@@ -154,7 +155,7 @@ impl Point {
         self.follow(loading, &rule, division)
     }
 
-    fn follow(&self, loading: &Loading, rule: &Rule, division: Division) -> Result<Response, PointError> {
+    fn follow(&self, loading: &Loading, rule: &Rule, division: Division) -> Result<Response, HistoryError> {
         let Loading { control, time_s, value } = loading;
         let mut response = Response {
             strain: Vec::with_capacity(value.len()),
@@ -168,7 +169,7 @@ impl Point {
         // A spring-pot cannot jump: its stress is infinite then. Any other infinity is an overflow.
         let jumps = line.slope > 0.0;
         if !start.reduced_strain.is_finite() || jumps && !start.reduced_stress.is_finite() {
-            return Err(PointError::Overflow { time_s: time_s[0] });
+            return Err(HistoryError::Overflow { time_s: time_s[0] });
         }
         response.push(&start, time_s[0])?;
         let mut memory = Memory::start(&self.body, rule, *control, start.reduced_strain, start.reduced_stress)?;
@@ -188,7 +189,7 @@ impl Point {
                 let line = memory.predict(step_s)?;
                 let state = self.balance(&line, *control, given, &mut response.iterations);
                 if !(state.stress.is_finite() && state.strain.is_finite()) {
-                    return Err(PointError::Overflow { time_s: time_s[at] });
+                    return Err(HistoryError::Overflow { time_s: time_s[at] });
                 }
                 memory.commit(step_s, state.reduced_strain, state.reduced_stress)?;
                 if substep == division.substeps {
@@ -243,10 +244,10 @@ struct State {
 }
 
 impl Response {
-    fn push(&mut self, state: &State, time_s: f64) -> Result<(), PointError> {
+    fn push(&mut self, state: &State, time_s: f64) -> Result<(), HistoryError> {
         let first = self.strain.is_empty();
         if state.stress.is_nan() || !state.strain.is_finite() || !(first || state.stress.is_finite()) {
-            return Err(PointError::Overflow { time_s });
+            return Err(HistoryError::Overflow { time_s });
         }
         self.strain.push(state.strain);
         self.stress_kpa

@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::tissue::viscoelastic::HistoryError;
 
 const LIVER: Point = Point {
     body: Body::SpringPot {
@@ -40,7 +41,7 @@ fn numbers_are_checked() {
     let wrong = |point: Point, wanted: &str| {
         let found = point.respond(&loading(Control::Stress, &[0.0], &[1.0]), Method::Trapezoid);
         assert!(
-            matches!(found, Err(PointError::Number { key, .. }) if key == wanted),
+            matches!(found, Err(HistoryError::Number { key, .. }) if key == wanted),
             "{wanted}"
         );
     };
@@ -95,7 +96,7 @@ fn histories_are_checked() {
     let wrong = |times: &[f64], values: &[f64], wanted: &str, place| {
         let error = found(times, values, Method::Trapezoid);
         assert!(
-            matches!(error, PointError::Number { key, at, .. } if key == wanted && at == place),
+            matches!(error, HistoryError::Number { key, at, .. } if key == wanted && at == place),
             "{error:?}"
         );
     };
@@ -104,10 +105,13 @@ fn histories_are_checked() {
     wrong(&[f64::NAN], &[1.0], "time_s", Some(0));
     wrong(&[0.0, 1.0], &[1.0, f64::INFINITY], "value", Some(1));
     wrong(&[-1.7e308, 1.7e308], &[1.0; 2], "time_s", None);
-    assert!(matches!(found(&[], &[], Method::Trapezoid), PointError::Lengths { .. }));
+    assert!(matches!(
+        found(&[], &[], Method::Trapezoid),
+        HistoryError::Lengths { .. }
+    ));
     assert!(matches!(
         found(&[0.0], &[], Method::Trapezoid),
-        PointError::Lengths { .. }
+        HistoryError::Lengths { .. }
     ));
     let uneven = found(&[0.0, 1.0, 3.0], &[1.0; 3], Method::GruenwaldLetnikov);
     assert!(uneven.to_string().contains("equally far apart"), "{uneven}");
@@ -119,7 +123,7 @@ fn histories_are_checked() {
         ..LIVER
     };
     let huge = stiff.respond(&loading(Control::Strain, &[0.0, 1.0], &[0.0, 1e10]), Method::Trapezoid);
-    assert!(matches!(huge, Err(PointError::Overflow { .. })), "{huge:?}");
+    assert!(matches!(huge, Err(HistoryError::Overflow { .. })), "{huge:?}");
     // Overflow at the start, where only a spring-pot may have infinite stress.
     let body = zener(0.5);
     for structure in [Structure::Rate, Structure::LoadIntegral] {
@@ -129,7 +133,7 @@ fn histories_are_checked() {
             ..LIVER
         };
         let huge = point.respond(&loading(Control::Strain, &[0.0, 1.0], &[1e300, 0.0]), Method::Trapezoid);
-        assert!(matches!(huge, Err(PointError::Overflow { .. })), "{huge:?}");
+        assert!(matches!(huge, Err(HistoryError::Overflow { .. })), "{huge:?}");
     }
 }
 

@@ -1,5 +1,6 @@
 //! Precision tests on chains of springs with known condition.
 
+use crate::mechanics::tissue::error::LinearError;
 use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
 use super::*;
@@ -94,5 +95,5 @@ fn what_single_precision_loses_is_factored_in_double() {
 #[test]
 fn what_is_not_positive_definite_is_told() {
     let error = Approximate::new(&Chain::new(-0.1)).unwrap_err();
-    assert!(matches!(error, FactorError::NotPositiveDefinite { .. }));
+    assert!(matches!(error, LinearError::NotPositiveDefinite { .. }));
 }

@@ -1,6 +1,7 @@
 //! Detection of errors by sampling.
 
 use super::*;
+use crate::mechanics::tissue::error::LinearError;
 
 #[test]
 fn an_error_in_c_or_in_the_contacts_is_seen_and_mended() {
@@ -77,6 +78,6 @@ fn the_residual_is_that_of_the_whole_mesh() {
         found >= 1e-3 * error.abs() * at && found <= error.abs() * at * amplified,
         "{found}"
     );
-    let wrong = ComplianceError::OutOfRange { dof: size, size };
+    let wrong = LinearError::OutOfRange { dof: size, size };
     assert_eq!(exact.residual(&mesh, &[size]), Err(RemeshError::Compliance(wrong)));
 }

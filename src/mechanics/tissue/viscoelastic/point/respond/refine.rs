@@ -1,6 +1,7 @@
 //! Refinement of time steps until the response converges.
 
-use super::{Loading, Method, Point, PointError, Response};
+use super::{Loading, Method, Point, Response};
+use crate::mechanics::tissue::viscoelastic::HistoryError;
 
 /// Change relative to the largest value below which refinement ends.
 const SETTLED: f64 = 1e-7;
@@ -17,7 +18,7 @@ fn most(method: Method) -> usize {
     }
 }
 
-pub(super) fn refined(point: &Point, loading: &Loading, method: Method) -> Result<Response, PointError> {
+pub(super) fn refined(point: &Point, loading: &Loading, method: Method) -> Result<Response, HistoryError> {
     let intervals = loading.time_s.len() - 1;
     let fits = |substeps: usize| intervals.saturating_mul(substeps) <= most(method);
     let mut substeps = FIRST;
