@@ -16,8 +16,8 @@
 //! | `memory` | fading memory, stiffening at a knee |
 //! | `images` | image synthesis |
 
-pub mod case;
 mod contact;
+mod fixtures;
 mod images;
 mod memory;
 pub mod record;
@@ -27,13 +27,15 @@ mod solving;
 
 use std::time::Instant;
 
-pub use case::{Case, Effort, Group};
+use serde::{Deserialize, Serialize};
+
+use super::machine::Machine;
 pub use record::Record;
 #[cfg(feature = "internals")]
 pub use record::Unexpected;
+use record::{Record, Unexpected};
 pub use report::{CaseReport, Report};
-
-use super::machine::Machine;
+pub use {Case, Effort, Group};
 
 /// All groups, in display order.
 pub const GROUPS: &[Group] = &[
@@ -89,6 +91,50 @@ fn run_case(group: &str, case: &Case, effort: Effort, progress: &mut dyn FnMut(f
         seconds: start.elapsed().as_secs_f64(),
         measures: record.into_measures(),
     }
+}
+
+/// Length of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Effort {
+    /// Reduced counts, used by the tests.
+    Quick,
+    /// Full counts, as stated in the criterion.
+    Whole,
+}
+
+impl Effort {
+    /// Returns the value for this effort.
+    pub fn pick<T>(self, quick: T, whole: T) -> T {
+        match self {
+            Effort::Quick => quick,
+            Effort::Whole => whole,
+        }
+    }
+}
+
+/// Hard case.
+#[derive(Clone, Copy, Debug)]
+pub struct Case {
+    /// Short description of the difficulty.
+    pub name: &'static str,
+    /// Acceptance criterion in words.
+    pub criterion: &'static str,
+    /// Backends and precisions covered, such as `cpu f64`.
+    pub covers: &'static [&'static str],
+    /// Seed of the random numbers.
+    pub seed: u64,
+    /// Function that runs the case and records its figures.
+    pub run: fn(&mut Record<'_>) -> Result<(), Unexpected>,
+}
+
+/// Cases on one subject.
+#[derive(Clone, Copy, Debug)]
+pub struct Group {
+    /// Subject.
+    pub name: &'static str,
+    /// Cases in display order.
+    pub cases: &'static [Case],
 }
 
 #[cfg(test)]

@@ -11,13 +11,8 @@
 //!
 //! Pass times on a GPU come from its timestamps; a device without them is compared in whole frames only.
 
-mod crossing;
 mod effects;
 mod passes;
-mod solvers;
-#[cfg(test)]
-mod tests;
-mod transfers;
 
 use std::time::{Duration, Instant};
 
@@ -25,8 +20,9 @@ use super::{BenchOptions, Clock};
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::study::machine::Machine;
-use crate::study::tradeoff::remesh::StudyError;
-use crate::study::tradeoff::{Axis, Factor, Figure, Study};
+use crate::study::tradeoff::remesh::subject::generated;
+use crate::study::tradeoff::remesh::{RemeshOptions, StudyError, study};
+use crate::study::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{FrameState, SynthError, Synthesizer};
 
@@ -164,11 +160,11 @@ pub fn compare(
     progress("frames and passes", 0.0);
     let passes = passes::passes(subject, options, &mut notes)?;
     progress("solvers", 0.45);
-    let solvers = solvers::solvers(options)?;
+    let solvers = solvers(options)?;
     progress("transfers", 0.6);
-    let crossing = crossing::crossing(&[&passes, &solvers]);
+    let crossing = crossing(&[&passes, &solvers]);
     let mut tables = vec![passes, crossing];
-    tables.extend(transfers::transfers(subject, options)?);
+    tables.extend(passes::transfers(subject, options)?);
     tables.push(solvers);
     progress("effects", 0.65);
     tables.push(effects::effects(subject, options)?);
@@ -240,3 +236,129 @@ fn clock_options(synth: &mut Synthesizer, state: &FrameState, patience: Duration
         patience,
     })
 }
+
+/// Number of moves per insertion.
+const MOVES: usize = 6;
+
+/// Measures the levels available on both, in single precision; the remeshing study covers errors and the other levels.
+pub fn solvers(options: &CompareOptions) -> Result<Table, CompareError> {
+    let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("nodes", "nodes")];
+    let axes = [
+        Axis::log("dofs", "dofs", "free degrees of freedom"),
+        CPU_MS,
+        GPU_MS,
+        Axis::log(
+            "device_ms",
+            "of it computing",
+            "time of the update on the device (median), ms",
+        ),
+        RATIO,
+    ];
+    let title = "Remeshing, single precision: one move with its K^c, transfers included";
+    let mut table = Table::new("compare_solvers", title, &factors, &axes);
+    let meshes = options.nodes.iter().map(|&nodes| generated(nodes));
+    let meshes = meshes.collect::<Result<Vec<_>, _>>()?;
+    let remeshing = RemeshOptions {
+        moves: MOVES,
+        updates: options.updates,
+        patience: 4 * options.patience + Duration::from_millis(200),
+        ..RemeshOptions::default()
+    };
+    let found = study(&meshes, &options.gpus, &remeshing, &mut |_, _| {})?;
+    let Some(remesh) = found.tables.iter().find(|table| table.key == "remesh") else {
+        return Ok(table);
+    };
+    let choice = |row: &Row, key: &str| {
+        let at = remesh.factors.iter().position(|factor| factor.key == key)?;
+        Some(row.choices[at].clone())
+    };
+    let value = |row: &Row, key: &str| row.values[remesh.axes.iter().position(|axis| axis.key == key)?];
+    let single: Vec<&Row> = remesh
+        .rows
+        .iter()
+        .filter(|row| choice(row, "precision").is_some_and(|precision| precision.contains("32")))
+        .collect();
+    for row in single
+        .iter()
+        .filter(|row| choice(row, "backend").as_deref() == Some("CPU"))
+    {
+        let alike = |other: &&&Row| {
+            ["nodes", "level"]
+                .iter()
+                .all(|key| choice(other, key) == choice(row, key))
+        };
+        let on_gpus: Vec<&&Row> = single
+            .iter()
+            .filter(alike)
+            .filter(|other| choice(other, "backend").as_deref() != Some("CPU"))
+            .collect();
+        let names = |gpu: String| {
+            let level = choice(row, "level").unwrap_or_default();
+            vec![
+                gpu,
+                format!("remeshing, level {level}"),
+                choice(row, "nodes").unwrap_or_default(),
+            ]
+        };
+        let (dofs, cpu) = (value(row, "dofs"), value(row, "median_ms"));
+        for other in &on_gpus {
+            let gpu = value(other, "median_ms");
+            let values = vec![dofs, cpu, gpu, value(other, "device_ms"), ratio(cpu, gpu)];
+            table.push(names(choice(other, "backend").unwrap_or_default()), values, None);
+        }
+        if on_gpus.is_empty() {
+            table.push(names("none".to_owned()), vec![dofs, cpu, None, None, None], None);
+        }
+    }
+    Ok(table)
+}
+
+/// Finds, for each GPU and item in the tables (GPU, item, size; with a ratio as the last value), the size from which the ratio stays above
+/// 1, or the largest size at which it does not.
+pub fn crossing(tables: &[&Table]) -> Table {
+    let factors = [
+        factor("gpu", "GPU"),
+        factor("what", "what"),
+        factor("wins", "the GPU wins"),
+    ];
+    let axes = [
+        Axis::log("ratio_smallest", "at smallest", "CPU over GPU at the smallest size"),
+        Axis::log(
+            "ratio_largest",
+            "at largest",
+            "CPU over GPU at the largest size that both did",
+        ),
+    ];
+    let title = "From which size on the GPU wins";
+    let mut table = Table::new("compare_crossing", title, &factors, &axes);
+    let mut seen: Vec<&[String]> = Vec::new();
+    let rows = || tables.iter().flat_map(|table| &table.rows);
+    for row in rows() {
+        let key = &row.choices[..2];
+        if seen.contains(&key) {
+            continue;
+        }
+        seen.push(key);
+        let own = rows().filter(|other| other.choices[..2] == *key);
+        let both: Vec<(&Row, f64)> = own
+            .filter_map(|row| Some((row, row.values.last().copied()??)))
+            .collect();
+        let (Some(first), Some(last)) = (both.first(), both.last()) else {
+            continue;
+        };
+        let wins = both.iter().rposition(|(_, ratio)| *ratio <= 1.0).map_or(0, |at| at + 1);
+        let size = |row: &Row| row.choices[2].clone();
+        let words = match both.get(wins) {
+            Some((row, _)) if wins == 0 => format!("from the smallest, {}", size(row)),
+            Some((row, _)) => format!("from {}", size(row)),
+            None => format!("never up to {}", size(last.0)),
+        };
+        let mut choices = key.to_vec();
+        choices.push(words);
+        table.push(choices, vec![Some(first.1), Some(last.1)], None);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,18 +1,10 @@
 //! Cases of contact, needle and time stepping.
 
 mod anatomy;
-mod away;
-mod belt;
-mod bent;
-mod bone;
-mod cycles;
-mod large;
-mod reversal;
-mod setup;
-mod steps;
-mod stiffness;
+mod extremes;
+mod motion;
 
-use super::case::{Case, Group};
+use super::{Case, Group};
 
 /// Group of contact cases.
 pub const GROUP: Group = Group {

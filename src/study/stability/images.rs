@@ -1,19 +1,12 @@
 //! Cases of image synthesis.
 
-mod attenuation;
-mod blurring;
 mod broken;
-mod curve;
 mod drawn;
-mod faces;
-mod far;
 mod grain;
-mod hashes;
-mod moved;
-mod random;
-pub(super) mod setup;
+mod passes;
+mod places;
 
-use super::case::{Case, Group};
+use super::{Case, Group};
 
 /// All backends: both precisions of the CPU, and each available GPU.
 const ALL: &[&str] = &["cpu f64", "cpu f32", "every gpu"];
@@ -90,7 +83,7 @@ pub const GROUP: Group = Group {
                         out in the world to 1e-9 mm; anywhere else within rounding of double precision after every pass",
             covers: ALL,
             seed: 109,
-            run: moved::scenes,
+            run: places::moved_scenes,
         },
     ],
 };

@@ -4,7 +4,7 @@ use std::fmt::Display;
 
 use serde::{Serialize, Serializer};
 
-use super::case::Effort;
+use super::Effort;
 use crate::random::{hash3, seed_words};
 
 /// Measured figure.

@@ -1,14 +1,9 @@
 //! Cases of remeshing.
 
-mod counts;
-mod devices;
+mod accuracy;
 mod moves;
-mod precision;
-mod refusals;
-mod setup;
-mod tip;
 
-use super::case::{Case, Group};
+use super::{Case, Group};
 
 /// Group of remeshing cases.
 pub const GROUP: Group = Group {

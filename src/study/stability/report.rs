@@ -8,7 +8,7 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use super::case::Effort;
+use super::Effort;
 use super::record::Measure;
 use crate::study::machine::Machine;
 use table::Table;

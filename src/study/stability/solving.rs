@@ -3,13 +3,8 @@
 mod elements;
 mod inverse;
 mod manufactured;
-mod materials;
-mod order;
-pub(super) mod problem;
-mod scaling;
-mod singular;
 
-use super::case::{Case, Group};
+use super::{Case, Group};
 
 /// Group of solver cases.
 pub const GROUP: Group = Group {

@@ -2,18 +2,17 @@
 //! study of figures 7 and 8 of Wang et al. 2023, in which the truth was measured; here it is a fine solution by this program, so that only
 //! the choice differs. Finally, springs and beam are compared as needle models in insertion.
 
-mod elements;
-mod friction;
-mod models;
 mod needles;
-#[cfg(test)]
-mod tests;
+
+use std::hint::black_box;
+use std::time::Instant;
 
 use super::gather::Entry;
-use super::{Axis, Factor, Study};
-use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Problem, Shape};
-use crate::study::beam::INITIAL_LENGTH_MM;
+use super::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Problem, Shape};
+use crate::study::beam::{ELEMENT_MM, INITIAL_LENGTH_MM, TISSUES, problem};
 use crate::study::machine::Machine;
+use crate::study::spread::Spread;
 
 /// Registration of this study.
 pub const ENTRY: Entry = Entry {
@@ -101,3 +100,211 @@ fn apart(shape: &Shape, other: &Shape) -> f64 {
         .map(|point| (point.u_mm - other.at(point.x_mm)[0]).abs());
     apart.fold(0.0, f64::max)
 }
+
+const ELEMENTS_MM: [f64; 5] = [5.0, 2.0, 1.0, 0.5, FINE_MM];
+/// Number of timed solutions.
+const REPEATS: usize = 41;
+
+pub(super) fn elements_table() -> Result<Table, BeamError> {
+    let axes = [
+        axis("elements", "elements", "elements", true),
+        axis("median_ms", "ms", "time of a solution (median), ms", true),
+        axis("p95_ms", "p95 ms", "time of a solution (95th percentile), ms", true),
+        axis("error_mm", "error mm", "largest error of the deflection, mm", true),
+        axis("iterations", "Newton", "Newton steps", false),
+    ];
+    let factors = [factor("case", "case"), factor("element_mm", "element")];
+    let title = "Length of elements: 60 mm in, base 20 mm before the entry, moved by 15 mm, slope -0.2";
+    let mut table = Table::new("elements", title, &factors, &axes)
+        .against(format!("elements of {FINE_MM} mm"))
+        .seeking(
+            Goal::new("median_ms", "error_mm", SHIFT_MM)
+                .over(&["case"])
+                .choosing("elements of a beam by itself in tissue (insonify beam)")
+                .beside(&["p95_ms"]),
+        );
+    let base = Base {
+        displacement_mm: 15.0,
+        slope: Some(-0.2),
+    };
+    let [pvc, psm] = TISSUES;
+    let cases = [
+        ("PVC", pvc.material, pvc.compression, 50.0),
+        ("PSM", psm.material, psm.compression, 50.0),
+        ("PSM, CTru, t0 20 mm", psm.material, Compression::CTru, 20.0),
+    ];
+    for (name, material, compression, initial_length_mm) in cases {
+        let of = |element_mm: f64| {
+            let mut problem = problem(material, compression, 20.0, 60.0, element_mm);
+            problem.layers[0].initial_length_mm = initial_length_mm;
+            problem
+        };
+        let truth = solve(&of(FINE_MM), &base)?;
+        for element_mm in ELEMENTS_MM {
+            let mut beam = FoundationBeam::new(&of(element_mm))?;
+            let shape = beam.solve(&base)?;
+            let mut times = Vec::with_capacity(REPEATS);
+            for _ in 0..REPEATS {
+                let start = Instant::now();
+                black_box(beam.solve(black_box(&base))?);
+                times.push(start.elapsed().as_secs_f64() * 1e3);
+            }
+            let error = (element_mm > FINE_MM).then(|| apart(&shape, &truth));
+            let time = Spread::of(times);
+            let values = vec![
+                Some((shape.points.len() - 1) as f64),
+                time.map(|time| time.median_ms),
+                time.map(|time| time.p95_ms),
+                error,
+                Some(shape.iterations as f64),
+            ];
+            table.push(vec![name.to_owned(), format!("{element_mm} mm")], values, None);
+        }
+    }
+    table.mark_gold("element_mm", &format!("{FINE_MM} mm"));
+    Ok(table)
+}
+
+pub(super) fn elements_figures() -> Vec<Figure> {
+    vec![Figure {
+        marker: vec!["element_mm"],
+        joined: false,
+        ..Figure::new(
+            "beam-elements",
+            "Length of elements: what accuracy costs",
+            "elements",
+            ["median_ms", "error_mm"],
+            "case",
+        )
+    }]
+}
+
+const FRICTION: [f64; 5] = [0.0, 0.1, 0.3, 0.6, 1.0];
+const SLOPES: [f64; 3] = [-0.1, -0.4, -0.8];
+
+pub(super) fn friction_table() -> Result<Table, BeamError> {
+    let axes = [
+        axis("gamma", "gamma", "friction, gamma", false),
+        axis(
+            "tip_mm",
+            "tip mm",
+            "change of the tip's deflection against no friction, mm",
+            false,
+        ),
+        axis("shape_mm", "shape mm", "largest change of the deflection, mm", false),
+        axis("com_mm", "COM mm", "change of the centre of motion's depth, mm", false),
+    ];
+    let factors = [
+        factor("tissue", "tissue"),
+        factor("slope", "slope"),
+        factor("friction", "friction"),
+    ];
+    let title = "Friction: change against none, 60 mm in, base 20 mm before the entry, moved by 15 mm";
+    let mut table = Table::new("friction", title, &factors, &axes).against("the same needle without friction");
+    for tissue in TISSUES {
+        for slope in SLOPES {
+            let base = Base {
+                displacement_mm: 15.0,
+                slope: Some(slope),
+            };
+            let mut needle = problem(tissue.material, tissue.compression, 20.0, 60.0, ELEMENT_MM);
+            let smooth = solve(&needle, &base)?;
+            for friction in FRICTION {
+                needle.layers[0].friction = friction;
+                let rough = solve(&needle, &base)?;
+                let com = rough
+                    .com_mm()
+                    .zip(smooth.com_mm())
+                    .map(|(rough, smooth)| rough - smooth);
+                let values = vec![
+                    Some(friction),
+                    Some(rough.tip_mm() - smooth.tip_mm()),
+                    Some(apart(&rough, &smooth)),
+                    com,
+                ];
+                let choices = vec![tissue.name.to_owned(), format!("slope {slope}"), format!("{friction}")];
+                table.push(choices, values, None);
+            }
+        }
+    }
+    Ok(table)
+}
+
+/// Number of timed solutions.
+const FRICTION_REPEATS: usize = 21;
+
+/// Compares solutions with and without the term in the presence of friction.
+pub(super) fn term() -> Result<Table, BeamError> {
+    let axes = [
+        axis("median_ms", "ms", "time of a solution (median), ms", true),
+        axis("p95_ms", "p95 ms", "time of a solution (95th percentile), ms", true),
+        axis("error_mm", "error mm", "largest error of the deflection, mm", true),
+    ];
+    let factors = [
+        factor("friction", "friction gamma"),
+        factor("tissue", "tissue"),
+        factor("slope", "slope"),
+        factor("term", "friction term"),
+    ];
+    let goal = Goal::new("median_ms", "error_mm", SHIFT_MM).choosing("friction term of a beam");
+    let title = "Friction: the term left out where there is friction";
+    let mut table = Table::new("friction-term", title, &factors, &axes)
+        .against(format!("the term kept, elements of {FINE_MM} mm"))
+        .seeking(goal.each(&["friction"]).over(&["tissue", "slope"]).beside(&["p95_ms"]));
+    for friction in FRICTION.into_iter().filter(|gamma| *gamma > 0.0) {
+        for tissue in TISSUES {
+            for slope in SLOPES {
+                let base = Base {
+                    displacement_mm: 15.0,
+                    slope: Some(slope),
+                };
+                let of = |element_mm: f64, friction: f64| {
+                    let mut needle = problem(tissue.material, tissue.compression, 20.0, 60.0, element_mm);
+                    needle.layers[0].friction = friction;
+                    needle
+                };
+                let truth = solve(&of(FINE_MM, friction), &base)?;
+                for (term, gamma) in [("left out", 0.0), ("kept", friction)] {
+                    let mut beam = FoundationBeam::new(&of(ELEMENT_MM, gamma))?;
+                    let shape = beam.solve(&base)?;
+                    let mut times = Vec::with_capacity(FRICTION_REPEATS);
+                    for _ in 0..REPEATS {
+                        let start = Instant::now();
+                        black_box(beam.solve(black_box(&base))?);
+                        times.push(start.elapsed().as_secs_f64() * 1e3);
+                    }
+                    let time = Spread::of(times);
+                    let choices = [
+                        friction.to_string(),
+                        tissue.name.to_owned(),
+                        format!("slope {slope}"),
+                        term.to_owned(),
+                    ];
+                    let values = [
+                        time.map(|time| time.median_ms),
+                        time.map(|time| time.p95_ms),
+                        Some(apart(&shape, &truth)),
+                    ];
+                    table.push(choices.to_vec(), values.to_vec(), None);
+                }
+            }
+        }
+    }
+    Ok(table)
+}
+
+pub(super) fn friction_figures() -> Vec<Figure> {
+    vec![Figure {
+        marker: vec!["tissue"],
+        ..Figure::new(
+            "beam-friction",
+            "Friction: how far it moves the needle",
+            "friction",
+            ["gamma", "shape_mm"],
+            "slope",
+        )
+    }]
+}
+
+#[cfg(test)]
+mod tests;

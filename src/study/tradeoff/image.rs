@@ -15,28 +15,25 @@
 //! Grey levels are compared in the scan-converted picture, inside the sector. A variant that is uniformly brighter or darker than its
 //! standard, or further from it than a coarser variant, is not a valid approximation and is flagged.
 
-mod compare;
-mod effects;
 mod grain;
-mod grid;
 mod labels;
-mod location;
-mod lookup;
 mod sampling;
-mod scene;
-#[cfg(test)]
-mod tests;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use nalgebra::Matrix4;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::mesh::InvalidMesh;
-use crate::scene::SceneError;
+use crate::plan::Plan;
+use crate::scene::{Scene, SceneError, SceneFile};
 use crate::study::machine::Machine;
+use crate::study::spread::{Spread, percentile};
 use crate::study::stability::Effort;
-use crate::synth::SynthError;
+use crate::synth::tables::{Settings, Tables};
+use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 /// Options of the study.
 #[derive(Debug)]
@@ -264,3 +261,182 @@ fn figures() -> Vec<Figure> {
         ),
     ]
 }
+
+/// Lowest level that a receiver accepts, dB.
+const QUIETEST_DB: f64 = -200.0;
+
+/// Abdomen phantom under its default probe, at the 640 x 480 pixels of the default scene.
+pub struct Subject {
+    pub scene: Scene,
+    pub state: FrameState,
+}
+
+impl Subject {
+    pub fn new(voxel_mm: f64) -> Result<Self, ImageError> {
+        let text = format!("version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
+        let mut scene = SceneFile::parse(&text, "the scene of the study")?.resolve(".".as_ref())?;
+        (scene.settings.image.width, scene.settings.image.height) = (640, 480);
+        let mut state = FrameState::at(Matrix4::identity());
+        scene.state(0, 1, &mut state)?;
+        Ok(Self { scene, state })
+    }
+
+    /// Returns the settings with another grid.
+    pub fn grid(&self, [lines, samples]: [u32; 2]) -> Settings {
+        let mut settings = self.scene.settings.clone();
+        (settings.probe.lines, settings.probe.samples) = (lines, samples);
+        settings
+    }
+
+    pub fn on(&self, settings: Settings, backend: Backend) -> Result<Synthesizer, SynthError> {
+        Synthesizer::new(self.scene.anatomy.clone(), settings, backend)
+    }
+}
+
+/// Returns a grid divided by the coarsening of the options.
+pub fn coarsened(options: &ImageOptions, grid: [u32; 2]) -> [u32; 2] {
+    grid.map(|count| (count / options.coarsen.max(1)).max(1))
+}
+
+/// Returns settings without effects that are random for every grid, so that only structure remains.
+pub fn without_grain(mut settings: Settings) -> Settings {
+    settings.effects.speckle = None;
+    settings.effects.receiver = None;
+    settings
+}
+
+/// Returns settings whose receiver takes its time but adds nothing visible.
+pub fn silent(mut settings: Settings) -> Settings {
+    if let Some(receiver) = &mut settings.effects.receiver {
+        receiver.noise_db = QUIETEST_DB;
+        receiver.clutter_db = QUIETEST_DB;
+        receiver.ring_down_db = QUIETEST_DB;
+    }
+    settings
+}
+
+/// Returns the single-precision CPU and each GPU, with their names.
+pub fn single(gpus: &[Gpu]) -> Vec<(String, Backend)> {
+    let on_gpus = gpus.iter().map(|gpu| {
+        (
+            format!("gpu, {}", gpu.report().name),
+            Backend::Gpu(Box::new(gpu.clone())),
+        )
+    });
+    std::iter::once(("cpu f32".to_owned(), Backend::Cpu))
+        .chain(on_gpus)
+        .collect()
+}
+
+/// Returns a description if a scene exceeds a device limit; such a variant is left out and noted.
+pub fn too_large(subject: &Subject, settings: &Settings, gpus: &[Gpu]) -> Result<Option<String>, SynthError> {
+    let plan = Plan::new(&Tables::new(subject.scene.anatomy.clone(), settings.clone())?);
+    let largest = plan
+        .resources
+        .iter()
+        .filter(|planned| !planned.resource.is_per_pixel)
+        .map(|planned| planned.bytes)
+        .max();
+    let too_small = gpus
+        .iter()
+        .find(|gpu| largest.is_some_and(|bytes| bytes > gpu.limits().max_storage_buffer_binding_size));
+    Ok(too_small.map(|gpu| format!("{} binds no buffer as large as this grid needs", gpu.report().name)))
+}
+
+/// Minimum number of timed frames, after one untimed frame.
+const LEAST: usize = 3;
+/// Maximum number of timed frames.
+const MOST: usize = 200;
+
+/// Rendered picture with its times.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Picture {
+    pub pixels: Vec<u8>,
+    pub time: Option<Spread>,
+    pub memory_mb: f64,
+}
+
+/// Renders a frame repeatedly until `patience` is spent.
+pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) -> Result<Picture, SynthError> {
+    let pixels = synth.render(state)?.pixels.clone();
+    let (start, mut times) = (Instant::now(), Vec::with_capacity(MOST));
+    while times.len() < LEAST || (times.len() < MOST && start.elapsed() < patience) {
+        let before = Instant::now();
+        synth.render(state)?;
+        times.push(before.elapsed().as_secs_f64() * 1e3);
+    }
+    Ok(Picture {
+        pixels,
+        time: Spread::of(times),
+        memory_mb: synth.memory_bytes() as f64 * 1e-6,
+    })
+}
+
+/// Difference of a picture from its standard, in grey levels, over the pixels inside the sector.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Apart {
+    pub rms: f64,
+    pub p99: f64,
+    /// Mean difference, positive if the picture is brighter.
+    pub bias: f64,
+}
+
+impl Apart {
+    pub fn of(standard: &[u8], found: &[u8], inside: &[bool]) -> Self {
+        let pairs = standard.iter().zip(found).zip(inside).filter(|(_, inside)| **inside);
+        let off: Vec<f64> = pairs.map(|((a, b), _)| f64::from(*b) - f64::from(*a)).collect();
+        let n = off.len().max(1) as f64;
+        let mut sizes: Vec<f64> = off.iter().map(|x| x.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        Self {
+            rms: (off.iter().map(|x| x * x).sum::<f64>() / n).sqrt(),
+            p99: percentile(&sizes, 0.99).unwrap_or(0.0),
+            bias: off.iter().sum::<f64>() / n,
+        }
+    }
+
+    /// Describes an offset, which a valid approximation does not have: a mean difference above one grey level plus half the root mean
+    /// square.
+    pub fn offset(&self) -> Option<String> {
+        (self.bias.abs() > 1.0 + 0.5 * self.rms).then(|| {
+            format!(
+                "{:+.1} grey levels on the whole: an offset, no approximation",
+                self.bias
+            )
+        })
+    }
+
+    /// Describes an offset (see [`Apart::offset`]), or a refinement whose error exceeds that of the coarser level by more than a tenth and
+    /// rounding.
+    pub fn flag(&self, coarser: Option<&Apart>) -> Option<String> {
+        let worse = coarser.filter(|coarser| self.rms > 1.1 * coarser.rms + 0.3);
+        self.offset().or_else(|| {
+            worse.map(|coarser| {
+                format!(
+                    "RMS {:.2}, above {:.2} of the coarser level before it",
+                    self.rms, coarser.rms
+                )
+            })
+        })
+    }
+}
+
+/// Returns a mask of the pixels inside the sector.
+pub fn inside(synth: &Synthesizer) -> Vec<bool> {
+    synth.tables().scan_map.iter().map(|at| at[0] >= 0.0).collect()
+}
+
+/// Returns the values of [`PICTURE`].
+pub fn values(picture: &Picture, apart: Option<&Apart>) -> Vec<Option<f64>> {
+    vec![
+        picture.time.map(|time| time.median_ms),
+        picture.time.map(|time| time.p95_ms),
+        Some(picture.memory_mb),
+        apart.map(|apart| apart.rms),
+        apart.map(|apart| apart.p99),
+        apart.map(|apart| apart.bias),
+    ]
+}
+
+#[cfg(test)]
+mod tests;

@@ -15,23 +15,26 @@
 //! `course` moves the instruments and times the steps; `columns` contains the columns common to the tables.
 
 mod bevel;
-mod columns;
-mod course;
-mod error;
 mod levels;
 mod masses;
-mod mesh;
-mod pieces;
-#[cfg(test)]
-mod tests;
-mod thinning;
 
-pub use error::InsertionStudyError;
+use std::time::Instant;
+
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::gather::Entry;
-use super::{Figure, Study, Table};
+use super::{Axis, Factor, Figure, Study, Table};
+use crate::mechanics::insertion::finite::{Finite, Setup};
+use crate::mechanics::insertion::spring::InvalidParameters;
+use crate::mechanics::insertion::{Instruments, InvalidSetup, Model, ProbeContact, StepError};
+use crate::mechanics::mesh::{InvalidMesh, TetMesh};
+use crate::mechanics::needle::{InvalidNeedleModel, Needle};
+use crate::mechanics::tissue::material::{InvalidMaterial, Material};
+use crate::study::block;
 use crate::study::machine::Machine;
+use crate::study::spread::percentile;
 use crate::study::stability::Effort;
+pub use InsertionStudyError;
 
 /// Part of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,13 +69,13 @@ impl Part {
 
     fn run(self, options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
         match self {
-            Part::Levels => levels::run(options, progress),
-            Part::Bevel => bevel::run(options, progress),
+            Part::Levels => levels::run_levels(options, progress),
+            Part::Bevel => bevel::run_bevel(options, progress),
             Part::Masses => masses::run(options, progress),
-            Part::Thinning => thinning::run(options, progress),
-            Part::Links => pieces::run(&pieces::LINKS, options, progress),
-            Part::Elements => pieces::run(&pieces::ELEMENTS, options, progress),
-            Part::Mesh => mesh::run(options, progress),
+            Part::Thinning => levels::run_thinning(options, progress),
+            Part::Links => bevel::run_pieces(&bevel::LINKS, options, progress),
+            Part::Elements => bevel::run_pieces(&bevel::ELEMENTS, options, progress),
+            Part::Mesh => levels::run_meshes(options, progress),
         }
     }
 }
@@ -206,3 +209,310 @@ pub fn study(
     progress("done", 1.0);
     Ok(study)
 }
+
+/// Error of an insertion study.
+#[derive(Debug, thiserror::Error)]
+pub enum InsertionStudyError {
+    /// A number is out of range.
+    #[error("{what} is {found}; expected {expected}")]
+    Number {
+        /// Name of the option.
+        what: &'static str,
+        /// Value given.
+        found: f64,
+        /// Accepted range.
+        expected: &'static str,
+    },
+    /// The dense inverses exceed the memory of the machine.
+    #[error(
+        "levels I, III and IV of a block of {nodes} nodes need {:.1} GiB for their dense inverses, and {:.1} GiB of memory are \
+         available; take fewer nodes",
+        gib(*needed), gib(*available)
+    )]
+    Memory {
+        /// Number of nodes.
+        nodes: usize,
+        /// Bytes needed.
+        needed: usize,
+        /// Bytes available.
+        available: usize,
+    },
+    /// The block cannot be meshed.
+    #[error(transparent)]
+    Mesh(#[from] InvalidMesh),
+    /// The material parameters are invalid.
+    #[error(transparent)]
+    Material(#[from] InvalidMaterial),
+    /// The needle parameters are invalid.
+    #[error(transparent)]
+    Needle(#[from] InvalidNeedleModel),
+    /// An insertion cannot be set up.
+    #[error(transparent)]
+    Setup(#[from] InvalidSetup),
+    /// The mass-spring model cannot be created.
+    #[error(transparent)]
+    Springs(#[from] InvalidParameters),
+    /// A step cannot be computed.
+    #[error(transparent)]
+    Step(#[from] StepError),
+}
+
+fn gib(bytes: usize) -> f64 {
+    bytes as f64 / (1u64 << 30) as f64
+}
+
+/// Axes for the step times of an insertion.
+pub const TIMES: [Axis; 7] = [
+    Axis::log("median_ms", "ms", "time of a step (median), ms"),
+    Axis::log("p95_ms", "p95 ms", "time of a step (95th percentile), ms"),
+    Axis::log("p99_ms", "p99 ms", "time of a step (99th percentile), ms"),
+    Axis::log("max_ms", "max ms", "time of a step (longest), ms"),
+    Axis::log(
+        "remesh_median_ms",
+        "remesh ms",
+        "time of a step that remeshes (median), ms",
+    ),
+    Axis::log(
+        "remesh_max_ms",
+        "remesh max",
+        "time of a step that remeshes (longest), ms",
+    ),
+    Axis::linear("remeshing", "remeshing", "steps that remesh"),
+];
+
+/// Axis for the number of steps whose iterations did not converge.
+pub const UNSETTLED: Axis = Axis::linear("unsettled", "unsettled", "steps that did not converge");
+
+/// Returns the values of [`TIMES`].
+pub fn times(steps: &[Step]) -> [Option<f64>; 7] {
+    let sorted = |keep: &dyn Fn(&Step) -> bool| {
+        let mut ms: Vec<f64> = steps.iter().filter(|step| keep(step)).map(|step| step.ms).collect();
+        ms.sort_by(f64::total_cmp);
+        ms
+    };
+    let (all, remeshing) = (sorted(&|_| true), sorted(&|step| step.remeshed));
+    [
+        percentile(&all, 0.5),
+        percentile(&all, 0.95),
+        percentile(&all, 0.99),
+        all.last().copied(),
+        percentile(&remeshing, 0.5),
+        remeshing.last().copied(),
+        Some(remeshing.len() as f64),
+    ]
+}
+
+/// Returns the value of [`UNSETTLED`].
+pub fn unsettled(steps: &[Step]) -> Option<f64> {
+    Some(steps.iter().filter(|step| !step.converged).count() as f64)
+}
+
+/// Returns the largest magnitude; NaN if any value is NaN.
+pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
+    crate::study::stability::record::largest(values)
+}
+
+/// Returns the root mean square.
+pub fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
+    let (sum, count) = values.fold((0.0, 0.0), |(sum, count), it| (sum + it * it, count + 1.0));
+    (sum / count).sqrt()
+}
+
+/// Creates a factor.
+pub const fn factor(key: &'static str, label: &'static str) -> Factor {
+    Factor { key, label }
+}
+
+/// Creates a line plot of a trace, with a colour for each choice of a factor.
+pub fn lines(file: &str, title: &str, table: &'static str, [x, y]: [&'static str; 2], colour: &'static str) -> Figure {
+    Figure {
+        marked: false,
+        ..Figure::new(file, title, table, [x, y], colour)
+    }
+}
+
+/// Creates a scatter plot with a colour for each choice of a factor, the best points marked.
+pub fn points(file: &str, title: &str, table: &'static str, axes: [&'static str; 2], colour: &'static str) -> Figure {
+    Figure {
+        joined: false,
+        marked: true,
+        ..lines(file, title, table, axes, colour)
+    }
+}
+
+/// Extent of the block of tissue, mm.
+pub const EXTENT: [f64; 3] = [60.0, 60.0, 90.0];
+/// Entry point of the needle, mm: off all lattice planes, beside the probe.
+pub const ENTRY: [f64; 2] = [31.3, 20.9];
+/// Simulated time of a step, s.
+pub const STEP_S: f64 = 1e-3;
+/// Travel of an instrument per step, mm: 20 mm/s.
+const ADVANCE_MM: f64 = 0.02;
+/// Initial depth of the tip, mm.
+const START_MM: f64 = -2.0;
+/// Sideways travel of the probe, towards the needle, mm.
+const ASIDE_MM: f64 = 6.0;
+/// Half-width of the band of nodes that the probe can touch, and its distance from the skin, mm.
+const BAND_MM: [f64; 2] = [8.0, 10.0];
+
+/// Course of an insertion: needle in, probe sideways towards it, needle out.
+#[derive(Clone, Copy, Debug)]
+pub struct Course {
+    /// Final depth of the tip, mm.
+    pub depth_mm: f64,
+    /// Whether a probe is present.
+    pub probe: bool,
+}
+
+/// Result of a step.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    /// Minimum time over the passes, ms.
+    pub ms: f64,
+    /// Force on the hand, N.
+    pub force_n: Vector3<f64>,
+    /// Force on the probe, N.
+    pub probe_n: Vector3<f64>,
+    /// Tip position, mm.
+    pub tip_mm: Point3<f64>,
+    /// Whether a node was moved.
+    pub remeshed: bool,
+    /// Whether the iterations converged.
+    pub converged: bool,
+}
+
+impl Course {
+    /// Returns the number of steps of the insertion, and equally of the withdrawal.
+    fn way(&self) -> usize {
+        ((self.depth_mm - START_MM) / ADVANCE_MM).round() as usize
+    }
+
+    /// Returns the first step in which the probe moves.
+    pub fn moved(&self) -> usize {
+        self.way() + 1
+    }
+
+    /// Returns the number of steps of the probe's motion.
+    fn aside(&self) -> usize {
+        (ASIDE_MM / ADVANCE_MM).round() as usize
+    }
+
+    /// Returns the first step of the withdrawal.
+    pub fn withdrawn(&self) -> usize {
+        self.moved() + self.aside()
+    }
+
+    /// Returns the total number of steps.
+    pub fn steps(&self) -> usize {
+        self.withdrawn() + self.way()
+    }
+
+    /// Returns the poses of the instruments at a step.
+    fn instruments(&self, step: usize) -> Instruments {
+        let along = |steps: usize, of: usize, way: f64| way * steps.min(of) as f64 / of as f64;
+        let (way, length) = (self.way(), self.depth_mm - START_MM);
+        let back = along(step.saturating_sub(self.withdrawn() - 1), way, length);
+        let depth = START_MM + along(step, way, length) - back;
+        let aside = along(step.saturating_sub(self.moved() - 1), self.aside(), ASIDE_MM);
+        Instruments {
+            probe: self.probe.then(|| probe_at(aside)),
+            ..block::guided([ENTRY[0], ENTRY[1], depth])
+        }
+    }
+
+    /// Returns the time at the end of a step, s.
+    pub fn time_s(&self, step: usize) -> f64 {
+        (step + 1) as f64 * STEP_S
+    }
+
+    /// Drives the models along the course `passes` times, in turn. `told` receives the completed fraction.
+    ///
+    /// # Errors
+    /// [`InsertionStudyError::Step`] if a step cannot be computed.
+    pub fn drive(
+        &self,
+        models: &mut [Finite],
+        passes: usize,
+        mut told: impl FnMut(f64),
+    ) -> Result<Vec<Vec<Step>>, InsertionStudyError> {
+        let mut traces = vec![Vec::with_capacity(self.steps()); models.len()];
+        let count = models.len();
+        let runs = (passes * count) as f64;
+        for pass in 0..passes {
+            for (at, (model, trace)) in models.iter_mut().zip(&mut traces).enumerate() {
+                told((pass * count + at) as f64 / runs);
+                for step in 0..self.steps() {
+                    let now = timed(model, &self.instruments(step))?;
+                    match pass {
+                        0 => trace.push(now),
+                        _ => trace[step].ms = trace[step].ms.min(now.ms),
+                    }
+                }
+            }
+        }
+        Ok(traces)
+    }
+}
+
+/// Computes and times one step.
+///
+/// # Errors
+/// [`InsertionStudyError::Step`] if the step cannot be computed.
+pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, InsertionStudyError> {
+    let start = Instant::now();
+    let outcome = model.step(instruments, STEP_S)?;
+    let ms = start.elapsed().as_secs_f64() * 1e3;
+    Ok(Step {
+        ms,
+        force_n: outcome.on_hand.force_n,
+        probe_n: outcome.on_probe.map_or_else(Vector3::zeros, |wrench| wrench.force_n),
+        tip_mm: outcome.tip_mm,
+        remeshed: outcome.remeshes > 0,
+        converged: outcome.converged,
+    })
+}
+
+/// Creates the block with approximately the given number of nodes.
+///
+/// # Errors
+/// [`InsertionStudyError`] if the mesh or the material is invalid.
+pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, InsertionStudyError> {
+    let mesh = TetMesh::over_box([0.0; 3], EXTENT, nodes)?;
+    Ok(block::on_table(mesh, Material::new(10.0, 0.45)?, block::USUAL, needle))
+}
+
+/// Creates a model with the data for remeshing along the needle's path prefetched.
+///
+/// # Errors
+/// [`InsertionStudyError::Setup`] if the setup is invalid.
+pub fn model(setup: Setup) -> Result<Finite, InsertionStudyError> {
+    let mut finite = Finite::new(setup, |_, _| {})?;
+    finite.prefetch(&Point3::new(ENTRY[0], ENTRY[1], 0.0), &Vector3::z(), EXTENT[2], 5.0);
+    Ok(finite)
+}
+
+fn probe_at(aside: f64) -> Isometry3<f64> {
+    Isometry3::from_parts(
+        Translation3::new(0.5 * EXTENT[0], aside - 10.0, EXTENT[2] - 5.0),
+        UnitQuaternion::identity(),
+    )
+}
+
+/// Creates a probe along z under the face y = 0 that can touch every `every`-th ring of nodes along its axis.
+pub fn probe(mesh: &TetMesh, every: usize) -> ProbeContact {
+    let [width, from] = BAND_MM;
+    let to = EXTENT[2] - 5.0;
+    let in_band = |p: &[f64; 3]| p[1] == 0.0 && (p[0] - 0.5 * EXTENT[0]).abs() < width && (from..to).contains(&p[2]);
+    let band = (0..).zip(mesh.nodes()).filter(|(_, p)| in_band(p));
+    let mut probe = ProbeContact {
+        nominal: probe_at(0.0),
+        length_mm: EXTENT[2],
+        candidates: band.map(|(node, _)| node).collect(),
+        driven_at_mm: None,
+    };
+    probe.thin(mesh.nodes(), every);
+    probe
+}
+
+#[cfg(test)]
+mod tests;

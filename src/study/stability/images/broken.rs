@@ -1,12 +1,12 @@
 //! Cases of invalid meshes that the mechanics should never produce.
 
 use super::super::record::{Record, Unexpected};
-use super::setup::{everywhere, gpus, name, settings, straight};
 use crate::effects::{Effects, slice::Boundary};
 use crate::mechanics::mesh::locator::{Locator, LocatorReport};
 use crate::mechanics::mesh::{NONE, TetMesh};
 use crate::real::Real;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
+use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
 use crate::synth::FrameState;
 use crate::synth::layers::Beam;
 use crate::synth::tables::Anatomy;

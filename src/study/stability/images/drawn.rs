@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
-use super::super::record::noise;
 use crate::effects::Effects;
 use crate::effects::blur::Blur;
 use crate::effects::interface::Interface;
@@ -18,7 +17,9 @@ use crate::effects::thickness::Thickness;
 use crate::effects::tone::{Curve, Tone};
 use crate::mechanics::mesh::Displacement;
 use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
-use crate::study::parity::Case;
+use crate::study::parity::{Case, check};
+use crate::study::stability::fixtures::{Tally, gpus};
+use crate::study::stability::record::{Record, Unexpected, noise};
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::synth::{FrameState, NeedleShaft};
 use crate::tracking::probe::{Probe, ProbeShape};
@@ -292,4 +293,19 @@ fn effects(draw: &mut Draw) -> Effects {
     };
     effects.slice.boundary = [Boundary::Nearest, Boundary::Vote, Boundary::Smooth][draw.below(3)];
     effects
+}
+
+/// Compares all backends on randomly drawn scenes.
+pub fn scenes(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    let count = record.effort().pick(10, 100);
+    let mut tally = Tally::default();
+    for index in 0..count {
+        let case = scene(record.seed(), index);
+        let verdicts = check(&case, &gpus)?;
+        tally.add(&case, verdicts);
+        record.done((index + 1) as f64 / count as f64);
+    }
+    record.report("scenes", count as f64);
+    tally.note(record)
 }

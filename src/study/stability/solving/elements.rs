@@ -1,15 +1,20 @@
-//! Cases of elements of every shape.
+//! Cases of distorted elements and of extreme materials.
 
-use crate::mechanics::tissue::error::LinearError;
 use nalgebra::Vector3;
 
-use super::problem::{Problem, lattice, moved, shaken, surface};
+use super::manufactured::{EDGE, Wave, errors};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::quality::jacobian_condition;
 use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::element::{DegenerateElement, FLATTEST};
-use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::factor::Factor;
+use crate::mechanics::tissue::inverse::invert;
+use crate::mechanics::tissue::material::{Material, Materials};
+use crate::mechanics::tissue::problem::Solution;
+use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::study::stability::fixtures::{Problem, condition, lattice, moved, shaken, surface, with_regions};
 use crate::study::stability::record::{Record, Unexpected, largest, noise, relative};
 
 /// Rounding units of error per unit of the condition number: a backward stable solution has a small multiple of one (N. J. Higham,
@@ -159,5 +164,167 @@ pub fn rigid_motions(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
         }
     }
+    Ok(())
+}
+
+/// Waves with amplitudes normal to their wave vectors, so that volume is preserved everywhere: the exact solution and its body force are
+/// the same at any Poisson's ratio, and growth of the error is locking.
+const KEEPING_VOLUME: [Wave; 3] = [
+    Wave {
+        amplitude: [0.3, 0.0, 0.5],
+        vector: [0.25, 0.10, -0.15],
+        start: 0.4,
+    },
+    Wave {
+        amplitude: [0.2, 0.1, 0.0],
+        vector: [-0.10, 0.20, 0.20],
+        start: 1.1,
+    },
+    Wave {
+        amplitude: [0.0, 0.25, 0.2],
+        vector: [0.15, -0.20, 0.25],
+        start: 2.3,
+    },
+];
+
+/// Tests near incompressibility, where linear tetrahedra lock: the solver must not make it worse, and the report must not hide it.
+pub fn near_incompressible(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let cells = record.effort().pick(6, 12);
+    for fine in [cells, 3 * cells / 2] {
+        let mesh = shaken([fine; 3], [EDGE; 3], 0.1, record.seed())?;
+        let free = errors(mesh.clone(), Material::new(6.0, 0.3)?, &KEEPING_VOLUME)?;
+        record.report(format!("error in L2, nu 0.3, {fine} cells an edge"), free.l2);
+        for poisson in [0.49, 0.499, 0.4999, 0.49999] {
+            let found = errors(mesh.clone(), Material::new(6.0, poisson)?, &KEEPING_VOLUME)?;
+            record.under(
+                format!("backward error, nu {poisson}, {fine} cells"),
+                found.residual,
+                1e-12,
+            );
+            record.report(
+                format!("locking: error in L2, nu {poisson}, {fine} cells an edge"),
+                found.l2,
+            );
+            record.report(
+                format!("locking: error over that at nu 0.3, nu {poisson}, {fine} cells"),
+                found.l2 / free.l2,
+            );
+        }
+    }
+    // Under forces, with only the floor constraining the volume.
+    for poisson in [0.49, 0.499, 0.4999, 0.49999] {
+        let solution = Problem::block(record, poisson)?.solve()?;
+        record.under(
+            format!("backward error under forces, nu {poisson}"),
+            solution.residual,
+            1e-12,
+        );
+    }
+    Ok(())
+}
+
+/// Returns the force imbalance along the worst axis, relative to the sum of all given forces.
+fn imbalance(problem: &Problem, solution: &Solution) -> f64 {
+    let mut sums = [0.0; 3];
+    let mut total = 0.0;
+    for load in &problem.loads {
+        for (axis, force) in load.force_n.iter().enumerate() {
+            sums[axis] += force;
+            total += force.abs();
+        }
+    }
+    for reaction in &solution.reactions {
+        sums[usize::from(reaction.axis)] += reaction.force_n;
+    }
+    largest(sums) / total
+}
+
+/// Tests bodies with one part ten thousand or a hundred million times as stiff as the other.
+pub fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    for ratio in [1e4, 1e8] {
+        for (name, is_stiff) in [
+            ("stiff base", (|middle| middle[2] < 4.0) as fn([f64; 3]) -> bool),
+            ("stiff core", |middle| middle.iter().all(|x| (2.0..8.0).contains(x))),
+        ] {
+            let mesh = with_regions(&shaken([5, 5, 5], [10.0; 3], 0.15, record.seed())?, |middle| {
+                i32::from(is_stiff(middle))
+            })?;
+            let mut problem = Problem::new(mesh, Material::new(1.0, 0.45)?);
+            problem.materials = Materials::new(Some(Material::new(1.0, 0.45)?), &[(1, Material::new(ratio, 0.45)?)])?;
+            problem.fix(&[0, 1, 2], |p| p[2] == 0.0, |_| [0.0; 3]);
+            problem.load_all(record.seed());
+            let solution = problem.solve()?;
+            let what = format!("{name}, 1:{ratio:.0e}");
+            record.under(format!("backward error, {what}"), solution.residual, 1e-12);
+            record.under(
+                format!("imbalance of all forces, {what}"),
+                imbalance(&problem, &solution),
+                1e-10,
+            );
+            let stiffness = problem.stiffness()?;
+            let factor = Factor::new(&stiffness)?;
+            let limit = ROUNDING_UNITS * f64::EPSILON * condition(&stiffness, &factor);
+            record.under(
+                format!("asymmetry of columns of K^-1, {what}"),
+                asymmetry_of_columns(&factor),
+                limit,
+            );
+            let inverse: Symmetric<f64> = invert(&factor, |_, _| {})?;
+            let apart = |i: usize| (0..i).filter(move |j| i.is_multiple_of(7) && j.is_multiple_of(5));
+            let pairs = (0..inverse.size()).flat_map(|i| apart(i).map(move |j| (i, j)));
+            let differences = pairs.map(|(i, j)| inverse.get(i, j) - inverse.get(j, i));
+            record.zero(format!("asymmetry of the dense inverse, {what}"), largest(differences));
+        }
+        for order in [[1.0, ratio], [ratio, 1.0]] {
+            bar(record, order)?;
+        }
+    }
+    Ok(())
+}
+
+/// Returns the largest |X_ij - X_ji| relative to the largest |X_ij| among a dozen columns, each solved separately.
+fn asymmetry_of_columns(factor: &Factor) -> f64 {
+    let size = factor.size();
+    let dofs: Vec<usize> = (0..size).step_by(size.div_ceil(12)).collect();
+    let column = |dof: &usize| {
+        let mut column = vec![0.0; size];
+        column[*dof] = 1.0;
+        factor.solve_in_place(&mut column);
+        dofs.iter().map(|row| column[*row]).collect::<Vec<f64>>()
+    };
+    let block: Vec<Vec<f64>> = dofs.iter().map(column).collect();
+    let pairs = (0..dofs.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+    let difference = largest(pairs.map(|(i, j)| block[i][j] - block[j][i]));
+    difference / largest(block.iter().flatten().copied())
+}
+
+/// Stretches two layers, each half of a bar without lateral contraction (nu = 0): displacements add as for springs in series.
+fn bar(record: &mut Record<'_>, young_kpa: [f64; 2]) -> Result<(), Unexpected> {
+    const EXTENT: [f64; 3] = [8.0, 6.0, 12.0];
+    const PULL_MM: f64 = 0.6;
+    // The layers meet in a plane of nodes.
+    let mesh = with_regions(&lattice([3, 3, 6], EXTENT)?, |middle| i32::from(middle[2] > 6.0))?;
+    let mut problem = Problem::new(mesh, Material::new(1.0, 0.0)?);
+    let layers = [
+        (0, Material::new(young_kpa[0], 0.0)?),
+        (1, Material::new(young_kpa[1], 0.0)?),
+    ];
+    problem.materials = Materials::new(None, &layers)?;
+    for axis in 0..3u8 {
+        problem.fix(&[axis], |p| p[usize::from(axis)] == 0.0, |_| [0.0; 3]);
+    }
+    problem.fix(&[2], |p| p[2] == EXTENT[2], |_| [0.0, 0.0, PULL_MM]);
+    let found = problem.solve()?.displacement_mm;
+    let stress = PULL_MM / young_kpa.iter().map(|young| 6.0 / young).sum::<f64>();
+    let exact = |p: &[f64; 3]| {
+        let share = |layer: usize| (p[2] - 6.0 * layer as f64).clamp(0.0, 6.0) / young_kpa[layer];
+        [0.0, 0.0, stress * (share(0) + share(1))]
+    };
+    let exact: Vec<[f64; 3]> = problem.mesh.nodes().iter().map(exact).collect();
+    record.under(
+        format!("bar of two materials, {:.0e} on {:.0e} kPa", young_kpa[1], young_kpa[0]),
+        relative(found.as_flattened(), exact.as_flattened()),
+        ROUNDING_UNITS * f64::EPSILON * problem.condition()?,
+    );
     Ok(())
 }

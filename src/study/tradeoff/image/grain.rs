@@ -1,8 +1,9 @@
 //! Grain of tissue: solid textures and speckle models.
 
-use super::compare::{Apart, inside, picture, values};
-use super::scene::{Subject, coarsened, without_grain};
-use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor, lookup};
+use super::sampling;
+use super::{Apart, inside, picture, values};
+use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
+use super::{Subject, coarsened, without_grain};
 use crate::effects::Effects;
 use crate::effects::noise::Noise;
 use crate::effects::speckle::Speckle;
@@ -47,7 +48,7 @@ fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
         let mut synth = subject.on(settings, Backend::Cpu)?;
         let found = picture(&mut synth, &subject.state, options.patience)?;
         let apart = Apart::of(&standard, &found.pixels, &inside);
-        let flag = textured.then(|| super::grid::rounding(&apart)).flatten();
+        let flag = textured.then(|| super::labels::rounding(&apart)).flatten();
         table.push(vec![name.to_owned()], values(&found, Some(&apart)), flag);
     }
     Ok(table)

@@ -1,13 +1,19 @@
-//! Sampling density: samples along a shadow, scanlines across a blur.
+//! Sampling of a scene: look-up of voxels, location in elements, samples per pixel.
 
-use super::compare::{Apart, inside, picture, values};
-use super::scene::{Subject, coarsened};
-use super::{ImageError, ImageOptions, PICTURE, Table, factor};
+use std::hint::black_box;
+use std::time::Instant;
+
+use super::{Apart, ImageError, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, values};
 use crate::effects::Effects;
 use crate::effects::tone::Tone;
-use crate::study::tradeoff::{GREY_LEVELS, Goal};
+use crate::mechanics::mesh::locator::Locator;
+use crate::mechanics::mesh::{Displacement, NONE, TetMesh};
+use crate::study::spread::Spread;
+use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
 use crate::synth::Backend;
 use crate::synth::tables::Settings;
+use crate::tissue::bank;
+use crate::volume::texture::SolidTexture;
 
 /// One effect on its own over slices, and the grids that refine its sums.
 struct Variant {
@@ -90,6 +96,280 @@ pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
                 apart.flag(coarser.as_ref()),
             );
             coarser = Some(apart);
+        }
+    }
+    Ok(vec![table])
+}
+
+/// Textures of coarse and fine structure, with and without a preferred direction.
+const TEXTURES: [&str; 3] = ["liver", "muscle", "fat"];
+/// Scanlines and samples of the plane through each texture, and number of repetitions.
+const PLANE: [usize; 2] = [64, 256];
+const REPEATS: usize = 9;
+/// Share of the mean echo below which echoes count as equally dark.
+const DARKEST: f64 = 1e-2;
+
+/// Look-up method.
+struct Lookup {
+    name: &'static str,
+    look: fn(&SolidTexture, [f32; 3]) -> f32,
+}
+
+const LOOKUP_WAYS: [Lookup; 2] = [
+    Lookup {
+        name: "nearest voxel",
+        look: nearest,
+    },
+    Lookup {
+        name: "trilinear",
+        look: |texture, place| texture.sample(place),
+    },
+];
+
+/// Returns the multiplier of the nearest voxel.
+fn nearest(texture: &SolidTexture, place_mm: [f32; 3]) -> f32 {
+    let (size, spacing) = (texture.size(), texture.spacing_mm());
+    let index: [usize; 3] = std::array::from_fn(|axis| {
+        let voxel = (place_mm[axis] / spacing[axis] as f32).round() as i64;
+        voxel.rem_euclid(size[axis] as i64) as usize
+    });
+    texture.data()[index[0] + size[0] * (index[1] + size[1] * index[2])]
+}
+
+/// Returns the positions of a plane oblique to a texture's axes, scanline by scanline, mm.
+fn places() -> Vec<[f64; 3]> {
+    let [lines, samples] = PLANE;
+    let place = |at: usize| {
+        let [line, sample] = [at / samples, at % samples].map(|count| count as f64);
+        [0.31 * line, 0.23 * sample, 0.11 * line - 0.07 * sample]
+    };
+    (0..lines * samples).map(place).collect()
+}
+
+fn decibels(amplitude: f64) -> f64 {
+    20.0 * amplitude.max(DARKEST).log10()
+}
+
+pub fn lookups() -> Table {
+    let axes = [
+        Axis::log(
+            "look_ns",
+            "ns a look-up",
+            "time of a look-up on one thread (median), ns",
+        ),
+        Axis::log("p95_ns", "p95 ns", "time of a look-up on one thread (95 of 100), ns"),
+        Axis::log("rms_db", "RMS dB", "root mean square error of the echo, dB"),
+        Axis::log(
+            "rms_grey",
+            "RMS grey",
+            "the same after log compression, grey levels of 255",
+        ),
+    ];
+    let factors = [factor("texture", "texture"), factor("look", "look-up")];
+    let goal = Goal::new("look_ns", "rms_grey", GREY_LEVELS).choosing("look-up of solid textures");
+    let mut table = Table::new(
+        "image_lookup",
+        "Look-ups of solid textures by themselves: the nearest voxel against trilinear",
+        &factors,
+        &axes,
+    )
+    .against("trilinear look-ups in double precision")
+    .seeking(goal.over(&["texture"]).beside(&["p95_ns", "rms_db"]));
+    let (places, range_db) = (places(), Tone::default().dynamic_range_db);
+    let singles: Vec<[f32; 3]> = places.iter().map(|place| place.map(|it| it as f32)).collect();
+    for name in TEXTURES {
+        let Some(texture) = bank::make(name, 0) else { continue };
+        for way in LOOKUP_WAYS {
+            let mut nanoseconds = Vec::with_capacity(REPEATS);
+            for _ in 0..REPEATS {
+                let start = Instant::now();
+                let sum: f32 = singles.iter().map(|place| (way.look)(&texture, *place)).sum();
+                black_box(sum);
+                nanoseconds.push(start.elapsed().as_secs_f64() * 1e9 / singles.len() as f64);
+            }
+            let squares = places.iter().zip(&singles).map(|(place, single)| {
+                let [gold, found] = [texture.sample(*place), f64::from((way.look)(&texture, *single))];
+                (decibels(found) - decibels(gold)).powi(2)
+            });
+            let off_db = (squares.sum::<f64>() / places.len() as f64).sqrt();
+            let time = Spread::of(nanoseconds);
+            let values = vec![
+                time.map(|time| time.median_ms),
+                time.map(|time| time.p95_ms),
+                Some(off_db),
+                Some(255.0 * off_db / range_db),
+            ];
+            table.push(vec![name.to_owned(), way.name.to_owned()], values, None);
+        }
+    }
+    table
+}
+
+const BOX_MM: [[f64; 3]; 2] = [[-60.0, 0.0, -40.0], [60.0, 100.0, 40.0]];
+const FRAMES: usize = 8;
+/// Number of points located by exhaustive search.
+const EXHAUSTIVE: usize = 200;
+
+/// Returns the nodes of a frame: an indentation that comes and goes, and a swirl.
+fn nodes(mesh: &TetMesh, frame: usize) -> Vec<[f64; 3]> {
+    let share = (frame as f64 / FRAMES as f64 * std::f64::consts::PI).sin();
+    let press = Displacement::Indentation {
+        centre_mm: [5.0, 10.0, 0.0],
+        direction: [0.1, 1.0, 0.0],
+        depth_mm: 12.0 * share,
+        radius_mm: 22.0,
+    };
+    mesh.nodes()
+        .iter()
+        .map(|&node| {
+            let moved = press.apply(node);
+            [0, 1, 2].map(|axis| node[axis] + moved[axis])
+        })
+        .collect()
+}
+
+/// Returns the points of a plane through the box, scanline by scanline, shifted slightly in every frame as by a hand.
+fn points(count: usize, frame: usize) -> Vec<[f64; 3]> {
+    let side = (count as f64).sqrt().ceil() as usize;
+    let shift = 0.3 * frame as f64;
+    (0..count)
+        .map(|at| {
+            let (line, sample) = (at / side, at % side);
+            let across = -50.0 + 100.0 * (line as f64 + 0.37) / side as f64;
+            let down = 2.0 + 96.0 * (sample as f64 + 0.41) / side as f64;
+            [across + shift, down, 0.2 * across + 0.1 * down - 9.0 + shift]
+        })
+        .collect()
+}
+
+/// Returns the smallest barycentric coordinate of a point in an element.
+fn least(nodes: &[[f64; 3]], corners: [u32; 4], p: [f64; 3]) -> f64 {
+    let [a, b, c, d] = corners.map(|corner| nalgebra::Vector3::from(nodes[corner as usize]));
+    let p = nalgebra::Vector3::from(p);
+    let volume = |a: nalgebra::Vector3<f64>,
+                  b: nalgebra::Vector3<f64>,
+                  c: nalgebra::Vector3<f64>,
+                  d: nalgebra::Vector3<f64>| { (b - a).cross(&(c - a)).dot(&(d - a)) };
+    let whole = volume(a, b, c, d);
+    let parts = [
+        volume(p, b, c, d),
+        volume(a, p, c, d),
+        volume(a, b, p, d),
+        volume(a, b, c, p),
+    ];
+    parts.map(|part| part / whole).into_iter().fold(f64::INFINITY, f64::min)
+}
+
+/// Returns the lowest-numbered element that contains a point, by exhaustive search.
+fn exhaustive(mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3]) -> u32 {
+    let holding = mesh
+        .elements()
+        .iter()
+        .position(|&corners| least(nodes, corners, p) >= 0.0);
+    holding.map_or(NONE, |at| at as u32)
+}
+
+/// Results of one method: time per point in each frame, and differences from exhaustive search.
+#[derive(Default)]
+struct Location {
+    nanoseconds: Vec<f64>,
+    differing: usize,
+    off_mm: f64,
+}
+
+impl Location {
+    fn timed(&mut self, started: Instant, points: usize) {
+        self.nanoseconds
+            .push(started.elapsed().as_secs_f64() * 1e9 / points as f64);
+    }
+
+    /// Counts a different element only if the point is not, within rounding, on a face of the elements found.
+    fn judge(&mut self, locator: &Locator<f64>, mesh: &TetMesh, nodes: &[[f64; 3]], p: [f64; 3], answers: [u32; 2]) {
+        let [found, exact] = answers;
+        if found == exact {
+            return;
+        }
+        let on_a_face = [found, exact]
+            .iter()
+            .filter(|element| **element != NONE)
+            .all(|&element| least(nodes, mesh.elements()[element as usize], p).abs() < 1e-9);
+        if !on_a_face {
+            self.differing += 1;
+        }
+        if found != NONE && exact != NONE {
+            let [a, b] = [found, exact].map(|element| nalgebra::Vector3::from(locator.to_reference(element, p)));
+            self.off_mm = self.off_mm.max((a - b).norm());
+        }
+    }
+}
+
+pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+    let axes = [
+        Axis::log("elements", "elements", "elements of the mesh"),
+        Axis::log("point_ns", "ns a point", "time of a point (median of frames), ns"),
+        Axis::log("p95_ns", "p95 ns", "time of a point (95 of 100 frames), ns"),
+        Axis::linear("differing", "differ", "answers that differ from the exhaustive search"),
+        Axis::log("off_mm", "mm off", "largest error of a reference position, mm"),
+    ];
+    let factors = [factor("method", "method"), factor("mesh", "mesh")];
+    let title = "Point location in a deforming mesh, double precision, one thread, against trying every element";
+    let goal = Goal::new("point_ns", "off_mm", SHIFT_MM).choosing("point location in the mesh");
+    let mut table = Table::new("image_location", title, &factors, &axes)
+        .against("every element tried")
+        .seeking(goal.each(&["mesh"]).beside(&["p95_ns", "differing"]));
+    for &count in &options.nodes {
+        let mesh = TetMesh::over_box(BOX_MM[0], BOX_MM[1], count)?;
+        let mut locator = Locator::<f64>::new(&mesh);
+        let [mut walk, mut grid, mut all] = [Location::default(), Location::default(), Location::default()];
+        let mut last = vec![NONE; options.points];
+        for frame in 0..FRAMES {
+            let nodes = nodes(&mesh, frame);
+            locator.update(&nodes)?;
+            let points = points(options.points, frame);
+            let started = Instant::now();
+            let mut before = NONE;
+            for (element, &p) in last.iter_mut().zip(&points) {
+                // As in a frame: start from the element of the last frame, otherwise from the previous sample.
+                let start = if *element == NONE { before } else { *element };
+                *element = locator.locate(p, start).element;
+                before = *element;
+            }
+            walk.timed(started, points.len());
+            let started = Instant::now();
+            let from_grid: Vec<u32> = points.iter().map(|&p| locator.locate(p, NONE).element).collect();
+            grid.timed(started, points.len());
+            let step = (points.len() / EXHAUSTIVE).max(1);
+            let tried: Vec<usize> = (0..points.len()).step_by(step).collect();
+            let started = Instant::now();
+            let exact: Vec<u32> = tried.iter().map(|&at| exhaustive(&mesh, &nodes, points[at])).collect();
+            all.timed(started, tried.len());
+            for (&at, &exact) in tried.iter().zip(&exact) {
+                walk.judge(&locator, &mesh, &nodes, points[at], [last[at], exact]);
+                grid.judge(&locator, &mesh, &nodes, points[at], [from_grid[at], exact]);
+            }
+        }
+        // The first frame has no start elements.
+        walk.nanoseconds.remove(0);
+        for (name, way) in [
+            ("walk from the last frame", walk),
+            ("search grid", grid),
+            ("every element", all),
+        ] {
+            let spread = Spread::of(way.nanoseconds);
+            let flag =
+                (way.differing > 0).then(|| format!("{} answers differ from the exhaustive search", way.differing));
+            let values = vec![
+                Some(mesh.elements().len() as f64),
+                spread.map(|spread| spread.median_ms),
+                spread.map(|spread| spread.p95_ms),
+                Some(way.differing as f64),
+                Some(way.off_mm),
+            ];
+            table.push(
+                vec![name.to_owned(), format!("{} nodes", mesh.nodes().len())],
+                values,
+                flag,
+            );
         }
     }
     Ok(vec![table])

@@ -1,6 +1,6 @@
-use super::compare::{Apart, picture};
-use super::grid::rounding;
+use super::labels::rounding;
 use super::*;
+use super::{Apart, picture};
 use crate::study::testing;
 use crate::synth::{Backend, Synthesizer};
 

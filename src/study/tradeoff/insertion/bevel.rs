@@ -1,18 +1,15 @@
-//! Bevels in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A).
-//!
-//! In Goksel et al.'s experiment the tip of a brachytherapy needle deflected by 10.4 mm, which r = 0.6 mm fits. The text does not state
-//! depth, modulus and bevel length: 140 mm, 20 kPa and nu = 0.49 are assumed here, and with a bevel length of [`BEVEL_MM`] r = 0.6 mm gives
-//! that deflection on cells of 10 mm. Other lengths and finer meshes show how much of this is due to the mesh.
+//! Deflection by the bevel, and lengths of links and beam elements.
 
-use super::columns::{UNSETTLED, factor, lines, unsettled};
-use super::course::{Step, timed};
-use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use super::{
+    self, Course, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor, largest,
+    lines, points, timed, times, unsettled,
+};
 use crate::mechanics::insertion::Interaction;
 use crate::mechanics::insertion::finite::Finite;
-use crate::mechanics::needle::{BEVEL_MM, Bevel, Stiffness};
+use crate::mechanics::needle::{BEVEL_MM, Bevel, InvalidNeedleModel, Needle, Shaft, Stiffness};
 use crate::mechanics::tissue::material::Material;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Factor, Figure, Table};
+use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};
 
 /// Offsets r of the tip from the centre line, mm.
 const SWEEP_MM: [f64; 5] = [0.0, 0.4, 0.6, 0.8, 1.0];
@@ -79,7 +76,7 @@ fn cases(sweep: bool) -> Vec<Case> {
     cells.iter().flat_map(of_mesh).collect()
 }
 
-pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
     let mut table = Table::new(
         "bevel",
         format!("Bevels in a block of PVC: deflection at {} mm", options.bevel_depth_mm),
@@ -175,4 +172,114 @@ fn insert(case: &Case, depth_mm: f64) -> Result<Vec<Step>, InsertionStudyError> 
             timed(&mut finite, &block::guided(tip))
         })
         .collect()
+}
+
+/// Discretisation of a needle.
+pub(super) struct Pieces {
+    /// Name of the pieces, used in the keys of the table and its factor.
+    name: &'static str,
+    length: Factor,
+    /// Lengths, mm; the last and finest is the gold standard.
+    lengths_mm: &'static [f64],
+    choosing: &'static str,
+    figure: [&'static str; 2],
+    needle: fn(f64) -> Result<Box<dyn Needle>, InvalidNeedleModel>,
+}
+
+/// Links joined by angular springs.
+pub(super) const LINKS: Pieces = Pieces {
+    name: "links",
+    length: factor("link_mm", "links of, mm"),
+    lengths_mm: &[20.0, 10.0, 5.0, 2.5, 1.25],
+    choosing: "links of the needle",
+    figure: ["insertion-links", "Links of the needle: what accuracy costs"],
+    needle: |length_mm| block::springs(Stiffness::default(), length_mm, block::BEVEL),
+};
+
+/// Elements of a beam.
+pub(super) const ELEMENTS: Pieces = Pieces {
+    name: "elements",
+    length: factor("element_mm", "elements of, mm"),
+    lengths_mm: &[20.0, 10.0, 5.0, 2.5],
+    choosing: "elements of a beam in an insertion",
+    figure: ["insertion-elements", "Elements of a beam needle: what accuracy costs"],
+    needle: |length_mm| block::beam(Stiffness::default(), length_mm, block::BEVEL),
+};
+
+pub(super) fn run_pieces(
+    pieces: &Pieces,
+    options: &InsertionOptions,
+    progress: Progress<'_>,
+) -> Result<Findings, InsertionStudyError> {
+    let finest = pieces.lengths_mm[pieces.lengths_mm.len() - 1];
+    let (name, key) = (pieces.name, pieces.length.key);
+    let axes = [
+        Axis::linear("pieces", "pieces", "pieces of the whole needle"),
+        Axis::linear(
+            "deflection_mm",
+            "aside mm",
+            "tip beside the straight path at full depth, mm",
+        ),
+        Axis::log(
+            "tip_mm",
+            "tip off, mm",
+            "largest difference of the tip on the way in, mm",
+        ),
+        Axis::log(
+            "force_n",
+            "force off, N",
+            "largest difference of the force at the base on the way in, N",
+        ),
+    ];
+    let mut table = Table::new(
+        name,
+        format!("Needle in {name}: differences from {name} of {finest} mm"),
+        &[pieces.length],
+        &[&axes[..], &TIMES, &[UNSETTLED]].concat(),
+    )
+    .against(format!("{name} of {finest} mm"))
+    .seeking(
+        Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
+            .choosing(pieces.choosing)
+            .in_every(Beat::Step, "remesh_median_ms")
+            .beside(&["median_ms", "p99_ms", "force_n"]),
+    );
+    let course = Course {
+        depth_mm: options.depth_mm,
+        probe: false,
+    };
+    let mut models = Vec::new();
+    for &length_mm in pieces.lengths_mm {
+        models.push(course::model(course::tissue(
+            options.nodes,
+            (pieces.needle)(length_mm)?,
+        )?)?);
+    }
+    let traces = course.drive(&mut models, options.passes, |share| progress(pieces.choosing, share))?;
+    let gold = &traces[traces.len() - 1];
+    let inward = course.moved();
+    for (&length_mm, steps) in pieces.lengths_mm.iter().zip(&traces) {
+        let most = |of: &dyn Fn(&Step, &Step) -> f64| {
+            let pairs = gold.iter().zip(steps).take(inward);
+            (length_mm != finest).then(|| largest(pairs.map(|(a, b)| of(a, b))))
+        };
+        let tip = steps[inward - 1].tip_mm;
+        let aside = (tip.x - course::ENTRY[0]).hypot(tip.y - course::ENTRY[1]);
+        let own = [
+            Some((Shaft::default().length_mm / length_mm).round()),
+            Some(aside),
+            most(&|a, b| (a.tip_mm - b.tip_mm).norm()),
+            most(&|a, b| (a.force_n - b.force_n).norm()),
+        ];
+        let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
+        table.push(vec![length_mm.to_string()], values, None);
+    }
+    table.mark_gold(key, &finest.to_string());
+    let [file, title] = pieces.figure;
+    let figure = points(file, title, name, ["remesh_median_ms", "tip_mm"], key);
+    Ok(Findings {
+        tables: vec![table],
+        figures: vec![figure],
+        ..Findings::default()
+    })
 }

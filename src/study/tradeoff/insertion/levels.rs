@@ -1,8 +1,9 @@
-//! Remeshing levels along one insertion, with the probe moved sideways midway (Goksel et al. 2011, figures 13c and 14).
+//! Levels of remeshing, mesh sizes and probe candidates of an insertion.
 
-use super::columns::{TIMES, UNSETTLED, factor, largest, lines, mean_square, times, unsettled};
-use super::course::{self, Course, ENTRY, Step};
-use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use super::{
+    self, Course, ENTRY, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor,
+    largest, lines, mean_square, points, times, unsettled,
+};
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::needle::Stiffness;
 use crate::mechanics::tissue::remesh::{Level, Precision};
@@ -10,7 +11,7 @@ use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 use crate::study::block;
 use crate::study::tradeoff::remesh::FROZEN;
-use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Table};
 
 /// Levels compared; the first is the gold standard.
 const LEVELS: [(Level, &str); 4] = [
@@ -71,7 +72,7 @@ const TRACE: [Axis; 6] = [
     Axis::log("step_ms", "ms", "time of a step (longest of some), ms"),
 ];
 
-pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
     check_memory(options.nodes, memory::available())?;
     let mut table = Table::new(
         "levels",
@@ -252,4 +253,177 @@ pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(),
         }),
         _ => Ok(()),
     }
+}
+
+/// Factors on the requested number of nodes; the last and finest is the gold standard.
+const SHARES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
+
+const MESH_FACTORS: [Factor; 1] = [factor("nodes", "nodes")];
+
+const MESH_AXES: [Axis; 4] = [
+    Axis::log("elements", "elements", "elements of the mesh"),
+    Axis::log(
+        "force_rms_n",
+        "force off, N",
+        "difference of the force at the base on the way in (root mean square), N",
+    ),
+    Axis::log(
+        "force_n",
+        "force off at most, N",
+        "largest difference of the force at the base on the way in, N",
+    ),
+    Axis::log(
+        "tip_mm",
+        "tip off, mm",
+        "largest difference of the tip on the way in, mm",
+    ),
+];
+
+pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+    let course = Course {
+        depth_mm: options.depth_mm,
+        probe: false,
+    };
+    let mut models = Vec::new();
+    for (at, share) in SHARES.into_iter().enumerate() {
+        progress("nodes of the mesh", 0.3 * at as f64 / SHARES.len() as f64);
+        let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
+        let nodes = (share * options.nodes as f64).round() as usize;
+        models.push(course::model(course::tissue(nodes, needle)?)?);
+    }
+    let traces = course.drive(&mut models, options.passes, |share| {
+        progress("nodes of the mesh", 0.3 + 0.7 * share);
+    })?;
+    let sizes: Vec<[usize; 2]> = models
+        .iter()
+        .map(|model| [model.mesh().nodes().len(), model.mesh().elements().len()])
+        .collect();
+    let (finest, gold) = (sizes[sizes.len() - 1][0], &traces[traces.len() - 1]);
+    let mut table = Table::new(
+        "mesh",
+        "Nodes of the mesh along one insertion: differences from the finest mesh",
+        &MESH_FACTORS,
+        &[&MESH_AXES[..], &TIMES, &[UNSETTLED]].concat(),
+    )
+    .against(format!("the same block in {finest} nodes"))
+    .seeking(
+        Goal::new("remesh_median_ms", "force_rms_n", FORCE_N)
+            .choosing("mesh of the tissue")
+            .in_every(Beat::Step, "remesh_median_ms")
+            .beside(&["median_ms", "p99_ms", "tip_mm", "elements"]),
+    );
+    let inward = course.moved();
+    for (size, steps) in sizes.iter().zip(&traces) {
+        let other = (size[0] != finest).then_some(());
+        let pairs = || gold.iter().zip(steps).take(inward);
+        let force = |(a, b): (&Step, &Step)| (a.force_n - b.force_n).norm();
+        let own = [
+            Some(size[1] as f64),
+            other.map(|()| mean_square(pairs().map(force))),
+            other.map(|()| largest(pairs().map(force))),
+            other.map(|()| largest(pairs().map(|(a, b)| (a.tip_mm - b.tip_mm).norm()))),
+        ];
+        let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
+        table.push(vec![size[0].to_string()], values, None);
+    }
+    table.mark_gold("nodes", &finest.to_string());
+    let title = "Nodes of the mesh: what accuracy costs";
+    let figure = points(
+        "insertion-mesh",
+        title,
+        "mesh",
+        ["remesh_median_ms", "force_rms_n"],
+        "nodes",
+    );
+    Ok(Findings {
+        tables: vec![table],
+        figures: vec![figure],
+        ..Findings::default()
+    })
+}
+
+/// Strides of the candidate rings; the first retains all of them.
+const THINNED: [usize; 5] = [1, 2, 3, 4, 6];
+
+const THINNING_FACTORS: [Factor; 1] = [factor("every", "ring stride")];
+
+const THINNING_AXES: [Axis; 4] = [
+    Axis::linear("candidates", "candidates", "candidates of the probe"),
+    Axis::log(
+        "probe_percent",
+        "probe off, %",
+        "largest difference of the force on the probe, % of the largest",
+    ),
+    Axis::log(
+        "force_n",
+        "force off, N",
+        "largest difference of the force at the base, N",
+    ),
+    Axis::log("tip_mm", "tip off, mm", "largest difference of the tip, mm"),
+];
+
+pub(super) fn run_thinning(
+    options: &InsertionOptions,
+    progress: Progress<'_>,
+) -> Result<Findings, InsertionStudyError> {
+    let mut table = Table::new(
+        "thinning",
+        "Every n-th ring of the probe's candidates: differences from all of them",
+        &THINNING_FACTORS,
+        &[&THINNING_AXES[..], &TIMES, &[UNSETTLED]].concat(),
+    )
+    .against("every candidate kept")
+    .seeking(
+        Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
+            .choosing("candidates of the probe")
+            .in_every(Beat::Step, "remesh_median_ms")
+            .beside(&["median_ms", "p99_ms", "candidates", "probe_percent", "force_n"]),
+    );
+    let course = Course {
+        depth_mm: options.depth_mm,
+        probe: true,
+    };
+    let (mut models, mut counts) = (Vec::new(), Vec::new());
+    for every in THINNED {
+        let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
+        let tissue = course::tissue(options.nodes, needle)?;
+        let probe = course::probe(&tissue.mesh, every);
+        counts.push(probe.candidates.len());
+        models.push(course::model(Setup {
+            probe: Some(probe),
+            ..tissue
+        })?);
+    }
+    let traces = course.drive(&mut models, options.passes, |share| {
+        progress("candidates of the probe", share)
+    })?;
+    let all = &traces[0];
+    let strongest = largest(all.iter().map(|step| step.probe_n.norm()));
+    for ((every, count), steps) in THINNED.into_iter().zip(counts).zip(&traces) {
+        let most = |of: &dyn Fn(&Step, &Step) -> f64| {
+            let difference = largest(all.iter().zip(steps).map(|(a, b)| of(a, b)));
+            (every > 1).then_some(difference)
+        };
+        let own = [
+            Some(count as f64),
+            most(&|a, b| 100.0 * (a.probe_n - b.probe_n).norm() / strongest),
+            most(&|a, b| (a.force_n - b.force_n).norm()),
+            most(&|a, b| (a.tip_mm - b.tip_mm).norm()),
+        ];
+        let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
+        table.push(vec![every.to_string()], values, None);
+    }
+    table.mark_gold("every", &THINNED[0].to_string());
+    let figure = points(
+        "insertion-thinning",
+        "Thinning the probe's candidates",
+        "thinning",
+        ["remesh_median_ms", "probe_percent"],
+        "every",
+    );
+    Ok(Findings {
+        tables: vec![table],
+        figures: vec![figure],
+        ..Findings::default()
+    })
 }

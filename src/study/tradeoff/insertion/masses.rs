@@ -5,9 +5,9 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::columns::{TIMES, UNSETTLED, factor, largest, mean_square, points, times, unsettled};
-use super::course::{self, Step, timed};
+use super::{self, Step, timed};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use super::{TIMES, UNSETTLED, factor, largest, mean_square, points, times, unsettled};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
 use crate::mechanics::insertion::{Anatomy, Imager, Interaction, Model, Snapshot, Tissue};

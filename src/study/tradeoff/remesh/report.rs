@@ -1,8 +1,9 @@
 //! Tables and figures of the study.
 
+use super::contender;
 use super::contender::{Kind, Promise};
 use super::subject::Subject;
-use super::{FROZEN, Measured, RemeshOptions, StudyError, bandwidth};
+use super::{FROZEN, Measured, RemeshOptions, StudyError};
 use crate::gpu::Gpu;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::machine::Machine;

@@ -1,10 +1,13 @@
-//! Cases of error accumulation over many remeshes.
+//! Cases of error accumulation: many remeshes, every GPU, and single against double precision.
 
-use faer::Side;
+use std::sync::Arc;
 
-use super::setup::{BACKENDS, Backend, Now, Start};
+use faer::{MatRef, Side};
+
 use crate::mechanics::tissue::inverse::sampled_residual;
-use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, Rebuilt, RemeshError};
+use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source};
+use crate::remesh_gpu::follow;
+use crate::study::stability::fixtures::{BACKENDS, Backend, Now, Start, gpus};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
 const POISSON: [f64; 3] = [0.45, 0.499, 0.4999];
@@ -212,4 +215,119 @@ pub fn lower(record: &mut Record<'_>) -> Result<(), Unexpected> {
         }
         Ok(())
     })
+}
+
+/// Number of moves after which single and double precision are compared, as on the CPU.
+const COMPARED: u64 = 10;
+
+/// Makes the same moves on a device and in double precision on the CPU, then many more.
+pub fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let many = record.effort().pick(60, 1000);
+    let gpus = gpus(record);
+    let double = BACKENDS.iter().find(|backend| backend.precision == Precision::Double);
+    let double = double.ok_or_else(|| Unexpected::new("no backend in f64"))?;
+    let start = Start::new(record.seed(), 0.45)?;
+    for gpu in &gpus {
+        for level in [Level::I, Level::II, Level::III] {
+            let what = format!("level {level}, {}", gpu.report().name);
+            let source = Source::Single(Arc::clone(&start.single));
+            let mut device = follow(gpu, &start.mesh, &source, level, Options::default())?;
+            device.set_contacts(&start.contacts)?;
+            let mut mesh = start.mesh.clone();
+            let mut reference = double.follow(&start, level, Options::default())?;
+            start.go(&mut reference, &start.free, 0..COMPARED, |_, _| Ok(()))?;
+            let (mut rebuilds, mut wrong) = (0, 0);
+            for n in 0..many {
+                if n == COMPARED {
+                    let limit = Now::of(&mesh)?.condition * f64::from(f32::EPSILON);
+                    record.under(
+                        format!("difference of K^c to f64 after {COMPARED} moves, {what}"),
+                        difference(device.condensed(), reference.remesher().condensed()),
+                        limit,
+                    );
+                }
+                let (node, position) = start.nth_move(&start.free, n);
+                if mesh.assess(node, position).is_ok() {
+                    let change = mesh.move_node(node, position)?;
+                    let report = device.remesh(&mesh, &change)?;
+                    rebuilds += usize::from(report.rebuilt.is_some());
+                    wrong += usize::from(
+                        device
+                            .condensed()
+                            .col_iter()
+                            .any(|column| column.iter().any(|x| !x.is_finite())),
+                    );
+                }
+            }
+            record.zero(
+                format!("states of K^c that are not finite in {many} moves, {what}"),
+                wrong as f64,
+            );
+            record.report(
+                format!("times that all was computed anew in {many} moves, {what}"),
+                rebuilds as f64,
+            );
+        }
+    }
+    Ok(())
+}
+
+/// Returns the largest difference of two K^c relative to the largest entry of the second.
+pub fn difference(found: MatRef<'_, f64>, expected: MatRef<'_, f64>) -> f64 {
+    let pairs = (0..expected.nrows()).flat_map(|i| (0..expected.ncols()).map(move |j| (i, j)));
+    let worst = largest(pairs.clone().map(|at| found[at] - expected[at]));
+    worst / largest(pairs.map(|at| expected[at]))
+}
+
+/// Makes the same moves in both precisions.
+pub fn single_and_double(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let double = BACKENDS.iter().find(|backend| backend.precision == Precision::Double);
+    let double = double.ok_or_else(|| Unexpected::new("no backend in f64"))?;
+    for poisson in [0.45, 0.49, 0.499] {
+        let start = Start::new(record.seed(), poisson)?;
+        for backend in BACKENDS.iter().filter(|backend| backend.precision == Precision::Single) {
+            for level in [Level::I, Level::II, Level::III, Level::Exact] {
+                let what = format!("level {level}, {} against {}, nu {poisson}", backend.name, double.name);
+                let options = Options::default();
+                let single = backend.follow(&start, level, options);
+                if poisson > options.single_poisson_limit && level != Level::Exact {
+                    record.refused(what, single, |error| match error {
+                        RemeshError::Unsuited {
+                            level: named, reason, ..
+                        } => *named == level && reason.contains("use f64"),
+                        _ => false,
+                    });
+                    continue;
+                }
+                let (mut single, mut reference) = (single?, double.follow(&start, level, options)?);
+                start.go(&mut single, &start.free, 0..10, |_, _| Ok(()))?;
+                start.go(&mut reference, &start.free, 0..10, |_, _| Ok(()))?;
+                let limit = Now::of(reference.mesh())?.condition * f64::from(f32::EPSILON);
+                record.under(
+                    format!("difference of K^c, {what}"),
+                    difference(single.remesher().condensed(), reference.remesher().condensed()),
+                    limit,
+                );
+                if matches!(level, Level::I | Level::Exact) {
+                    // One refinement step with the residual in f64 squares the relative error (Higham, chapter 12).
+                    let backward = refined(record, &mut single)?;
+                    let squared = (limit * limit).max(1e-12);
+                    record.under(
+                        format!("backward error after one refinement, {what}"),
+                        backward,
+                        squared,
+                    );
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Returns the backward error, after one refinement step, of displacements under forces on all contacts.
+fn refined(record: &Record<'_>, adaptation: &mut Adaptation) -> Result<f64, Unexpected> {
+    let (mesh, remesher) = adaptation.parts();
+    let forces: Vec<f64> = (0..remesher.contacts().len() as u64).map(|i| record.noise(i)).collect();
+    let mut displacement = vec![0.0; mesh.dofs().free()];
+    Ok(remesher.displacement_refined(mesh, &forces, &mut displacement)?)
 }

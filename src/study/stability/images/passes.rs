@@ -1,0 +1,369 @@
+//! Cases of single passes: tone, attenuation and blur.
+
+use crate::effects::Effects;
+use crate::effects::blur::Blur;
+use crate::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
+use crate::effects::shadow::{MOST_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
+use crate::effects::tone::Tone;
+use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
+use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
+use crate::study::stability::record::{Record, Unexpected, largest};
+use crate::synth::SynthError;
+use crate::synth::layers::Beam;
+use crate::synth::tables::Anatomy;
+use crate::tracking::probe::ProbeShape;
+
+const LONG_SAMPLES: u32 = 8192;
+const DEPTH_MM: f64 = 160.0;
+/// Centre frequency of the scenes, MHz.
+const MHZ: f64 = 5.0;
+
+/// Tests a uniform tissue with attenuations from zero to unphysically large.
+pub fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    let losses_db_cm = [0.0, 1e-6, 1e-3, 0.1, 1.0, 10.0, 1e3, 1e6];
+    for (at, db_cm) in losses_db_cm.into_iter().enumerate() {
+        let tissue = Acoustics {
+            // One-way attenuation; the frame multiplies by the frequency.
+            attenuation_db_cm_mhz: db_cm / MHZ,
+            ..PLAIN
+        };
+        let effects = Effects {
+            shadow: Some(Shadow {
+                beam_mm: 0.0,
+                ..Shadow::default()
+            }),
+            ..Effects::default()
+        };
+        let settings = settings(
+            ProbeShape::Linear { width_mm: 20.0 },
+            DEPTH_MM,
+            [2, LONG_SAMPLES],
+            effects,
+        );
+        let anatomy = anatomies::uniform(tissue);
+        for mut synth in everywhere(&anatomy, &settings, &gpus)? {
+            let backend = name(&synth);
+            // Lossless tissue casts no shadow: the plan omits the pass.
+            let last = if synth.plan().has("shadow") { "shadow" } else { "slice" };
+            let beam = synth.render_until(last, &straight())?;
+            let lines = || beam.amplitude.chunks(LONG_SAMPLES as usize);
+            let rises = lines()
+                .flat_map(|line| line.windows(2))
+                .filter(|pair| pair[1] > pair[0])
+                .count();
+            let negative = beam
+                .amplitude
+                .iter()
+                .filter(|echo| !(0.0..=1.0).contains(*echo))
+                .count();
+            record.zero(
+                format!("{db_cm} dB/cm, {backend}: echoes that rise with depth"),
+                rises as f64,
+            );
+            record.zero(
+                format!("{db_cm} dB/cm, {backend}: echoes below 0 or above 1"),
+                negative as f64,
+            );
+            // The loss of each sample is rounded to half a unit, half of its own loss to another; then the capped sum and the rounding of
+            // single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its square.
+            let sample_cm = DEPTH_MM / f64::from(LONG_SAMPLES) / 10.0;
+            let two_way = |sample: usize| (2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0);
+            let off = lines().flat_map(|line| line.iter().enumerate()).map(|(sample, echo)| {
+                let exact_db = two_way(sample);
+                let exact = 10f64.powf(-exact_db / 20.0);
+                let units = (0.5 * (sample as f64 + 2.0)) / UNITS_PER_DB / 20.0 * std::f64::consts::LN_10;
+                let octaves = exact_db / 20.0 * std::f64::consts::LOG2_10;
+                let rounding = 2.0 * (6.0 + 6.0 * octaves) / 8_388_608.0;
+                // Values below the range of single precision may be zero.
+                (echo - exact).abs() / (exact * (units + rounding) + 1e-37)
+            });
+            if 2.0 * db_cm * sample_cm > MOST_PER_SAMPLE_DB {
+                // The loss per sample is capped; half of it applies to the sample itself.
+                record.under(
+                    format!("{db_cm} dB/cm, {backend}: loudest echo"),
+                    largest(beam.amplitude.iter().copied()),
+                    1.001 * 10f64.powf(-0.5 * MOST_PER_SAMPLE_DB / 20.0),
+                );
+            } else {
+                record.under(
+                    format!("{db_cm} dB/cm, {backend}: departure from Beer and Lambert over rounding"),
+                    largest(off),
+                    1.0,
+                );
+            }
+            if two_way(LONG_SAMPLES as usize - 1) > 800.0 {
+                let last = lines().map(|line| line[LONG_SAMPLES as usize - 1]);
+                record.zero(
+                    format!("{db_cm} dB/cm, {backend}: deepest echo, single precision"),
+                    match synth.backend() {
+                        // Double precision represents values that single cannot.
+                        "cpu-f64" => largest(last.filter(|echo| *echo > 1e-37)),
+                        _ => largest(last),
+                    },
+                );
+            }
+        }
+        record.done((at + 1) as f64 / losses_db_cm.len() as f64);
+    }
+    Ok(())
+}
+
+const LINES: u32 = 41;
+const SAMPLES: u32 = 96;
+const WIDTH_MM: f64 = 40.0;
+/// Distance between scanlines, mm.
+const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
+/// Relative rounding error of a sum of as many terms as the widest kernel, each weight stored and multiplied, and of a division for
+/// truncated kernels.
+const BLUR_ROUNDING: f64 = (1.5 + 2.0 * (2 * MAX_REACH + 1) as f64 + 2.5) / 8_388_608.0;
+
+/// Creates a slab of tissue in silence that only the middle scanline meets.
+fn impulse() -> crate::synth::tables::Anatomy {
+    anatomies::of(
+        Frame::around([0.0; 3], [81, 3, 3], 0.5).stretched([1.0, 400.0, 400.0]),
+        &[SILENT, PLAIN],
+        |p| u8::from(p[0].abs() < 0.25),
+    )
+}
+
+fn effects(width_mm: f64) -> Effects {
+    Effects {
+        blur: Some(Blur {
+            width_mm: Some(width_mm),
+            growth_mm_cm: Some(0.0),
+        }),
+        ..Effects::default()
+    }
+}
+
+/// Returns the echoes across the scanlines at the middle depth.
+fn across(beam: &Beam) -> Vec<f64> {
+    let middle = beam.samples / 2;
+    (0..beam.lines)
+        .map(|line| beam.amplitude[line * beam.samples + middle])
+        .collect()
+}
+
+/// Tests identity, kernel and energy.
+pub fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
+    let flat = anatomies::uniform(Acoustics { echo_db: 3.0, ..PLAIN });
+    let scattered = anatomies::random(
+        Frame::around([0.0, 20.0, 0.0], [48; 3], 1.0),
+        &[SILENT, PLAIN, Acoustics { echo_db: 6.0, ..PLAIN }],
+        record.seed() as u32,
+    );
+    for mut synth in everywhere(
+        &scattered,
+        &settings(shape, 40.0, [LINES, SAMPLES], effects(0.0)),
+        &gpus,
+    )? {
+        let backend = name(&synth);
+        let before = synth.render_until("slice", &straight())?.amplitude;
+        let after = synth.render_until("blur", &straight())?.amplitude;
+        let apart = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+        record.zero(format!("{backend}: echoes that width 0 changes"), apart as f64);
+    }
+    record.done(0.25);
+    // Full width at half maximum of one scanline: the kernel is a Gaussian of that width at whole scanlines, truncated at three standard
+    // deviations rounded up to whole scanlines, with sum 1.
+    let sigma = 1.0 / FWHM_PER_SIGMA;
+    let reach = (3.0 * sigma).ceil() as i32;
+    let weight = |away: i32| match away.abs() > reach {
+        true => 0.0,
+        false => (-0.5 * (f64::from(away) / sigma).powi(2)).exp(),
+    };
+    let sum: f64 = (-reach..=reach).map(weight).sum();
+    for mut synth in everywhere(
+        &impulse(),
+        &settings(shape, 40.0, [LINES, SAMPLES], effects(LINE_MM)),
+        &gpus,
+    )? {
+        let backend = name(&synth);
+        let before = across(&synth.render_until("slice", &straight())?);
+        let after = across(&synth.render_until("blur", &straight())?);
+        let middle = LINES as i32 / 2;
+        // Silence is -200 dB, not zero.
+        let background = 1e-10;
+        record.under(
+            format!("{backend}: scanlines that the impulse lights, less one"),
+            before.iter().filter(|echo| **echo > 0.5).count() as f64 - 1.0,
+            0.0,
+        );
+        let off = after
+            .iter()
+            .enumerate()
+            .map(|(line, echo)| echo - weight(line as i32 - middle) / sum);
+        record.under(
+            format!("{backend}: departure from the kernel"),
+            largest(off),
+            BLUR_ROUNDING + 2.0 * background,
+        );
+        record.under(
+            format!("{backend}: energy of the impulse lost"),
+            (after.iter().sum::<f64>() - before.iter().sum::<f64>()).abs(),
+            BLUR_ROUNDING + 2.0 * background,
+        );
+    }
+    record.done(0.5);
+    // Wider than the sector: 20 mm across 5 mm, in a linear probe and in a narrow fan. A constant stays constant at the edges.
+    let narrow = [
+        ProbeShape::Linear { width_mm: 5.0 },
+        ProbeShape::Phased { angle_deg: 10.0 },
+        ProbeShape::TrusTransverse {
+            radius_mm: 5.0,
+            angle_deg: 20.0,
+        },
+    ];
+    for (at, shape) in narrow.into_iter().enumerate() {
+        for mut synth in everywhere(&flat, &settings(shape, 20.0, [11, SAMPLES], effects(20.0)), &gpus)? {
+            let backend = name(&synth);
+            let before = synth.render_until("slice", &straight())?.amplitude;
+            let after = synth.render_until("blur", &straight())?.amplitude;
+            let off = before.iter().zip(&after).map(|(a, b)| b / a - 1.0);
+            record.under(
+                format!(
+                    "{backend}: change of a constant under {}",
+                    ["a linear probe", "a fan", "an end ring"][at]
+                ),
+                largest(off),
+                BLUR_ROUNDING,
+            );
+        }
+        record.done(0.5 + 0.5 * (at + 1) as f64 / narrow.len() as f64);
+    }
+    Ok(())
+}
+
+/// Number of labels besides the background.
+const STEPS: usize = 250;
+
+/// Creates slabs of 0.1 mm across the beam, each louder than the one before, from `low` to `high` dB.
+fn ladder(low: f64, high: f64) -> Anatomy {
+    let tissue = |step: usize| Acoustics {
+        echo_db: low + (high - low) * step as f64 / (STEPS - 1) as f64,
+        ..PLAIN
+    };
+    let tissues: Vec<Acoustics> = std::iter::once(SILENT).chain((0..STEPS).map(tissue)).collect();
+    let depths: Vec<f64> = (0..STEPS).map(|step| 0.1 * step as f64).collect();
+    anatomies::layers(
+        Frame::around([0.0, 12.5, 0.0], [3, 252, 3], 0.1).stretched([100.0, 1.0, 100.0]),
+        &depths,
+        &tissues,
+    )
+}
+
+/// Rounding allowance for a decrease in grey level, of 255: two logarithms (2^-21 each in WGSL), constants and sum; with the narrowest
+/// range, 10 dB, an octave is 0.6 of the scale.
+const ROUNDING: f64 = 255.0 * 2.0 * (0.7 / 2_097_152.0 + 8.0 / 8_388_608.0);
+
+/// Tests ladders from silence past denormal numbers to far above white, and in steps of a few roundings around 0 dB.
+pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    // Amplitudes from 1e-50 (zero in single precision) past 1e-45 (its smallest denormal) to 1e10, from 1 to 1.03, and from 1 to 1 + 1e-5.
+    let ladders = [ladder(-1000.0, 200.0), ladder(0.0, 0.25), ladder(0.0, 8.7e-5)];
+    let flat = |db: f64| vec![[0.0, db], [1000.0, db]];
+    let tones = [
+        (10.0, 0.0, Vec::new()),
+        (10.0, 60.0, flat(100.0)),
+        (120.0, -60.0, flat(-100.0)),
+        (120.0, 60.0, vec![[0.0, -100.0], [12.0, 100.0], [24.0, 100.0]]),
+        (60.0, 0.0, Vec::new()),
+    ];
+    let mut names = Vec::new();
+    let (mut fall, mut undefined) = (Vec::new(), Vec::new());
+    for (at, anatomy) in ladders.iter().enumerate() {
+        for (dynamic_range_db, gain_db, tgc_points) in tones.clone() {
+            // Includes a linear display without tone curve.
+            for tone in [None, Some(())] {
+                let effects = Effects {
+                    tone: tone.map(|()| Tone {
+                        dynamic_range_db,
+                        gain_db,
+                        tgc_db_cm: Some(if gain_db > 0.0 { 20.0 } else { 0.0 }),
+                        tgc_points: tgc_points.clone(),
+                        ..Tone::linear()
+                    }),
+                    ..Effects::default()
+                };
+                let shape = ProbeShape::Linear { width_mm: 10.0 };
+                let settings = settings(shape, 25.0, [2, STEPS as u32], effects);
+                for (place, mut synth) in everywhere(anatomy, &settings, &gpus)?.into_iter().enumerate() {
+                    if names.len() <= place {
+                        names.push(name(&synth));
+                        fall.push(0.0f64);
+                        undefined.push(0usize);
+                    }
+                    let grey = synth.render_until("tone", &straight())?.amplitude;
+                    undefined[place] += grey.iter().filter(|g| !(0.0..=255.0).contains(*g)).count();
+                    let falls = grey
+                        .chunks(STEPS)
+                        .flat_map(|line| line.windows(2))
+                        .map(|pair| (pair[0] - pair[1]).max(0.0));
+                    fall[place] = largest(falls.chain([fall[place]]));
+                    let frame = synth.render(&straight())?;
+                    // The fill outside the sector is grey 7; inside, loud echoes must yield white pixels.
+                    undefined[place] += usize::from(at == 0 && gain_db > 0.0 && !frame.pixels.contains(&255));
+                }
+            }
+        }
+        record.done((at + 1) as f64 / ladders.len() as f64);
+    }
+    for (place, backend) in names.iter().enumerate() {
+        record.zero(
+            format!("{backend}: grey levels outside 0 to 255"),
+            undefined[place] as f64,
+        );
+        record.under(
+            format!("{backend}: largest fall of a rising ladder, grey levels"),
+            fall[place],
+            ROUNDING,
+        );
+    }
+    let anatomy = &ladders[0];
+    for (what, tone) in [
+        (
+            "dynamic range 1 dB",
+            Tone {
+                dynamic_range_db: 1.0,
+                ..Tone::default()
+            },
+        ),
+        (
+            "dynamic range 200 dB",
+            Tone {
+                dynamic_range_db: 200.0,
+                ..Tone::default()
+            },
+        ),
+        (
+            "gain 200 dB",
+            Tone {
+                gain_db: 200.0,
+                ..Tone::default()
+            },
+        ),
+        (
+            "gain that is no number",
+            Tone {
+                gain_db: f64::NAN,
+                ..Tone::default()
+            },
+        ),
+    ] {
+        let effects = Effects {
+            tone: Some(tone),
+            ..Effects::default()
+        };
+        let settings = settings(ProbeShape::Linear { width_mm: 10.0 }, 25.0, [2, 64], effects);
+        let answer = crate::synth::tables::Tables::new(anatomy.clone(), settings);
+        record.refused(
+            what,
+            answer,
+            |error| matches!(error, SynthError::Effect(own) if own.key.starts_with("tone.")),
+        );
+    }
+    Ok(())
+}
