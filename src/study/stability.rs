@@ -7,7 +7,6 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`case`] | cases, groups, length of a run |
 //! | [`record`] | figures, limits, margins |
 //! | [`report`] | results as text, Markdown and JSON |
 //! | `solving` | elements, solvers, the dense inverse |
@@ -30,12 +29,8 @@ use std::time::Instant;
 use serde::{Deserialize, Serialize};
 
 use super::machine::Machine;
-pub use record::Record;
-#[cfg(feature = "internals")]
-pub use record::Unexpected;
-use record::{Record, Unexpected};
+pub use record::{Record, Unexpected};
 pub use report::{CaseReport, Report};
-pub use {Case, Effort, Group};
 
 /// All groups, in display order.
 pub const GROUPS: &[Group] = &[

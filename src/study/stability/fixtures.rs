@@ -10,7 +10,7 @@ use crate::gpu::{AdapterChoice, Gpu, Needs, adapter};
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
 use crate::mechanics::insertion::{Anatomy, EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
-use crate::mechanics::mesh::{NONE, TetMesh};
+use crate::mechanics::mesh::{self, TetMesh};
 use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
 use crate::mechanics::tissue::error::LinearError;
@@ -24,7 +24,7 @@ use crate::mechanics::tissue::remesh::{
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::block;
 use crate::study::parity::{Case, Verdict};
-use crate::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::synth::tables::{self, ImageSize, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 
@@ -172,8 +172,8 @@ const CELL: f64 = 5.0;
 pub const PROMISED: f64 = 1e-11;
 
 /// Remesher backends. A backend added here runs in every case of levels.
-pub const BACKENDS: &[Backend] = &[
-    Backend {
+pub const BACKENDS: &[Inverses] = &[
+    Inverses {
         name: "cpu f64",
         precision: Precision::Double,
         follow: |start, level, options| {
@@ -181,7 +181,7 @@ pub const BACKENDS: &[Backend] = &[
             Adaptation::new(start.mesh.clone(), source, level, Precision::Double, options)
         },
     },
-    Backend {
+    Inverses {
         name: "cpu f32",
         precision: Precision::Single,
         follow: |start, level, options| {
@@ -192,13 +192,13 @@ pub const BACKENDS: &[Backend] = &[
 ];
 
 /// Remesher backend in one precision.
-pub struct Backend {
+pub struct Inverses {
     pub name: &'static str,
     pub precision: Precision,
     follow: fn(&Start, Level, Options) -> Result<Adaptation, RemeshError>,
 }
 
-impl Backend {
+impl Inverses {
     /// Creates a remesher for a mesh at its base, with its contacts set.
     pub fn follow(&self, start: &Start, level: Level, options: Options) -> Result<Adaptation, RemeshError> {
         let mut adaptation = (self.follow)(start, level, options)?;
@@ -261,7 +261,7 @@ impl Start {
     }
 
     /// Returns the allowed error of K^-1 for the current mesh: [`PROMISED`] at the usual condition number, growing in proportion to it.
-    pub fn allowed(&self, now: &Now, backend: &Backend) -> f64 {
+    pub fn allowed(&self, now: &Now, backend: &Inverses) -> f64 {
         PROMISED * (now.condition / self.usual_condition).max(1.0) * backend.coarseness()
     }
 
@@ -414,7 +414,7 @@ pub fn two_parts() -> Result<(TetMesh, u32), Unexpected> {
 pub fn surface(mesh: &TetMesh) -> Vec<bool> {
     let mut on = vec![false; mesh.nodes().len()];
     for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-        for opposite in (0..4).filter(|corner| neighbours[*corner] == NONE) {
+        for opposite in (0..4).filter(|corner| neighbours[*corner] == mesh::NONE) {
             for corner in (0..4).filter(|corner| *corner != opposite) {
                 on[corners[corner] as usize] = true;
             }
@@ -567,7 +567,11 @@ pub fn name(synth: &Synthesizer) -> String {
 }
 
 /// Creates synthesizers of a scene in both precisions of the CPU, the reference first, and on each GPU.
-pub fn everywhere(anatomy: &Anatomy, settings: &Settings, gpus: &[Gpu]) -> Result<Vec<Synthesizer>, SynthError> {
+pub fn everywhere(
+    anatomy: &tables::Anatomy,
+    settings: &Settings,
+    gpus: &[Gpu],
+) -> Result<Vec<Synthesizer>, SynthError> {
     let on_gpus = gpus.iter().map(|gpu| Backend::Gpu(Box::new(gpu.clone())));
     let backends = [Backend::CpuF64, Backend::Cpu].into_iter().chain(on_gpus);
     backends

@@ -21,7 +21,7 @@ pub const GROUP: Group = Group {
                         elsewhere within rounding of a face, sample by sample",
             covers: ALL,
             seed: 101,
-            run: faces::on_faces,
+            run: places::on_faces,
         },
         Case {
             name: "far from the origin",
@@ -29,7 +29,7 @@ pub const GROUP: Group = Group {
                         within a tenth of a sample of double precision",
             covers: ALL,
             seed: 102,
-            run: far::away,
+            run: places::away,
         },
         Case {
             name: "tone at its ends",
@@ -37,7 +37,7 @@ pub const GROUP: Group = Group {
                         200 dB refused",
             covers: ALL,
             seed: 103,
-            run: curve::ends,
+            run: passes::ends,
         },
         Case {
             name: "attenuation without bound",
@@ -45,14 +45,14 @@ pub const GROUP: Group = Group {
                         fixed point's rounding",
             covers: ALL,
             seed: 104,
-            run: attenuation::any,
+            run: passes::any_attenuation,
         },
         Case {
             name: "blur of any width",
             criterion: "width 0 is the identity; one sample wide the impulse response is the kernel; wider than the sector the energy is kept",
             covers: ALL,
             seed: 105,
-            run: blurring::any,
+            run: passes::any_blur,
         },
         Case {
             name: "broken meshes",
@@ -75,7 +75,7 @@ pub const GROUP: Group = Group {
                         a voxel face, proven sample by sample",
             covers: ALL,
             seed: 108,
-            run: random::scenes,
+            run: drawn::scenes,
         },
         Case {
             name: "scenes moved far away",

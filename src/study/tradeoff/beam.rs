@@ -48,10 +48,10 @@ const fn axis(key: &'static str, heading: &'static str, label: &'static str, log
 /// [`BeamError`] if a needle shape cannot be solved.
 pub fn study() -> Result<Study, BeamError> {
     let tables = vec![
-        elements::table()?,
-        friction::table()?,
-        friction::term()?,
-        models::table()?,
+        elements_table()?,
+        friction_table()?,
+        term()?,
+        needles::models_table()?,
         needles::table()?,
     ];
     Ok(Study {
@@ -75,9 +75,9 @@ pub fn study() -> Result<Study, BeamError> {
         machine: Machine::here(),
         tables,
         figures: [
-            elements::figures(),
-            friction::figures(),
-            models::figures(),
+            elements_figures(),
+            friction_figures(),
+            needles::models_figures(),
             needles::figures(),
         ]
         .concat(),

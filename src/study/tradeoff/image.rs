@@ -173,13 +173,13 @@ pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send
         ));
     }
     let steps: [(&str, f64, Measure); 7] = [
-        ("grids of the beam", 0.0, grid::grids),
-        ("precisions and backends", 0.55, grid::backends),
+        ("grids of the beam", 0.0, labels::grids),
+        ("precisions and backends", 0.55, labels::backends),
         ("labels", 0.65, labels::labels),
-        ("effects", 0.7, effects::effects),
+        ("effects", 0.7, labels::effects),
         ("shadow and blur", 0.75, sampling::sampling),
         ("texture and grain", 0.85, grain::grains),
-        ("point location", 0.93, location::location),
+        ("point location", 0.93, sampling::location),
     ];
     let mut tables = Vec::new();
     for (what, share, measure) in steps {

@@ -34,7 +34,6 @@ use crate::study::block;
 use crate::study::machine::Machine;
 use crate::study::spread::percentile;
 use crate::study::stability::Effort;
-pub use InsertionStudyError;
 
 /// Part of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -343,7 +342,7 @@ pub fn points(file: &str, title: &str, table: &'static str, axes: [&'static str;
 /// Extent of the block of tissue, mm.
 pub const EXTENT: [f64; 3] = [60.0, 60.0, 90.0];
 /// Entry point of the needle, mm: off all lattice planes, beside the probe.
-pub const ENTRY: [f64; 2] = [31.3, 20.9];
+pub const ENTRY_MM: [f64; 2] = [31.3, 20.9];
 /// Simulated time of a step, s.
 pub const STEP_S: f64 = 1e-3;
 /// Travel of an instrument per step, mm: 20 mm/s.
@@ -416,7 +415,7 @@ impl Course {
         let aside = along(step.saturating_sub(self.moved() - 1), self.aside(), ASIDE_MM);
         Instruments {
             probe: self.probe.then(|| probe_at(aside)),
-            ..block::guided([ENTRY[0], ENTRY[1], depth])
+            ..block::guided([ENTRY_MM[0], ENTRY_MM[1], depth])
         }
     }
 
@@ -487,7 +486,12 @@ pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, InsertionS
 /// [`InsertionStudyError::Setup`] if the setup is invalid.
 pub fn model(setup: Setup) -> Result<Finite, InsertionStudyError> {
     let mut finite = Finite::new(setup, |_, _| {})?;
-    finite.prefetch(&Point3::new(ENTRY[0], ENTRY[1], 0.0), &Vector3::z(), EXTENT[2], 5.0);
+    finite.prefetch(
+        &Point3::new(ENTRY_MM[0], ENTRY_MM[1], 0.0),
+        &Vector3::z(),
+        EXTENT[2],
+        5.0,
+    );
     Ok(finite)
 }
 

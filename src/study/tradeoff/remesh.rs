@@ -35,7 +35,6 @@ use crate::mechanics::tissue::remesh::{RemeshError, Source};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::memory;
 use crate::study::stability::Effort;
-pub use StudyError;
 use contender::{Contender, Kind, Sources};
 use report::Report;
 use subject::{Gold, Subject};
@@ -326,8 +325,8 @@ fn check_memory(size: usize, gpus: &[Gpu], available: Option<usize>) -> Result<(
     // Both bases and one working copy; software adapters keep theirs in the same memory.
     let software = gpus.iter().any(|gpu| gpu.report().software);
     let device = if software { single } else { 0 };
-    let samples = 2 * STATES * size_of::<f64>() * size * gold::SAMPLES;
-    let all = [double, double, single, device, samples, 2 * bandwidth::BYTES];
+    let samples = 2 * STATES * size_of::<f64>() * size * subject::SAMPLES;
+    let all = [double, double, single, device, samples, 2 * contender::BYTES];
     let needed = all.into_iter().fold(0usize, usize::saturating_add);
     match available {
         Some(available) if needed > available => Err(StudyError::Memory {
@@ -366,7 +365,7 @@ pub enum StudyError {
     #[error(
         "only {moves} corners can be moved along the needle's line, {} expected: the mesh is too coarse, or lies beside the \
          line down through the middle of its box",
-        super::subject::LEAST_MOVES
+        subject::LEAST_MOVES
     )]
     Track {
         /// Number of moves found.

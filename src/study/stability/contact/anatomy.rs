@@ -320,8 +320,8 @@ type Make = fn(f64) -> Result<Box<dyn Model>, Unexpected>;
 
 pub fn hit(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let kinds = [
-        ("finite elements", finite as Make),
-        ("masses and springs", springs as Make),
+        ("finite elements", finite_to_bone as Make),
+        ("masses and springs", springs_to_bone as Make),
     ];
     for (at, (kind, make)) in kinds.into_iter().enumerate() {
         for (place, (surface, of)) in [(50.0, "bone within"), (0.0, "bone at the surface")]

@@ -2,7 +2,6 @@
 
 use nalgebra::{Matrix4, Vector3};
 
-use super::grain;
 use crate::effects::Effects;
 use crate::effects::noise::Noise;
 use crate::effects::speckle::Speckle;
@@ -29,7 +28,7 @@ const UNLIKELY: f64 = 5.0;
 pub fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let gpus = gpus(record);
     for gpu in &gpus {
-        let [apart, compared] = hashes::apart(gpu, &SEEDS, 20_000)?;
+        let [apart, compared] = apart(gpu, &SEEDS, 20_000)?;
         let adapter = &gpu.report().name;
         record.zero(format!("{adapter}: hashes that differ, of {compared}"), apart as f64);
     }

@@ -7,7 +7,7 @@ use faer::{MatRef, Side};
 use crate::mechanics::tissue::inverse::sampled_residual;
 use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source};
 use crate::remesh_gpu::follow;
-use crate::study::stability::fixtures::{BACKENDS, Backend, Now, Start, gpus};
+use crate::study::stability::fixtures::{BACKENDS, Inverses, Now, Start, gpus};
 use crate::study::stability::record::{Record, Unexpected, largest};
 
 const POISSON: [f64; 3] = [0.45, 0.499, 0.4999];
@@ -23,7 +23,7 @@ fn counts(record: &Record<'_>) -> &'static [u64] {
 /// Calls `measure` for every backend and Poisson's ratio, and reports progress.
 fn each(
     record: &mut Record<'_>,
-    mut measure: impl FnMut(&mut Record<'_>, &Backend, &Start, f64) -> Result<(), Unexpected>,
+    mut measure: impl FnMut(&mut Record<'_>, &Inverses, &Start, f64) -> Result<(), Unexpected>,
 ) -> Result<(), Unexpected> {
     let of = (BACKENDS.len() * POISSON.len()) as f64;
     for (at, poisson) in POISSON.into_iter().enumerate() {

@@ -13,7 +13,7 @@ use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];
 /// Element length of the reference needle, mm.
-const FINE_MM: f64 = 0.25;
+const FINE_NEEDLE_MM: f64 = 0.25;
 /// Number of contacts along the inserted half of the needle. Each pushes as tissue does: in one direction near the entry, in the opposite
 /// one at the tip.
 const CONTACTS: usize = 20;
@@ -43,7 +43,7 @@ pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
     let factors = [factor("model", "needle"), factor("length", "link or element")];
     let title = "Models of a needle in insertion: 200 mm, EI 6131 N mm^2, bent by 20 contacts";
     let mut table = Table::new("needles", title, &factors, &axes)
-        .against(format!("a beam in elements of {FINE_MM} mm"))
+        .against(format!("a beam in elements of {FINE_NEEDLE_MM} mm"))
         .seeking(
             Goal::new("median_ms", "error_mm", SHIFT_MM)
                 .choosing("springs or a beam as the model of a needle, at one length of its pieces")
@@ -51,7 +51,7 @@ pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
                 .beside(&["p95_ms"]),
         );
     let beam = |length| Flexible::beam(Shaft::default(), Stiffness::default(), length, None);
-    let truth = bent(&mut beam(FINE_MM)?);
+    let truth = bent(&mut beam(FINE_NEEDLE_MM)?);
     for length in LENGTHS_MM {
         let springs = Flexible::springs(Shaft::default(), Stiffness::default(), length, None)?;
         let models: [(&str, Box<dyn Needle>); 2] = [("springs", Box::new(springs)), ("beam", Box::new(beam(length)?))];

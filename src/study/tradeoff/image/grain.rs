@@ -1,7 +1,6 @@
 //! Grain of tissue: solid textures and speckle models.
 
-use super::sampling;
-use super::{Apart, inside, picture, values};
+use super::{Apart, inside, picture, sampling, values};
 use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
 use super::{Subject, coarsened, without_grain};
 use crate::effects::Effects;
@@ -25,10 +24,10 @@ const SIDE: usize = 400;
 const HALF_A_CELL: (f64, &str) = (0.5, "half a cell of speckle");
 
 pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
-    Ok(vec![textures(options)?, lookup::lookups(), models(options)?])
+    Ok(vec![textures(options)?, sampling::lookups(), models(options)?])
 }
 
-/// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in [`lookup`].
+/// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in [`sampling::lookups`].
 fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = without_grain(subject.grid(coarsened(options, [256, 512])));

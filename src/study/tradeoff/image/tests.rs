@@ -11,7 +11,7 @@ fn frame(change: impl Fn(&mut crate::synth::tables::Settings)) -> (Vec<u8>, Vec<
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
     let found = picture(&mut synth, &state, Duration::ZERO).unwrap();
     assert!(found.memory_mb > 0.0 && found.time.is_some_and(|time| time.frames == 3));
-    (found.pixels, compare::inside(&synth))
+    (found.pixels, inside(&synth))
 }
 
 #[test]

@@ -1,8 +1,8 @@
 //! Deflection by the bevel, and lengths of links and beam elements.
 
 use super::{
-    self, Course, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor, largest,
-    lines, points, timed, times, unsettled,
+    Course, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor, largest, lines,
+    points, timed, times, unsettled,
 };
 use crate::mechanics::insertion::Interaction;
 use crate::mechanics::insertion::finite::Finite;
@@ -250,7 +250,7 @@ pub(super) fn run_pieces(
     };
     let mut models = Vec::new();
     for &length_mm in pieces.lengths_mm {
-        models.push(course::model(course::tissue(
+        models.push(super::model(super::tissue(
             options.nodes,
             (pieces.needle)(length_mm)?,
         )?)?);
@@ -264,7 +264,7 @@ pub(super) fn run_pieces(
             (length_mm != finest).then(|| largest(pairs.map(|(a, b)| of(a, b))))
         };
         let tip = steps[inward - 1].tip_mm;
-        let aside = (tip.x - course::ENTRY[0]).hypot(tip.y - course::ENTRY[1]);
+        let aside = (tip.x - super::ENTRY_MM[0]).hypot(tip.y - super::ENTRY_MM[1]);
         let own = [
             Some((Shaft::default().length_mm / length_mm).round()),
             Some(aside),

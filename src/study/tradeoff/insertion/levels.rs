@@ -1,7 +1,7 @@
 //! Levels of remeshing, mesh sizes and probe candidates of an insertion.
 
 use super::{
-    self, Course, ENTRY, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor,
+    Course, ENTRY_MM, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor,
     largest, lines, mean_square, points, times, unsettled,
 };
 use crate::mechanics::insertion::finite::{Finite, Setup};
@@ -128,21 +128,21 @@ pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> 
 
 fn about(options: &InsertionOptions, models: &[Finite]) -> Vec<(&'static str, String)> {
     let mesh = models[0].mesh();
-    let candidates = course::probe(mesh, EVERY).candidates.len();
+    let candidates = super::probe(mesh, EVERY).candidates.len();
     vec![
         ("nodes", mesh.nodes().len().to_string()),
         ("elements", mesh.elements().len().to_string()),
         ("probe_candidates", candidates.to_string()),
         ("depth_mm", options.depth_mm.to_string()),
-        ("simulated_step_ms", (1e3 * course::STEP_S).to_string()),
+        ("simulated_step_ms", (1e3 * super::STEP_S).to_string()),
     ]
 }
 
 fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, InsertionStudyError> {
     let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
-    let tissue = course::tissue(nodes, needle)?;
-    course::model(Setup {
-        probe: probe.then(|| course::probe(&tissue.mesh, EVERY)),
+    let tissue = super::tissue(nodes, needle)?;
+    super::model(Setup {
+        probe: probe.then(|| super::probe(&tissue.mesh, EVERY)),
         level,
         precision: Precision::Double,
         ..tissue
@@ -174,7 +174,7 @@ fn add_trace(table: &mut Table, choices: &[String], course: &Course, first: &[St
                 Some(course.time_s(at * every + these.len() - 1)),
                 Some(last.force_n.z),
                 Some(last.force_n.y),
-                Some(last.tip_mm.y - ENTRY[1]),
+                Some(last.tip_mm.y - ENTRY_MM[1]),
                 (choices[0] != "I").then_some(difference),
                 Some(largest(these.iter().map(|step| step.ms))),
             ],
@@ -289,7 +289,7 @@ pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> 
         progress("nodes of the mesh", 0.3 * at as f64 / SHARES.len() as f64);
         let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
         let nodes = (share * options.nodes as f64).round() as usize;
-        models.push(course::model(course::tissue(nodes, needle)?)?);
+        models.push(super::model(super::tissue(nodes, needle)?)?);
     }
     let traces = course.drive(&mut models, options.passes, |share| {
         progress("nodes of the mesh", 0.3 + 0.7 * share);
@@ -386,10 +386,10 @@ pub(super) fn run_thinning(
     let (mut models, mut counts) = (Vec::new(), Vec::new());
     for every in THINNED {
         let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
-        let tissue = course::tissue(options.nodes, needle)?;
-        let probe = course::probe(&tissue.mesh, every);
+        let tissue = super::tissue(options.nodes, needle)?;
+        let probe = super::probe(&tissue.mesh, every);
         counts.push(probe.candidates.len());
-        models.push(course::model(Setup {
+        models.push(super::model(Setup {
             probe: Some(probe),
             ..tissue
         })?);

@@ -5,8 +5,8 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{self, Step, timed};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use super::{Step, timed};
 use super::{TIMES, UNSETTLED, factor, largest, mean_square, points, times, unsettled};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
@@ -189,7 +189,7 @@ fn mass_spring(parameters: Parameters) -> Result<MassSpring, InsertionStudyError
 /// Returns the cylinder of the mass-spring model as placed when the needle reaches the skin.
 fn cylinder(parameters: Parameters) -> Result<TetMesh, InsertionStudyError> {
     let mut model = mass_spring(parameters)?;
-    model.step(&block::tip_at([0.0; 3]), course::STEP_S)?;
+    model.step(&block::tip_at([0.0; 3]), super::STEP_S)?;
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
     model.snapshot(&mut snapshot);
     let mut imager = model.imager();

@@ -1,7 +1,6 @@
 //! Tables and figures of the study.
 
-use super::contender;
-use super::contender::{Kind, Promise};
+use super::contender::{self, Kind, Promise};
 use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions, StudyError};
 use crate::gpu::Gpu;
@@ -110,10 +109,10 @@ pub(super) struct Report {
 
 impl Report {
     pub fn new(subjects: &[Subject], gpus: &[Gpu], options: &RemeshOptions) -> Result<Report, StudyError> {
-        let copy_cpu = bandwidth::of_cpu();
+        let copy_cpu = contender::of_cpu();
         let copy_gpus = gpus
             .iter()
-            .map(|gpu| Ok((gpu.report().name.clone(), bandwidth::of_gpu(gpu)?)));
+            .map(|gpu| Ok((gpu.report().name.clone(), contender::of_gpu(gpu)?)));
         let copy_gpus = copy_gpus.collect::<Result<Vec<_>, StudyError>>()?;
         let list = |text: &dyn Fn(&Subject) -> String| subjects.iter().map(text).collect::<Vec<_>>().join(", ");
         let mut about = vec![
