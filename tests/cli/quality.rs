@@ -2,7 +2,7 @@
 
 use insonify::quality::cache::Cache;
 use insonify::quality::{Dial, Rung};
-use insonify::study::machine::Machine;
+use insonify::report::machine::Machine;
 use insonify::study::step_costs::{LEVEL, StepCosts};
 
 use crate::insert::BLOCK;

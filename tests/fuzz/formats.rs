@@ -363,7 +363,9 @@ fn scenario(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {
     }
     let mut scenario = file.resolve(beside(path, "").0, |_| {})?;
     scenario.timing.steps = scenario.timing.steps.min(5);
-    scenario.trial(1.0, Duration::from_millis(20), |_| {}).map(drop)
+    let mut model = scenario.model(|_, _| {})?;
+    scenario.trial(model.as_mut(), 1.0, Duration::from_millis(20), |_| {})?;
+    Ok(())
 }
 
 fn problem(path: &Path, _: &[u8], _: &mut Dice) -> Result<(), Error> {

@@ -2,7 +2,6 @@
 
 mod page;
 mod plot;
-mod table;
 
 use std::fmt::{self, Write};
 
@@ -10,8 +9,9 @@ use serde::Serialize;
 
 use super::case::Effort;
 use super::record::Measure;
-use crate::study::machine::Machine;
-use table::Table;
+use crate::report::machine::Machine;
+use crate::report::number::figure;
+use crate::report::table::Table;
 
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -115,19 +115,8 @@ pub struct Report {
     pub cases: Vec<CaseReport>,
 }
 
-fn short(figure: f64) -> String {
-    match figure {
-        0.0 => "0".to_owned(),
-        _ if figure.is_finite() && (1e-2..1e5).contains(&figure.abs()) => {
-            let digits = if figure.fract() == 0.0 { 0 } else { 3 };
-            format!("{figure:.digits$}")
-        }
-        _ => format!("{figure:.1e}"),
-    }
-}
-
 fn limit(measure: &Measure) -> String {
-    measure.limit.map_or("-".to_owned(), short)
+    measure.limit.map_or("-".to_owned(), figure)
 }
 
 fn margin(measure: &Measure) -> String {
@@ -142,9 +131,9 @@ fn margin(measure: &Measure) -> String {
 
 /// Describes a figure that fails, on one line.
 pub(super) fn sentence(measure: &Measure) -> String {
-    let mut line = format!("{}: {}", measure.what, short(measure.figure));
+    let mut line = format!("{}: {}", measure.what, figure(measure.figure));
     if let Some(limit) = measure.limit {
-        let _ = write!(line, ", at most {} expected", short(limit));
+        let _ = write!(line, ", at most {} expected", figure(limit));
     } else {
         line.push_str(", a finite number expected");
     }
@@ -191,30 +180,27 @@ impl Report {
                 let covers = case.covers.join(", ");
                 let _ = write!(
                     text,
-                    "\n### {}: {}\n\n{}. On {covers}; seed {}; {:.1} s.\n\n| measured | figure | limit | margin | |\n|---|---|---|---|---|\n",
+                    "\n### {}: {}\n\n{}. On {covers}; seed {}; {:.1} s.\n\n",
                     case.name,
                     case.verdict(),
                     case.criterion,
                     case.seed,
                     case.seconds
                 );
-                for measure in &case.measures {
-                    let note = measure
-                        .note
-                        .as_deref()
-                        .unwrap_or("")
-                        .replace('|', "\\|")
-                        .replace('\n', " ");
+                let rows = case.measures.iter().map(|measure| {
                     let verdict = if measure.holds() { "" } else { "**FAILS** " };
-                    let _ = writeln!(
-                        text,
-                        "| {} | {} | {} | {} | {verdict}{note} |",
-                        measure.what,
-                        short(measure.figure),
+                    let note = format!("{verdict}{}", measure.note.as_deref().unwrap_or_default());
+                    [
+                        measure.what.clone(),
+                        figure(measure.figure),
                         limit(measure),
-                        margin(measure)
-                    );
-                }
+                        margin(measure),
+                        note,
+                    ]
+                });
+                text += &Table::new(["measured", "figure", "limit", "margin", ""])
+                    .with(rows)
+                    .markdown();
             }
         }
         text
@@ -226,37 +212,26 @@ impl fmt::Display for Report {
         writeln!(f, "machine: {}; {}", self.machine, self.effort())?;
         for group in self.groups() {
             writeln!(f, "\n{group}")?;
-            let mut table = Table::new(
-                [
-                    "hard case (seed)",
-                    "criterion",
-                    "measured nearest to its limit",
-                    "figure",
-                    "limit",
-                    "margin",
-                    "verdict",
-                ],
-                [24, 34, 30, 8, 8, 6, 7],
-            );
-            for case in self.of_group(group) {
+            let head = [
+                "hard case (seed)",
+                "criterion",
+                "measured nearest to its limit",
+                "figure",
+                "limit",
+                "margin",
+                "verdict",
+            ];
+            let rows = self.of_group(group).map(|case| {
                 let name = format!("{} ({})", case.name, case.seed);
-                let Some(worst) = case.worst() else {
-                    table.row([&name, &case.criterion, "nothing", "-", "-", "-", case.verdict()]);
-                    continue;
-                };
-                let numbers = [short(worst.figure), limit(worst), margin(worst)];
-                let [figure, limit, margin] = &numbers;
-                table.row([
-                    &name,
-                    &case.criterion,
-                    &worst.what,
-                    figure,
-                    limit,
-                    margin,
-                    case.verdict(),
-                ]);
-            }
-            write!(f, "{table}")?;
+                let numbers = case
+                    .worst()
+                    .map(|it| [it.what.clone(), figure(it.figure), limit(it), margin(it)]);
+                let [what, figure, limit, margin] =
+                    numbers.unwrap_or_else(|| ["nothing", "-", "-", "-"].map(str::to_owned));
+                let verdict = case.verdict().to_owned();
+                [name, case.criterion.clone(), what, figure, limit, margin, verdict]
+            });
+            f.write_str(&Table::new(head).with(rows).wrapped(&[24, 34, 30, 8, 8, 6, 7]))?;
         }
         let failed = self.failed();
         writeln!(f, "\n{} of {} cases hold", self.cases.len() - failed, self.cases.len())?;

@@ -7,8 +7,8 @@
 use serde::{Deserialize, Serialize};
 
 use super::real_time::Beat;
-use super::render::number;
 use super::{Row, Table};
+use crate::report::number::significant;
 
 /// Tolerance for positions in an image, mm, with its reason.
 pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");
@@ -181,8 +181,8 @@ impl Table {
     fn advise(&self, goal: &Goal, rows: &[&Row]) -> Advice {
         let (ways, wrong) = self.ways(goal, rows);
         let (cost_unit, error_unit) = (self.unit(goal.cost), self.unit(goal.error));
-        let cost = |way: &Variant| format!("{} {cost_unit}", number(way.cost)).trim_end().to_owned();
-        let error = |error: f64| format!("{} {error_unit}", number(error)).trim_end().to_owned();
+        let cost = |way: &Variant| format!("{} {cost_unit}", significant(way.cost)).trim_end().to_owned();
+        let error = |error: f64| format!("{} {error_unit}", significant(error)).trim_end().to_owned();
         let limit = format!("{} {error_unit} ({})", goal.within, goal.reason);
         let fits = |way: &&Variant| way.error <= goal.within;
         let order = |a: &&Variant, b: &&Variant| a.error.total_cmp(&b.error).then(a.cost.total_cmp(&b.cost));

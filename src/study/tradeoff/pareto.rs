@@ -1,7 +1,7 @@
 //! Best rows of a table: the Pareto front of the two axes of its goal.
 
 use super::{Goal, Row, Table};
-use crate::study::plot;
+use crate::report::pareto;
 
 impl Table {
     /// Returns whether each row is among the best: no other row under the same given choices and conditions is as good in cost and error
@@ -14,7 +14,7 @@ impl Table {
         let alike: Vec<Vec<&str>> = self.rows.iter().map(|row| self.kind(goal, row)).collect();
         let is_best = |at: usize| {
             let rivals = alike.iter().zip(&points).filter(|(kind, _)| **kind == alike[at]);
-            let front = plot::pareto(&rivals.filter_map(|(_, point)| *point).collect::<Vec<_>>());
+            let front = pareto::front(&rivals.filter_map(|(_, point)| *point).collect::<Vec<_>>());
             points[at].is_some_and(|point| front.contains(&point))
         };
         (0..self.rows.len()).map(is_best).collect()

@@ -15,11 +15,13 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use super::advice::Advice;
-use super::render::{RenderError, number, quoted};
+use super::render::RenderError;
 use super::{Beat, InTime, Pace, Row, Study, Table, real_time};
 use crate::output::atomic;
-use crate::study::machine::Machine;
-use crate::study::plot::Plot;
+use crate::report::machine::Machine;
+use crate::report::number::significant;
+use crate::report::plot::Plot;
+use crate::report::table::{self, Cell};
 use crate::study::stability::Effort;
 
 /// Report of all studies.
@@ -157,8 +159,8 @@ impl Report {
                 "For each choice, the option with the smallest error whose time is within {} ms a frame or {} ms a step. Errors below {} of the \
                  tolerance count as zero: among such options the fastest is chosen. Times of frames are 95th percentiles, times of steps \
                  medians of the steps that remesh.",
-                number(self.pace.ms(Beat::Frame)),
-                number(self.pace.ms(Beat::Step)),
+                significant(self.pace.ms(Beat::Frame)),
+                significant(self.pace.ms(Beat::Step)),
                 real_time::NOTHING
             ),
         ]
@@ -174,40 +176,29 @@ impl Report {
 
     /// Returns every figure on a line of its own: study, table, choices, axis, unit, value, and the marks of the row.
     pub fn csv(&self) -> String {
-        let mut text = "study,table,choices,axis,unit,value,best,gold,flag\n".to_owned();
-        for (chapter, section) in self
+        let head = [
+            "study", "table", "choices", "axis", "unit", "value", "best", "gold", "flag",
+        ];
+        let mut table = table::Table::new(head);
+        let sections = self
             .chapters
             .iter()
-            .flat_map(|it| it.sections.iter().map(move |own| (it, own)))
-        {
+            .flat_map(|it| it.sections.iter().map(move |own| (it, own)));
+        for (chapter, section) in sections {
             for (row, best) in section.judged() {
                 let choices = section.factors.iter().zip(&row.choices);
-                let choices: Vec<String> = choices
-                    .map(|(factor, choice)| format!("{}={choice}", factor.key))
-                    .collect();
+                let choices: Vec<String> = choices.map(|(it, choice)| format!("{}={choice}", it.key)).collect();
                 let measured = section.axes.iter().zip(&row.values);
                 for (axis, value) in measured.filter_map(|(axis, value)| Some((axis, (*value)?))) {
-                    let value = value.to_string();
-                    let [best, gold] = [best, row.gold].map(|it| it.to_string());
-                    let flag = row.flag.as_deref().unwrap_or("");
-                    let choices = choices.join("; ");
-                    let cells = [
-                        &chapter.name,
-                        &section.key,
-                        &choices,
-                        &axis.key,
-                        &axis.unit,
-                        &value,
-                        &best,
-                        &gold,
-                        flag,
-                    ];
-                    text += &cells.map(quoted).join(",");
-                    text.push('\n');
+                    let [name, key, axis, unit] =
+                        [&chapter.name, &section.key, &axis.key, &axis.unit].map(String::clone);
+                    let [value, best, gold] = [value.to_string(), best.to_string(), row.gold.to_string()];
+                    let flag = row.flag.clone().unwrap_or_default();
+                    table.row("", [name, key, choices.join("; "), axis, unit, value, best, gold, flag]);
                 }
             }
         }
-        text
+        table.csv()
     }
 
     /// Writes `index.html`, `report.md`, `results.json`, `results.csv` and the plots into an existing folder. Returns the file names in the
@@ -325,6 +316,23 @@ impl Section {
     /// Returns the rows, each with whether it is one of the best.
     fn judged(&self) -> impl Iterator<Item = (&Row, bool)> {
         self.rows.iter().zip(self.best.iter().copied())
+    }
+
+    /// Returns the rows with some of the axes.
+    fn table(&self, axes: &[usize]) -> table::Table {
+        let factors = self.factors.iter().map(|factor| Cell::from(factor.heading.as_str()));
+        let axis = |at: &usize| Cell::Explained(self.axes[*at].heading.clone(), self.axes[*at].label.clone());
+        let mut table = table::Table::new(factors.chain(axes.iter().map(axis)).chain(["".into()]));
+        for (row, best) in self.judged() {
+            let choices = row.choices.iter().map(|choice| Cell::from(choice.as_str()));
+            let values = axes.iter().map(|at| row.figure(*at).into());
+            let class = if row.flag.is_some() { "wrong" } else { "" };
+            table.row(
+                class,
+                choices.chain(values).chain([Cell::Tags(Section::tags((row, best)))]),
+            );
+        }
+        table
     }
 
     /// Describes the columns of some axes, and the marks of the rows.

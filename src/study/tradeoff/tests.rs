@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::plot::Marker;
+use crate::report::plot::Marker;
 
 const FACTORS: [Factor; 3] = [
     Factor {
