@@ -40,6 +40,12 @@ pub enum Failure {
     /// Error of the library.
     #[error(transparent)]
     Library(Box<crate::error::Error>),
+    /// Error of a study, which the user can correct.
+    #[error(transparent)]
+    Study(Box<dyn std::error::Error + Send + Sync>),
+    /// Error of a study, in which the machine failed.
+    #[error(transparent)]
+    Machine(Box<dyn std::error::Error + Send + Sync>),
     /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
@@ -84,8 +90,8 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Library(error) => error.exit_status(),
-            Self::Usage { .. } => INPUT,
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
+            Self::Usage { .. } | Self::Study(_) => INPUT,
+            Self::Machine(_) | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -95,7 +101,7 @@ impl Diagnostic for Failure {
         match self {
             Self::Library(error) => error.help(),
             Self::Usage { help, .. } => Some(Box::new(help)),
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => None,
+            _ => None,
         }
     }
 
@@ -137,12 +143,9 @@ from_library!(
     BeamCaseError,
     BeamError,
     CalibrationError,
-    CompareError,
     CompletionError,
     GenerateError,
     GpuError,
-    ImageError,
-    InsertionStudyError,
     MaterialCaseError,
     MeshFileError,
     PhantomError,
@@ -150,16 +153,36 @@ from_library!(
     PlotError,
     PngError,
     PointsError,
-    PunctureError,
-    RenderError,
     ScenarioError,
     SceneError,
     SequenceError,
     StaticsError,
     StepError,
-    StudyError,
     SynthError,
-    TissueError,
     VolumeError,
     WriteError
+);
+
+macro_rules! from_study {
+    ($($error:ty: $machine:expr),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                let machine: fn(&$error) -> bool = $machine;
+                match machine(&error) {
+                    true => Self::Machine(error.into()),
+                    false => Self::Study(error.into()),
+                }
+            }
+        })*
+    };
+}
+
+from_study!(
+    CompareError: CompareError::is_machine,
+    ImageError: ImageError::is_machine,
+    InsertionStudyError: |_| false,
+    PunctureError: |_| false,
+    RenderError: |_| true,
+    StudyError: StudyError::is_machine,
+    TissueError: |_| false
 );
