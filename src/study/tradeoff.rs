@@ -21,7 +21,6 @@ pub mod gather;
 pub mod history;
 pub mod image;
 pub mod insertion;
-mod pareto;
 mod real_time;
 pub mod remesh;
 mod render;

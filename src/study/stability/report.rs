@@ -7,7 +7,7 @@ use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use super::case::Effort;
+use super::case::{Case, Effort};
 use super::record::Measure;
 use crate::report::machine::Machine;
 use crate::report::number::figure;
@@ -15,13 +15,9 @@ use crate::report::table::Table;
 
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(into = "JudgedCase")]
 pub struct CaseReport {
-    /// Name of the group.
     pub group: String,
-    /// Name of the case.
     pub name: String,
-    /// Acceptance criterion.
     pub criterion: String,
     /// Backends and precisions covered.
     pub covers: Vec<String>,
@@ -29,63 +25,34 @@ pub struct CaseReport {
     pub seed: u64,
     /// Running time, s.
     pub seconds: f64,
-    /// Recorded figures.
+    /// Whether every figure passes. A case without figures fails.
+    pub holds: bool,
+    /// Margin of the decisive figure.
+    pub margin: Option<f64>,
     pub measures: Vec<Measure>,
 }
 
-/// Case with its derived verdict, for JSON.
-#[derive(Serialize)]
-struct JudgedCase {
-    group: String,
-    name: String,
-    criterion: String,
-    covers: Vec<String>,
-    seed: u64,
-    seconds: f64,
-    holds: bool,
-    margin: Option<f64>,
-    measures: Vec<JudgedMeasure>,
-}
-
-#[derive(Serialize)]
-struct JudgedMeasure {
-    #[serde(flatten)]
-    measure: Measure,
-    margin: Option<f64>,
-    holds: bool,
-}
-
-impl From<CaseReport> for JudgedCase {
-    fn from(case: CaseReport) -> Self {
-        let (holds, margin) = (case.holds(), case.worst().and_then(Measure::margin));
-        let judged = |measure: Measure| JudgedMeasure {
-            margin: measure.margin(),
-            holds: measure.holds(),
-            measure,
-        };
-        JudgedCase {
-            group: case.group,
-            name: case.name,
-            criterion: case.criterion,
-            covers: case.covers,
-            seed: case.seed,
-            seconds: case.seconds,
-            holds,
-            margin,
-            measures: case.measures.into_iter().map(judged).collect(),
-        }
-    }
-}
-
 impl CaseReport {
-    /// Returns whether every figure passes. A case without figures fails.
-    pub fn holds(&self) -> bool {
-        !self.measures.is_empty() && self.measures.iter().all(Measure::holds)
+    /// Creates the report of a case with its verdict.
+    pub fn new(group: &str, case: &Case, seconds: f64, measures: Vec<Measure>) -> Self {
+        let mut report = CaseReport {
+            group: group.to_owned(),
+            name: case.name.to_owned(),
+            criterion: case.criterion.to_owned(),
+            covers: case.covers.iter().map(|&cover| cover.to_owned()).collect(),
+            seed: case.seed,
+            seconds,
+            holds: !measures.is_empty() && measures.iter().all(|measure| measure.holds),
+            margin: None,
+            measures,
+        };
+        report.margin = report.worst().and_then(|worst| worst.margin);
+        report
     }
 
     /// Returns the decisive figure: one that fails, otherwise the one nearest to its limit, otherwise the first.
     pub fn worst(&self) -> Option<&Measure> {
-        let rank = |measure: &&Measure| match (measure.holds(), measure.limit, measure.margin()) {
+        let rank = |measure: &&Measure| match (measure.holds, measure.limit, measure.margin) {
             (false, ..) => -1.0,
             (_, None, _) => f64::INFINITY,
             (_, Some(_), None) => f64::MAX,
@@ -96,22 +63,19 @@ impl CaseReport {
 
     /// Returns the figures that fail.
     pub fn failures(&self) -> impl Iterator<Item = &Measure> {
-        self.measures.iter().filter(|measure| !measure.holds())
+        self.measures.iter().filter(|measure| !measure.holds)
     }
 
     fn verdict(&self) -> &'static str {
-        if self.holds() { "holds" } else { "FAILS" }
+        if self.holds { "holds" } else { "FAILS" }
     }
 }
 
 /// Results of all cases of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Length of the run.
     pub effort: Effort,
-    /// Machine used.
     pub machine: Machine,
-    /// Results of the cases.
     pub cases: Vec<CaseReport>,
 }
 
@@ -120,7 +84,7 @@ fn limit(measure: &Measure) -> String {
 }
 
 fn margin(measure: &Measure) -> String {
-    match measure.margin() {
+    match measure.margin {
         Some(margin) if margin < 9.95 => format!("{margin:.1}x"),
         Some(margin) if margin < 9999.5 => format!("{margin:.0}x"),
         Some(margin) => format!("{margin:.0e}x"),
@@ -146,7 +110,7 @@ pub(super) fn sentence(measure: &Measure) -> String {
 impl Report {
     /// Returns the number of cases that fail.
     pub fn failed(&self) -> usize {
-        self.cases.iter().filter(|case| !case.holds()).count()
+        self.cases.iter().filter(|case| !case.holds).count()
     }
 
     /// Returns the names of the groups in the order of their first case.
@@ -188,7 +152,7 @@ impl Report {
                     case.seconds
                 );
                 let rows = case.measures.iter().map(|measure| {
-                    let verdict = if measure.holds() { "" } else { "**FAILS** " };
+                    let verdict = if measure.holds { "" } else { "**FAILS** " };
                     let note = format!("{verdict}{}", measure.note.as_deref().unwrap_or_default());
                     [
                         measure.what.clone(),
@@ -235,7 +199,7 @@ impl fmt::Display for Report {
         }
         let failed = self.failed();
         writeln!(f, "\n{} of {} cases hold", self.cases.len() - failed, self.cases.len())?;
-        for case in self.cases.iter().filter(|case| !case.holds()) {
+        for case in self.cases.iter().filter(|case| !case.holds) {
             writeln!(f, "{} does not:", case.name)?;
             for measure in case.failures() {
                 writeln!(f, "  {}", sentence(measure))?;

@@ -54,31 +54,23 @@ impl Study {
 
     /// Returns the study as JSON.
     pub fn json(&self) -> Value {
-        let about: Map<String, Value> = self
-            .about
-            .iter()
-            .map(|(key, value)| ((*key).to_owned(), json!(value)))
-            .collect();
-        let tables: Map<String, Value> = self
-            .tables
-            .iter()
-            .map(|table| (table.key.to_owned(), table.json()))
-            .collect();
+        let about = self.about.iter().map(|(key, value)| ((*key).to_owned(), json!(value)));
+        let tables = self.tables.iter().map(|table| (table.key.to_owned(), table.json()));
         json!({
             "study": self.name,
-            "about": about,
+            "about": about.collect::<Map<_, _>>(),
             "machine": self.machine,
-            "tables": tables,
+            "tables": tables.collect::<Map<_, _>>(),
             "figures": self.figures,
             "notes": self.notes,
         })
     }
 
-    /// Returns the plots, each with the stem of its files; plots without points are omitted.
-    pub fn plots(&self) -> Vec<(&str, Plot)> {
+    /// Returns the plots of the figures that have points.
+    pub fn plots(&self) -> Vec<(&Figure, Plot)> {
         let figures = self.figures.iter().filter_map(|figure| {
             let table = self.tables.iter().find(|table| table.key == figure.table)?;
-            Some((figure.file.as_str(), table.plot(figure)?))
+            Some((figure, table.plot(figure)?))
         });
         figures.collect()
     }
@@ -89,41 +81,60 @@ impl Study {
     /// # Errors
     /// [`RenderError`]. Each file is written completely or not at all.
     pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
-        let mut files = Vec::new();
-        let mut put = |name: String, bytes: &[u8]| -> Result<(), RenderError> {
-            atomic::write(&folder.join(&name), |file| std::io::Write::write_all(file, bytes))?;
-            files.push(name);
-            Ok(())
-        };
+        let mut files = Files::new(folder);
         for table in &self.tables {
-            put(format!("{}.csv", table.key), table.csv().as_bytes())?;
+            files.put(format!("{}.csv", table.key), &table.csv())?;
         }
-        put(format!("{}.json", self.name), format!("{:#}\n", self.json()).as_bytes())?;
+        files.put(format!("{}.json", self.name), &format!("{:#}\n", self.json()))?;
         let plots = self.plots();
-        for (stem, plot) in &plots {
-            put(format!("{stem}.svg"), plot.svg()?.as_bytes())?;
+        for (figure, plot) in &plots {
+            files.put(format!("{}.svg", figure.file), &plot.svg()?)?;
         }
-        for (stem, plot) in &plots {
-            let name = format!("{stem}.png");
+        for (figure, plot) in &plots {
+            let name = format!("{}.png", figure.file);
             let [width, height] = plot::SIZE.map(|x| x as usize);
             png::write_rgb(&folder.join(&name), width, height, &plot.rgb()?)?;
-            files.push(name);
+            files.names.push(name);
         }
-        let (name, page) = ("index.html".to_owned(), self.page()?);
-        atomic::write(&folder.join(&name), |file| {
-            std::io::Write::write_all(file, page.as_bytes())
+        files.put("index.html", &self.page()?)?;
+        Ok(files.names)
+    }
+}
+
+/// Files written into a folder.
+pub(super) struct Files<'a> {
+    folder: &'a Path,
+    /// Names in the order written.
+    pub names: Vec<String>,
+}
+
+impl<'a> Files<'a> {
+    pub fn new(folder: &'a Path) -> Self {
+        let names = Vec::new();
+        Files { folder, names }
+    }
+
+    /// Writes a text file atomically.
+    pub fn put(&mut self, name: impl Into<String>, text: &str) -> Result<(), WriteError> {
+        let name = name.into();
+        atomic::write(&self.folder.join(&name), |file| {
+            std::io::Write::write_all(file, text.as_bytes())
         })?;
-        files.push(name);
-        Ok(files)
+        self.names.push(name);
+        Ok(())
     }
 }
 
 impl Table {
+    /// Returns the axes that have values.
+    pub(super) fn filled(&self) -> Vec<usize> {
+        let filled = |at: &usize| self.rows.iter().any(|row| row.values[*at].is_some());
+        (0..self.axes.len()).filter(filled).collect()
+    }
+
     /// Returns the table as text: its gold standard and aligned columns, with a star for best choices and flags at the end of rows.
     pub fn text(&self) -> String {
-        let shown: Vec<usize> = (0..self.axes.len())
-            .filter(|at| self.rows.iter().any(|row| row.values[*at].is_some()))
-            .collect();
+        let shown = self.filled();
         let factors = self.factors.iter().map(|factor| Cell::from(factor.label));
         let axes = shown.iter().map(|at| Cell::number(self.axes[*at].heading));
         let head = std::iter::once("".into()).chain(factors).chain(axes).chain(["".into()]);

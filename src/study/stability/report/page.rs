@@ -18,7 +18,7 @@ impl Report {
             self.machine
         );
         page.paragraph(if failed > 0 { "warning" } else { "advice" }, &verdict);
-        for case in self.cases.iter().filter(|case| !case.holds()) {
+        for case in self.cases.iter().filter(|case| !case.holds) {
             let failures: Vec<String> = case.failures().map(sentence).collect();
             page.paragraph(
                 "warning",
@@ -44,7 +44,7 @@ impl Report {
             ];
             let mut table = Table::new(head);
             for case in self.of_group(group) {
-                table.row(if case.holds() { "" } else { "wrong" }, case.row());
+                table.row(if case.holds { "" } else { "wrong" }, case.row());
             }
             page.stacked(&table);
             for case in self.of_group(group) {
@@ -61,7 +61,7 @@ impl CaseReport {
             Some(worst) => (Cell::Pair(worst.what.clone(), bound(worst)), margin(worst)),
             None => ("nothing".into(), "-".to_owned()),
         };
-        let class = if self.holds() { "good" } else { "bad" };
+        let class = if self.holds { "good" } else { "bad" };
         [
             Cell::Pair(self.name.clone(), self.criterion.clone()),
             nearest,
@@ -82,14 +82,14 @@ impl CaseReport {
         let [figures, limits, margins] = ["figure", "limit", "margin"].map(Cell::number);
         let mut table = Table::new([Cell::from("measured"), figures, limits, margins, Cell::from("")]);
         for measure in &self.measures {
-            let tags = (!measure.holds()).then(|| ("bad", "FAILS".to_owned()));
+            let tags = (!measure.holds).then(|| ("bad", "FAILS".to_owned()));
             let what = match &measure.note {
                 Some(note) => Cell::Pair(measure.what.clone(), note.clone()),
                 None => measure.what.clone().into(),
             };
             let numbers = [figure(measure.figure), limit(measure), margin(measure)].map(Cell::from);
             let cells = std::iter::once(what).chain(numbers);
-            let class = if measure.holds() { "" } else { "wrong" };
+            let class = if measure.holds { "" } else { "wrong" };
             table.row(class, cells.chain([Cell::Tags(tags.into_iter().collect())]));
         }
         page.table(&table);

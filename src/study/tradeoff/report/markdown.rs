@@ -18,10 +18,8 @@ impl Report {
         let _ = writeln!(text, "\n{}", self.verdict());
         self.pace_in_markdown(&mut text);
         let _ = write!(text, "\n## In short\n\n");
-        for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
-            for advice in &section.advice {
-                let _ = writeln!(text, "- **{}**: {}", advice.choosing, advice.sentence());
-            }
+        for advice in self.sections().flat_map(|(_, section)| &section.advice) {
+            let _ = writeln!(text, "- **{}**: {}", advice.choosing, advice.sentence());
         }
         for chapter in &self.chapters {
             let _ = write!(text, "\n## {}\n\n{}\n\n", chapter.title, chapter.question);

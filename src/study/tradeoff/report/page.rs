@@ -74,8 +74,7 @@ impl Report {
     fn in_short(&self, page: &mut Page) {
         let [cost, error] = ["cost", "error"].map(Cell::number);
         let mut table = Table::new(["for".into(), "recommended".into(), cost, error]);
-        let sections = self.chapters.iter().flat_map(|chapter| &chapter.sections);
-        for advice in sections.flat_map(|section| &section.advice) {
+        for advice in self.sections().flat_map(|(_, section)| &section.advice) {
             let [cost, error] = &advice.units;
             let what = match advice.given.is_empty() {
                 true => advice.choosing.clone(),
