@@ -27,7 +27,7 @@ pub const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
 pub const MAX_VOXELS: usize = 256 << 20;
 
 /// A built-in phantom.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Phantom {
     /// Right upper and middle abdomen of a slim adult: liver with vessels and a lesion, gallbladder, right kidney, ribs,

@@ -25,18 +25,7 @@ const AIMS: usize = 7;
 const NORMAL_MM: f64 = 10.0;
 
 /// Orientation of the scan plane.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    serde::Serialize,
-    serde::Deserialize,
-    schemars::JsonSchema,
-    clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ScanPlane {
     /// Across the body: from in front and behind, image columns run towards the patient's left; from the patient's right

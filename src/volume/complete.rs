@@ -59,18 +59,7 @@ const BODY_VALUES: [i64; 3] = [201, 202, 204];
 const BODY_SHARE: f64 = 1.0 / 3.0;
 
 /// Treatment of unlabelled voxels.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    serde::Serialize,
-    serde::Deserialize,
-    schemars::JsonSchema,
-    clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Unlabelled {
     /// A body is closed around the labelled anatomy, unless the volume already has one.
