@@ -12,10 +12,7 @@ use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::atomic::WriteError;
-use crate::output::place::PlaceError;
-use crate::output::png::PngError;
-use crate::output::sequence::SequenceError;
+use crate::output::OutputError;
 use crate::phantom::PhantomError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
@@ -30,7 +27,7 @@ use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
-use crate::tracking::calibration::CalibrationError;
+use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
 
@@ -84,7 +81,7 @@ pub enum Error {
     Synth(#[from] SynthError),
     /// A configuration of PLUS cannot be read.
     #[error(transparent)]
-    Calibration(#[from] CalibrationError),
+    Calibration(#[from] TrackingError),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -109,21 +106,12 @@ pub enum Error {
     /// The files of a study cannot be written.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// A picture cannot be written.
-    #[error(transparent)]
-    Png(#[from] PngError),
-    /// An image sequence cannot be written.
-    #[error(transparent)]
-    Sequence(#[from] SequenceError),
-    /// A file cannot be written.
-    #[error(transparent)]
-    Write(#[from] WriteError),
     /// A simulator cannot image its model.
     #[error(transparent)]
     Imaging(#[from] InvalidImaging),
-    /// An output cannot be written at the requested path.
+    /// An output cannot be written.
     #[error(transparent)]
-    Place(#[from] PlaceError),
+    Output(#[from] OutputError),
 }
 
 /// Exit status for failures of the machine.
@@ -151,10 +139,8 @@ impl Error {
             Self::Study(error) => error.is_machine(),
             Self::Image(error) => error.is_machine(),
             Self::Compare(error) => error.is_machine(),
-            Self::Png(error) => error.is_machine(),
-            Self::Sequence(error) => error.is_machine(),
-            Self::Place(error) => error.is_machine(),
-            Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
+            Self::Output(error) => error.is_machine(),
+            Self::Render(_) | Self::Plot(_) => true,
             Self::Step(error) => error.is_machine(),
             Self::InsertionStudy(_)
             | Self::Beam(_)
@@ -217,7 +203,7 @@ mod tests {
 
     #[test]
     fn input_is_told_from_machine() {
-        let full = WriteError::new(Path::new("frame.png"), io::Error::from(io::ErrorKind::StorageFull));
+        let full = OutputError::write(Path::new("frame.png"), io::Error::from(io::ErrorKind::StorageFull));
         assert_eq!(Error::from(full).exit_status(), MACHINE);
         let missing = crate::volume::load(Path::new("/nowhere/labels.nii"))
             .map(drop)

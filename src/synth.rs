@@ -16,7 +16,7 @@ use crate::effects::{OutOfRange, REGISTRY};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
 use crate::memory::TooLarge;
 use crate::plan::Plan;
-use crate::tracking::probe::{InvalidGrid, InvalidProbe};
+use crate::tracking::TrackingError;
 use crate::volume::InvalidVolume;
 use crate::volume::texture::AtlasFull;
 
@@ -32,12 +32,9 @@ pub enum SynthError {
     /// A parameter of an effect lies outside its range.
     #[error(transparent)]
     Effect(#[from] OutOfRange),
-    /// The probe is invalid.
+    /// The probe is invalid, or the image cannot be laid out.
     #[error(transparent)]
-    Probe(#[from] InvalidProbe),
-    /// The image cannot be laid out.
-    #[error(transparent)]
-    Image(#[from] InvalidGrid),
+    Tracking(#[from] TrackingError),
     /// The volume cannot be placed about its local origin.
     #[error(transparent)]
     Volume(#[from] InvalidVolume),

@@ -12,10 +12,7 @@ use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::atomic::WriteError;
-use crate::output::place::PlaceError;
-use crate::output::png::PngError;
-use crate::output::sequence::SequenceError;
+use crate::output::OutputError;
 use crate::phantom::PhantomError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
@@ -29,7 +26,7 @@ use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
-use crate::tracking::calibration::CalibrationError;
+use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
 use crate::volume::complete::CompletionError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
@@ -136,7 +133,6 @@ from_library!(
     crate::error::Error,
     BeamCaseError,
     BeamError,
-    CalibrationError,
     CompareError,
     CompletionError,
     GenerateError,
@@ -145,21 +141,19 @@ from_library!(
     InsertionStudyError,
     MaterialCaseError,
     MeshFileError,
+    OutputError,
     PhantomError,
-    PlaceError,
     PlotError,
-    PngError,
     PointsError,
     PunctureError,
     RenderError,
     ScenarioError,
     SceneError,
-    SequenceError,
     StaticsError,
     StepError,
     StudyError,
     SynthError,
     TissueError,
-    VolumeError,
-    WriteError
+    TrackingError,
+    VolumeError
 );

@@ -215,8 +215,8 @@ pub enum HoleError {
         inserted_mm: f64,
     },
     /// There is no such hole.
-    #[error(transparent)]
-    Unknown(#[from] UnknownHole),
+    #[error("the hole is \"{}\"; expected {}", .0.found, .0.expected)]
+    Unknown(UnknownHole),
 }
 
 /// A needle that goes through a hole of a template, moved by a device that stays in place: the motion of the device along
@@ -236,7 +236,7 @@ impl Guided {
     /// [`HoleError::Unknown`].
     pub fn new(template: Template, hole: &str, device_mm: Point3<f64>) -> Result<Self, HoleError> {
         Ok(Self {
-            hole_mm: template.hole(hole)?,
+            hole_mm: template.hole(hole).map_err(HoleError::Unknown)?,
             template,
             device_mm,
         })
@@ -247,7 +247,7 @@ impl Guided {
     /// # Errors
     /// [`HoleError`]; the hole is then unchanged.
     pub fn choose(&mut self, hole: &str, outcome: &Outcome) -> Result<(), HoleError> {
-        let hole_mm = self.template.hole(hole)?;
+        let hole_mm = self.template.hole(hole).map_err(HoleError::Unknown)?;
         let inserted_mm = outcome.inserted_mm;
         // A needle that dents the skin is not in yet.
         if inserted_mm > 0.0 || outcome.contacts > 0 {

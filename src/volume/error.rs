@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::InvalidVolume;
-use crate::output::atomic::WriteError;
+use crate::output::OutputError;
 use crate::{read, text};
 
 /// Position of an error in a file.
@@ -108,7 +108,7 @@ pub enum VolumeError {
     },
     /// The file cannot be written.
     #[error(transparent)]
-    Write(#[from] WriteError),
+    Write(#[from] OutputError),
 }
 
 impl VolumeError {

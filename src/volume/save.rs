@@ -11,7 +11,7 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 use super::element::Element;
 use super::error::{At, VolumeError};
 use super::{Label, LabelVolume, caret, names, nifti};
-use crate::output::atomic;
+use crate::output::{OutputError, atomic};
 
 /// Number of voxels encoded at a time.
 const CHUNK: usize = 64 << 10;
@@ -193,7 +193,7 @@ fn save_metaimage(volume: &LabelVolume, path: &Path) -> Result<(), VolumeError> 
     let mut packed = ZlibEncoder::new(Vec::new(), Compression::default());
     let packed = write_voxels(volume, element, &mut packed)
         .and_then(|()| packed.finish())
-        .map_err(|cause| atomic::WriteError::new(path, cause))?;
+        .map_err(|cause| OutputError::write(path, cause))?;
     let world = volume.index_to_world();
     let spacing = volume.spacing_mm();
     let cosines: Vec<String> = (0..9)

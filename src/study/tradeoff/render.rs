@@ -6,8 +6,8 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::{Axis, Figure, Row, Study, Table};
-use crate::output::atomic::{self, WriteError};
-use crate::output::png::{self, PngError};
+use crate::output::png;
+use crate::output::{OutputError, atomic};
 use crate::study::plot::{self, Marker, Plot, PlotError, Series};
 
 /// Error of writing the files of a study.
@@ -15,10 +15,7 @@ use crate::study::plot::{self, Marker, Plot, PlotError, Series};
 pub enum RenderError {
     /// A file cannot be written.
     #[error(transparent)]
-    Write(#[from] WriteError),
-    /// A picture cannot be written.
-    #[error(transparent)]
-    Png(#[from] PngError),
+    Write(#[from] OutputError),
     /// A plot cannot be drawn.
     #[error(transparent)]
     Plot(#[from] PlotError),

@@ -2,13 +2,14 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use super::{BendingConstraint, InvalidNeedle, NeedlePose, within};
+use super::{BendingConstraint, NeedlePose};
+use crate::tracking::error::{TrackingError, within};
 
 impl BendingConstraint {
     /// Checks every number against its documented range.
-    pub fn validate(&self) -> Result<(), InvalidNeedle> {
+    pub fn validate(&self) -> Result<(), TrackingError> {
         let mut numbers = self.ranges().into_iter();
-        numbers.try_for_each(|(key, found, range)| within(key, found, range))
+        numbers.try_for_each(|(key, found, range)| within("needle", key, found, range))
     }
 
     /// Returns the constrained shape of a needle whose straight measured pose enters at `entry_mm`: from the measured hub to
