@@ -13,7 +13,6 @@ use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
 use crate::output::OutputError;
-use crate::phantom::PhantomError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::simulator::InvalidImaging;
@@ -29,7 +28,6 @@ use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
 use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
 
 /// Any error between a command and its output.
 #[derive(Debug, thiserror::Error)]
@@ -64,12 +62,6 @@ pub enum Error {
     /// An image file cannot be read or written.
     #[error(transparent)]
     Volume(#[from] VolumeError),
-    /// A volume cannot be completed.
-    #[error(transparent)]
-    Completion(#[from] CompletionError),
-    /// A phantom cannot be made.
-    #[error(transparent)]
-    Phantom(#[from] PhantomError),
     /// A mesh file cannot be read or written.
     #[error(transparent)]
     Mesh(#[from] MeshFileError),
@@ -130,7 +122,6 @@ impl Error {
             Self::BeamCase(error) => error.is_machine(),
             Self::Points(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
-            Self::Phantom(error) => error.is_machine(),
             Self::Generate(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
@@ -146,7 +137,6 @@ impl Error {
             | Self::Beam(_)
             | Self::Tissue(_)
             | Self::Puncture(_)
-            | Self::Completion(_)
             | Self::Imaging(_)
             | Self::Synth(_) => false,
         }

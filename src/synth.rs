@@ -17,8 +17,7 @@ use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
 use crate::memory::TooLarge;
 use crate::plan::Plan;
 use crate::tracking::TrackingError;
-use crate::volume::InvalidVolume;
-use crate::volume::texture::AtlasFull;
+use crate::volume::VolumeError;
 
 pub use frame::{Frame, FrameState, NeedleShaft};
 #[cfg(feature = "internals")]
@@ -35,12 +34,9 @@ pub enum SynthError {
     /// The probe is invalid, or the image cannot be laid out.
     #[error(transparent)]
     Tracking(#[from] TrackingError),
-    /// The volume cannot be placed about its local origin.
+    /// The volume cannot be placed about its local origin, or the tissues name more textures than an atlas holds.
     #[error(transparent)]
-    Volume(#[from] InvalidVolume),
-    /// The tissues name more textures than an atlas holds.
-    #[error(transparent)]
-    Textures(#[from] AtlasFull),
+    Volume(#[from] VolumeError),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),

@@ -13,7 +13,6 @@ use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
 use crate::output::OutputError;
-use crate::phantom::PhantomError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::statics::StaticsError;
@@ -28,7 +27,6 @@ use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
 use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand failed.
@@ -134,7 +132,6 @@ from_library!(
     BeamCaseError,
     BeamError,
     CompareError,
-    CompletionError,
     GenerateError,
     GpuError,
     ImageError,
@@ -142,7 +139,6 @@ from_library!(
     MaterialCaseError,
     MeshFileError,
     OutputError,
-    PhantomError,
     PlotError,
     PointsError,
     PunctureError,

@@ -10,9 +10,9 @@ use nalgebra::Matrix4;
 use super::dent::Dent;
 use super::geometry::{Bounds, Point, Uneven};
 use super::paint::{Over, Painting};
-use super::{PhantomError, pose_at};
+use super::pose_at;
 use crate::random::noise::Noise;
-use crate::volume::LabelVolume;
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the abdomen.
@@ -54,7 +54,7 @@ const PROBE_RADIUS_MM: f64 = 60.0;
 /// Indentation of the skin by that probe, mm.
 const PRESSED_MM: f64 = 11.0;
 
-pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, PhantomError> {
+pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let wall = wall::Wall::new(seed);
     let dent = Dent::new(&pose(), PROBE_RADIUS_MM, 1.6 * PRESSED_MM, wall::skin_depth);
     let mut painting = Painting::new(move |p: &Point| wall.label(p), Some(dent));

@@ -3,11 +3,10 @@
 use nalgebra::{Matrix4, Vector3};
 use rayon::prelude::*;
 
-use super::PhantomError;
 use super::dent::Dent;
 use super::geometry::{Bounds, Point, Shape};
 use crate::memory;
-use crate::volume::{Label, LabelVolume};
+use crate::volume::{Label, LabelVolume, VolumeError};
 
 /// Set of labels that a layer may paint over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,16 +73,14 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         world: &Bounds,
         resolution_mm: f64,
         table: &'static [(u8, &'static str)],
-    ) -> Result<LabelVolume, PhantomError> {
+    ) -> Result<LabelVolume, VolumeError> {
         let extent = world.max - world.min;
         let size = [0, 1, 2].map(|axis| (extent[axis] / resolution_mm).round().max(1.0) as usize);
         let count: usize = size.iter().product();
         if count > super::MAX_VOXELS {
-            return Err(PhantomError::TooLarge {
-                voxels: count,
-                resolution_mm,
-                limit: super::MAX_VOXELS,
-            });
+            let most = format!("at most {} are made: choose a coarser resolution", super::MAX_VOXELS);
+            let text = format!("{count} voxels at {resolution_mm} mm; {most}");
+            return Err(VolumeError::option("resolution_mm", text));
         }
         memory::check(
             count as u64,
@@ -112,7 +109,7 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
             })
             .collect();
         let index_to_world = Matrix4::new_translation(&grid.first) * Matrix4::new_scaling(resolution_mm);
-        Ok(LabelVolume::new(size, voxels, labels, index_to_world)?)
+        LabelVolume::new(size, voxels, labels, index_to_world)
     }
 
     fn paint_slice(&self, grid: &Grid, k: usize, slice: &mut [u8]) {

@@ -5,9 +5,9 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Block, Bounds, Ellipsoid, Point, Shape, Solid, Tube, Uneven, path, smooth_max, step};
 use super::paint::{Over, Painting};
-use super::{PhantomError, pose_at};
+use super::pose_at;
 use crate::random::noise::Noise;
-use crate::volume::LabelVolume;
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the prostate phantom.
@@ -89,7 +89,7 @@ fn surroundings(p: &Point, fat: &Noise) -> u8 {
     l::FAT
 }
 
-pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, PhantomError> {
+pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let fat = Noise::new(seed, 100, 25.0);
     let mut painting = Painting::new(move |p: &Point| surroundings(p, &fat), None);
     side_walls(&mut painting, seed);

@@ -7,9 +7,9 @@ use nalgebra::Matrix4;
 use super::dent::Dent;
 use super::geometry::{Bounds, Point, path, step};
 use super::paint::{Over, Painting};
-use super::{PhantomError, pose_at};
+use super::pose_at;
 use crate::random::noise::Noise;
-use crate::volume::LabelVolume;
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the spine phantom.
@@ -94,7 +94,7 @@ fn surroundings(p: &Point, fat: &Noise, septa: &Noise) -> u8 {
     l::PERITONEAL_FAT
 }
 
-pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, PhantomError> {
+pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let (fat, septa) = (Noise::new(seed, 200, 35.0), Noise::new(seed, 201, 25.0));
     let dent = Dent::new(&pose(), PROBE_RADIUS_MM, 1.6 * PRESSED_MM, skin_depth);
     let mut painting = Painting::new(move |p: &Point| surroundings(p, &fat, &septa), Some(dent));

@@ -7,12 +7,9 @@ use crate::document::{Fault, Unreadable};
 use crate::effects::OutOfRange;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::{InvalidDisplacement, InvalidMesh};
-use crate::phantom::PhantomError;
 use crate::tissue::TissueError;
 use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
-use crate::volume::texture::InvalidTexture;
 
 /// Error of a scene: the cause, the key concerned and its place in the file.
 pub type SceneError = Fault<Problem>;
@@ -73,21 +70,12 @@ pub enum Problem {
         /// Number of frames.
         of: usize,
     },
-    /// A phantom cannot be made.
-    #[error(transparent)]
-    Phantom(#[from] PhantomError),
-    /// A volume, texture or sequence file cannot be read.
+    /// A volume or phantom cannot be made or completed, or a volume, texture or sequence file cannot be read.
     #[error(transparent)]
     Volume(#[from] VolumeError),
-    /// A volume cannot be completed.
-    #[error(transparent)]
-    Completion(#[from] CompletionError),
     /// A tissue is invalid.
     #[error(transparent)]
     Tissue(#[from] TissueError),
-    /// A texture is invalid.
-    #[error(transparent)]
-    Texture(#[from] InvalidTexture),
     /// The probe, its pose or path, the image, the needle or a calibration is invalid.
     #[error(transparent)]
     Tracking(#[from] TrackingError),
@@ -117,7 +105,6 @@ impl Problem {
     pub(crate) fn is_machine(&self) -> bool {
         match self {
             Self::Text(error) => error.is_machine(),
-            Self::Phantom(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::MeshFile(error) => error.is_machine(),
             Self::Tracking(error) => error.is_machine(),

@@ -8,9 +8,10 @@ mod seam;
 
 #[cfg(feature = "internals")]
 pub use atlas::AtlasEntry;
-pub use atlas::{Atlas, AtlasFull, Placement};
+pub use atlas::{Atlas, Placement};
 pub use seam::{Seam, TextureOptions, Values};
 
+use super::VolumeError;
 use crate::real::Real;
 
 /// A periodic volume of amplitude multipliers with mean square 1. The centre of voxel (0, 0, 0) lies at the origin.
@@ -21,60 +22,20 @@ pub struct SolidTexture {
     data: Vec<f32>,
 }
 
-/// Why a texture is invalid.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidTexture {
-    /// An axis is empty or too long.
-    #[error("size {0:?}: expected 1 to 16384 voxels along each axis")]
-    Size([usize; 3]),
-    /// The spacing is not a positive length.
-    #[error("spacing {0:?} mm: expected finite numbers above 0")]
-    Spacing([f64; 3]),
-    /// The voxel list does not match the size.
-    #[error("{found} voxels for a size that needs {expected}")]
-    Count {
-        /// Number of voxels given.
-        found: usize,
-        /// Number of voxels expected from the size.
-        expected: usize,
-    },
-    /// An amplitude is negative or not finite.
-    #[error("voxel {at} has amplitude {value}: expected finite numbers from 0")]
-    Amplitude {
-        /// Linear index of the voxel.
-        at: usize,
-        /// Amplitude found.
-        value: f32,
-    },
-    /// All amplitudes are 0, so that no factor gives a mean square of 1.
-    #[error("every voxel is 0: a texture needs at least one echo")]
-    Silent,
-    /// An option is outside its range.
-    #[error("{key} = {found}, expected {expected}")]
-    Option {
-        /// Name of the option.
-        key: &'static str,
-        /// Value found.
-        found: f64,
-        /// Expected range.
-        expected: &'static str,
-    },
-}
-
 /// Longest axis, voxels: the product of three such axes is far from overflowing.
 const LONGEST_AXIS: usize = 16_384;
 
 impl SolidTexture {
     /// Creates a texture that repeats every `size` times `spacing_mm`, from amplitudes with x fastest, and scales it to
     /// mean square 1. The data are assumed periodic; [`Self::from_scalar`] makes other data periodic.
-    pub fn new(size: [usize; 3], spacing_mm: [f64; 3], mut data: Vec<f32>) -> Result<Self, InvalidTexture> {
+    pub fn new(size: [usize; 3], spacing_mm: [f64; 3], mut data: Vec<f32>) -> Result<Self, VolumeError> {
         check_frame(size, spacing_mm, data.len())?;
         if let Some(at) = data.iter().position(|value| !(value.is_finite() && *value >= 0.0)) {
-            return Err(InvalidTexture::Amplitude { at, value: data[at] });
+            return Err(wrong_amplitude(at, data[at]));
         }
         let square = data.iter().map(|&value| f64::from(value).powi(2)).sum::<f64>() / data.len() as f64;
         if square == 0.0 {
-            return Err(InvalidTexture::Silent);
+            return Err(VolumeError::new("every voxel is 0: a texture needs at least one echo"));
         }
         let factor = 1.0 / square.sqrt();
         for value in &mut data {
@@ -90,11 +51,11 @@ impl SolidTexture {
         spacing_mm: [f64; 3],
         data: Vec<f32>,
         options: &TextureOptions,
-    ) -> Result<Self, InvalidTexture> {
+    ) -> Result<Self, VolumeError> {
         check_frame(size, spacing_mm, data.len())?;
         options.check()?;
         if let Some(at) = data.iter().position(|value| !value.is_finite()) {
-            return Err(InvalidTexture::Amplitude { at, value: data[at] });
+            return Err(wrong_amplitude(at, data[at]));
         }
         let amplitudes = options.values.to_amplitudes(data);
         let (size, amplitudes) = options.seam.close(size, amplitudes);
@@ -128,16 +89,25 @@ impl SolidTexture {
     }
 }
 
-fn check_frame(size: [usize; 3], spacing_mm: [f64; 3], found: usize) -> Result<(), InvalidTexture> {
+fn wrong_amplitude(at: usize, value: f32) -> VolumeError {
+    VolumeError::new(format!(
+        "voxel {at} has amplitude {value}: expected finite numbers from 0"
+    ))
+}
+
+fn check_frame(size: [usize; 3], spacing_mm: [f64; 3], found: usize) -> Result<(), VolumeError> {
     if !size.iter().all(|n| (1..=LONGEST_AXIS).contains(n)) {
-        return Err(InvalidTexture::Size(size));
+        return Err(VolumeError::new(format!(
+            "size {size:?}: expected 1 to 16384 voxels along each axis"
+        )));
     }
     if !spacing_mm.iter().all(|&length| length.is_finite() && length > 0.0) {
-        return Err(InvalidTexture::Spacing(spacing_mm));
+        let text = format!("spacing {spacing_mm:?} mm: expected finite numbers above 0");
+        return Err(VolumeError::option("spacing_mm", text));
     }
     let expected = size.iter().product();
     if found != expected {
-        return Err(InvalidTexture::Count { found, expected });
+        return Err(VolumeError::wrong_count(found, expected));
     }
     Ok(())
 }

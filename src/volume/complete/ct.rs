@@ -6,10 +6,10 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::{CompleteOptions, Completed, CompletionError, Filled, LEAST_MM, Outline, label};
+use super::{CompleteOptions, Completed, Filled, LEAST_MM, Outline, label};
 use crate::tissue::known;
 use crate::volume::distance::Grid;
-use crate::volume::{InvalidVolume, LabelVolume, ScalarImage};
+use crate::volume::{LabelVolume, ScalarImage, VolumeError};
 
 /// Upper limits of gas, fat and soft tissue, HU; denser voxels are bone.
 const LIMITS_HU: [f32; 3] = [-300.0, -30.0, 150.0];
@@ -42,13 +42,9 @@ const CLASSES: [&str; 8] = [
 /// [`CompleteOptions::skin_mm`] skin; gas in labels of bowel becomes gas, and voxels much brighter than the rest of a liver become its vessels.
 ///
 /// # Errors
-/// [`CompletionError`] if the CT does not cover the labels, a thickness is out of range, or 256 labels do not
+/// [`VolumeError`] if the CT does not cover the labels, a thickness is out of range, or 256 labels do not
 /// suffice.
-pub fn with_ct(
-    volume: &LabelVolume,
-    ct: &ScalarImage,
-    options: &CompleteOptions,
-) -> Result<Completed, CompletionError> {
+pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions) -> Result<Completed, VolumeError> {
     options.check()?;
     let (size, spacing) = (volume.size(), volume.spacing_mm());
     let [nx, ny, _] = size;
@@ -60,7 +56,7 @@ pub fn with_ct(
     );
     let share = covered as f64 / all.max(1) as f64;
     if share < COVERED {
-        return Err(CompletionError::Elsewhere(share));
+        return Err(elsewhere(share));
     }
     let mut smooth = Grid {
         size,
@@ -92,9 +88,7 @@ pub fn with_ct(
 
     let mut labels = volume.labels().to_vec();
     let class = CLASSES.map(|name| label(&mut labels, name));
-    if labels.len() > 256 {
-        return Err(InvalidVolume::TooManyLabels(labels.len()).into());
-    }
+    VolumeError::check_labels(labels.len())?;
     let [soft, muscle, fat, deep_fat, skin, gas, bone, vein] = class;
     let liver = |at: u8| is_tissue(at, &["liver"]);
     let bright = median(&liver).map(|hu| hu + VESSELS_HU);
@@ -109,7 +103,7 @@ pub fn with_ct(
     let reach = options.skin_mm.max(thinnest) + 1e-3;
     let mut voxels = volume.voxels().to_vec();
     let Some(outline) = Outline::around(volume, LEAST_MM) else {
-        return Err(CompletionError::Elsewhere(0.0));
+        return Err(elsewhere(0.0));
     };
     voxels.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {
         let place = |i: usize| row * nx + i;
@@ -170,6 +164,14 @@ pub fn with_ct(
         note,
         warning,
     })
+}
+
+/// Error of a CT that covers only this share of the labelled voxels.
+fn elsewhere(share: f64) -> VolumeError {
+    let covered = 100.0 * share;
+    let expected = "the CT that was segmented, at its own place";
+    let text = format!("the CT covers {covered:.0} % of the labelled voxels; expected {expected}");
+    VolumeError::option("ct", text)
 }
 
 /// Grey values of the nearest voxels of a CT; not finite outside it.

@@ -4,6 +4,7 @@ use bytemuck::{Pod, Zeroable};
 
 use super::{SolidTexture, trilinear};
 use crate::real::Real;
+use crate::volume::VolumeError;
 
 /// Placement of a texture in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,17 +45,9 @@ pub struct Atlas {
     pub entries: Vec<AtlasEntry>,
 }
 
-/// The textures hold more voxels than a 32-bit offset reaches.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the textures hold {voxels} voxels together; at most 4294967295 fit one atlas")]
-pub struct AtlasFull {
-    /// Number of voxels of all textures together.
-    pub voxels: u64,
-}
-
 impl Atlas {
     /// Packs the textures. A texture given several times, by reference to the same memory, is stored once.
-    pub fn pack(textures: &[(&SolidTexture, Placement)]) -> Result<Self, AtlasFull> {
+    pub fn pack(textures: &[(&SolidTexture, Placement)]) -> Result<Self, VolumeError> {
         let mut atlas = Self::default();
         let mut stored: Vec<(&SolidTexture, u32)> = Vec::new();
         for &(texture, placement) in textures {
@@ -64,7 +57,10 @@ impl Atlas {
                 None => {
                     let voxels = (atlas.data.len() + texture.data.len()) as u64;
                     if voxels > u64::from(u32::MAX) {
-                        return Err(AtlasFull { voxels });
+                        let most = "at most 4294967295 fit one atlas";
+                        return Err(VolumeError::new(format!(
+                            "the textures hold {voxels} voxels together; {most}"
+                        )));
                     }
                     let offset = atlas.data.len() as u32;
                     atlas.data.extend_from_slice(&texture.data);

@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::InvalidTexture;
+use crate::volume::VolumeError;
 
 /// Options for converting a scalar image to a texture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -52,12 +52,15 @@ impl Default for Seam {
 }
 
 impl TextureOptions {
-    pub(super) fn check(&self) -> Result<(), InvalidTexture> {
-        let within = |key, found: f64, high: f64, expected| {
+    pub(super) fn check(&self) -> Result<(), VolumeError> {
+        let within = |key: &'static str, found: f64, high: f64, expected: &str| {
             if found > 0.0 && found <= high {
                 Ok(())
             } else {
-                Err(InvalidTexture::Option { key, found, expected })
+                Err(VolumeError::option(
+                    key,
+                    format!("{key} = {found}, expected {expected}"),
+                ))
             }
         };
         if let Values::Log { db_per_unit } = self.values {
