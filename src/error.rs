@@ -15,7 +15,7 @@ use crate::mechanics::needle::beam::BeamError;
 use crate::output::OutputError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
-use crate::simulator::InvalidImaging;
+use crate::simulator::SimulatorError;
 use crate::statics::StaticsError;
 use crate::study::bench::compare::CompareError;
 use crate::study::plot::PlotError;
@@ -100,7 +100,7 @@ pub enum Error {
     Render(#[from] RenderError),
     /// A simulator cannot image its model.
     #[error(transparent)]
-    Imaging(#[from] InvalidImaging),
+    Simulator(#[from] SimulatorError),
     /// An output cannot be written.
     #[error(transparent)]
     Output(#[from] OutputError),
@@ -137,7 +137,7 @@ impl Error {
             | Self::Beam(_)
             | Self::Tissue(_)
             | Self::Puncture(_)
-            | Self::Imaging(_)
+            | Self::Simulator(_)
             | Self::Synth(_) => false,
         }
     }

@@ -180,9 +180,9 @@ pub use scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_s
 pub use scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioError, ScenarioFile, Summary};
 pub use scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneError, SceneFile};
 pub use simulator::{
-    Damper, Forces, Guided, Haptic, HoldOptions, HoleError, Imaging, Input as RecordedInput, InvalidDevice,
-    InvalidImaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator,
-    State as SimulatorState, TwoPoints,
+    Damper, Forces, Guided, Haptic, HoldOptions, Imaging, Input as RecordedInput, LateralHold,
+    Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator, SimulatorError, State as SimulatorState,
+    TwoPoints,
 };
 pub use synth::layers::Layer;
 pub use synth::tables::{Anatomy, ImageSize, Settings};

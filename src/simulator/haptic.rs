@@ -2,11 +2,11 @@
 
 use std::time::Instant;
 
-use super::Options;
 use super::forces::{Easing, Forces, Given};
 use super::hand_over::{Publisher, hand_over};
-use super::imaging::{Imaging, InvalidImaging};
+use super::imaging::Imaging;
 use super::recording::{Input, Recording, State};
+use super::{Options, SimulatorError};
 use crate::mechanics::insertion::{Instruments, LevelChange, Model, Outcome, StepError};
 use crate::mechanics::tissue::remesh::Level;
 use crate::synth::Synthesizer;
@@ -40,8 +40,8 @@ impl Haptic {
     /// [`Simulator::new`](super::Simulator::new).
     ///
     /// # Errors
-    /// [`InvalidImaging`].
-    pub fn imaged(&mut self, synthesizer: Synthesizer, needle_diameter_mm: f64) -> Result<Imaging, InvalidImaging> {
+    /// [`SimulatorError`].
+    pub fn imaged(&mut self, synthesizer: Synthesizer, needle_diameter_mm: f64) -> Result<Imaging, SimulatorError> {
         let (mut publisher, latest) = hand_over();
         let imaging = Imaging::new(synthesizer, self.model.imager(), needle_diameter_mm, latest)?;
         publisher.publish(&mut *self.model);

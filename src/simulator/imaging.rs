@@ -4,41 +4,11 @@ use std::mem;
 
 use nalgebra::Matrix4;
 
+use super::SimulatorError;
 use super::hand_over::Latest;
 use super::seeds::Seeds;
 use crate::mechanics::insertion::{Imager, Snapshot, Tissue};
 use crate::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
-
-/// Reason why a model cannot be imaged.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidImaging {
-    /// An invalid needle diameter.
-    #[error("`needle_diameter_mm` is {found}; expected a finite number above 0")]
-    Diameter {
-        /// The rejected diameter, mm.
-        found: f64,
-    },
-    /// A mesh with another number of elements.
-    #[error("the imaged mesh has {found} elements; expected the {expected} of the tissue model")]
-    Elements {
-        /// Number of elements of the anatomy's mesh.
-        found: usize,
-        /// Number of elements of the model.
-        expected: usize,
-    },
-    /// A mesh with other elements.
-    #[error(
-        "element {element} of the imaged mesh has nodes {found:?}; expected those of the tissue model, {expected:?}"
-    )]
-    Element {
-        /// Index of the first element that differs, from 0.
-        element: usize,
-        /// Nodes of that element in the anatomy's mesh.
-        found: [u32; 4],
-        /// Nodes of that element in the model.
-        expected: [u32; 4],
-    },
-}
 
 /// Renders frames of the latest complete state.
 pub struct Imaging {
@@ -58,11 +28,14 @@ impl Imaging {
         imager: Box<dyn Imager>,
         needle_diameter_mm: f64,
         latest: Latest,
-    ) -> Result<Self, InvalidImaging> {
-        let found = needle_diameter_mm;
-        if !(found.is_finite() && found > 0.0) {
-            return Err(InvalidImaging::Diameter { found });
-        }
+    ) -> Result<Self, SimulatorError> {
+        let expected = "a finite number above 0";
+        SimulatorError::check(
+            "needle_diameter_mm",
+            needle_diameter_mm,
+            needle_diameter_mm > 0.0,
+            expected,
+        )?;
         let mesh = synthesizer.tables().anatomy.mesh.as_ref();
         if let Some(mesh) = mesh {
             same_elements(mesh.elements(), imager.elements())?;
@@ -147,21 +120,24 @@ impl Imaging {
 }
 
 /// Checks that elements match; nodes are not compared, since a mesh that was written and read differs in their last bits.
-fn same_elements(found: &[[u32; 4]], expected: &[[u32; 4]]) -> Result<(), InvalidImaging> {
+fn same_elements(found: &[[u32; 4]], expected: &[[u32; 4]]) -> Result<(), SimulatorError> {
     if found.len() != expected.len() {
         let (found, expected) = (found.len(), expected.len());
-        return Err(InvalidImaging::Elements { found, expected });
+        return Err(SimulatorError::Mesh(format!(
+            "the imaged mesh has {found} elements; expected the {expected} of the tissue model"
+        )));
     }
     match found
         .iter()
         .zip(expected)
         .position(|(found, expected)| found != expected)
     {
-        Some(element) => Err(InvalidImaging::Element {
-            element,
-            found: found[element],
-            expected: expected[element],
-        }),
+        Some(element) => {
+            let (found, expected) = (found[element], expected[element]);
+            let expected = format!("those of the tissue model, {expected:?}");
+            let text = format!("element {element} of the imaged mesh has nodes {found:?}; expected {expected}");
+            Err(SimulatorError::Mesh(text))
+        }
         None => Ok(()),
     }
 }
