@@ -4,7 +4,6 @@
 //! the names of their tissues, so that a tissue table needs no mapping.
 
 mod abdomen;
-mod dent;
 mod geometry;
 mod liver_vein;
 mod paint;

@@ -14,11 +14,9 @@
 
 mod devices;
 mod forces;
-mod hand_over;
 mod haptic;
 mod imaging;
 mod recording;
-mod seeds;
 #[cfg(test)]
 mod tests;
 

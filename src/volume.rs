@@ -16,7 +16,6 @@ mod metaimage;
 mod names;
 mod nifti;
 mod nrrd;
-mod nrrd_space;
 mod save;
 mod segments;
 pub mod structures;

@@ -1,6 +1,5 @@
 //! Needle geometry: tip, shaft, bending, and the path over time.
 
-mod bending;
 mod path;
 
 pub use crate::mechanics::needle::BendingConstraint;

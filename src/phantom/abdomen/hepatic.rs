@@ -2,7 +2,7 @@
 
 use super::l;
 use super::wall::{CAVITY_MM, diaphragm, skin_depth};
-use super::{Noise, Over, Painting, Point, Uneven, kidney};
+use super::{Noise, Over, Painting, Point, Uneven};
 use crate::phantom::geometry::{Bounds, Ellipsoid, Shape, Solid, Tube, path, smooth_max};
 use crate::phantom::vessels::Growth;
 
@@ -26,7 +26,7 @@ fn liver(p: &Point) -> f64 {
         smooth_max(smooth_max(from_behind, far_back, 14.0), from_left, 14.0),
         14.0,
     );
-    smooth_max(lobe, 5.0 - kidney::OUTLINE.distance(p), 4.0)
+    smooth_max(lobe, 5.0 - super::KIDNEY.distance(p), 4.0)
 }
 
 /// Adds the liver and its structures, then the great vessels.
