@@ -3,7 +3,6 @@
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
 
-mod caret;
 pub mod complete;
 mod data;
 mod distance;
@@ -17,7 +16,6 @@ mod names;
 mod nifti;
 mod nrrd;
 mod save;
-mod segments;
 pub mod structures;
 mod text;
 pub mod texture;

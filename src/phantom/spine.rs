@@ -257,27 +257,32 @@ fn vertebra<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, z: f64, seed
             l::BONE,
             soft,
         );
-        let upper = Ellipsoid {
-            centre: seat.at([side * 18.5, 8.5, 15.0]),
-            axes: [Point::x(), seat.back, seat.up],
-            radii: [5.5, 6.5, 11.0],
-        };
-        let lower = Ellipsoid {
-            centre: seat.at([side * 12.5, 13.5, -17.0]),
-            radii: [5.5, 5.5, 11.0],
-            ..upper
-        };
-        painting.add(upper, 0.0, l::BONE, soft);
-        painting.add(lower, 0.0, l::BONE, soft);
-        // The joint lies between the lower process of this vertebra and the upper one of the next.
-        let joint = Block {
-            centre: seat.at([side * 15.6, 11.5, -19.5]),
-            axes: frame(seat.along([side * 0.80, -0.60, 0.0]), seat.up),
-            half: [1.0, 8.5, 7.5],
-            round: 0.8,
-        };
-        painting.add(joint, 0.0, l::CARTILAGE, Over::only(&[l::BONE]));
+        articular_processes(painting, seat, side, soft);
     }
+}
+
+/// Articular processes of a side, and the joint with the next vertebra.
+fn articular_processes<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: Seat, side: f64, soft: Over) {
+    let upper = Ellipsoid {
+        centre: seat.at([side * 18.5, 8.5, 15.0]),
+        axes: [Point::x(), seat.back, seat.up],
+        radii: [5.5, 6.5, 11.0],
+    };
+    let lower = Ellipsoid {
+        centre: seat.at([side * 12.5, 13.5, -17.0]),
+        radii: [5.5, 5.5, 11.0],
+        ..upper
+    };
+    painting.add(upper, 0.0, l::BONE, soft);
+    painting.add(lower, 0.0, l::BONE, soft);
+    // The joint lies between the lower process of this vertebra and the upper one of the next.
+    let joint = Block {
+        centre: seat.at([side * 15.6, 11.5, -19.5]),
+        axes: frame(seat.along([side * 0.80, -0.60, 0.0]), seat.up),
+        half: [1.0, 8.5, 7.5],
+        round: 0.8,
+    };
+    painting.add(joint, 0.0, l::CARTILAGE, Over::only(&[l::BONE]));
 }
 
 fn body_and_disc<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seat: Seat, soft: Over) {

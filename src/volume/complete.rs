@@ -208,11 +208,47 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     let body = LAYERS.map(|name| label(&mut labels, name));
     VolumeError::check_labels(labels.len())?;
     let mut voxels = volume.voxels().to_vec();
+    let counts = draw_layers(volume, &outline, options, skin_mm, &body, &mut voxels);
+    let filled = Filled {
+        soft_tissue: counts[0],
+        muscle: counts[1] + counts[2],
+        fat: counts[3],
+        skin: counts[4],
+    };
+    let warning = shell(volume.labels());
+    let [_, muscle, middle, ..] = body;
+    let undivided = voxels.iter().map(|&label| if label == middle { muscle } else { label });
+    let undivided = LabelVolume::new(
+        volume.size(),
+        undivided.collect(),
+        labels.clone(),
+        *volume.index_to_world(),
+    )?;
+    let mut volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    volume.set_undivided(undivided);
+    let note = note(&volume, options, skin_mm, &filled, &outline, &body);
+    Ok(Completed {
+        volume,
+        filled,
+        note,
+        warning,
+    })
+}
+
+/// Draws the layers of a body into the unlabelled voxels, and counts them.
+fn draw_layers(
+    volume: &LabelVolume,
+    outline: &Outline,
+    options: &CompleteOptions,
+    skin_mm: f64,
+    body: &[u8; 5],
+    voxels: &mut [u8],
+) -> [u64; 5] {
     let [nx, ny, _] = volume.size();
     let to_world = volume.index_to_world();
     let [fat_noise, muscle_noise] = [23, 24].map(|stream| Noise::new(0, stream, UNEVEN_MM));
     let deepest = -(1.0 + UNEVEN) * options.muscle_mm - UNEVEN * options.fat_mm;
-    let counts = voxels
+    voxels
         .par_chunks_mut(nx)
         .enumerate()
         .map(|(row, line)| {
@@ -245,31 +281,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
             });
             count
         })
-        .reduce(|| [0; 5], |a, b| [0, 1, 2, 3, 4].map(|i| a[i] + b[i]));
-    let filled = Filled {
-        soft_tissue: counts[0],
-        muscle: counts[1] + counts[2],
-        fat: counts[3],
-        skin: counts[4],
-    };
-    let warning = shell(volume.labels());
-    let [_, muscle, middle, ..] = body;
-    let undivided = voxels.iter().map(|&label| if label == middle { muscle } else { label });
-    let undivided = LabelVolume::new(
-        volume.size(),
-        undivided.collect(),
-        labels.clone(),
-        *volume.index_to_world(),
-    )?;
-    let mut volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
-    volume.set_undivided(undivided);
-    let note = note(&volume, options, skin_mm, &filled, &outline, &body);
-    Ok(Completed {
-        volume,
-        filled,
-        note,
-        warning,
-    })
+        .reduce(|| [0; 5], |a, b| [0, 1, 2, 3, 4].map(|i| a[i] + b[i]))
 }
 
 /// Note about a body that was closed around labels.

@@ -6,7 +6,7 @@ use super::data::{self, Push};
 use super::element::{ByteOrder, Sample, Scale, label_of, with_sample};
 use super::error::VolumeError;
 use super::header::Header;
-use super::{Label, LabelVolume, Loaded, segments};
+use super::{Label, LabelVolume, Loaded, names};
 
 /// Layer and value of a label in the file. The background is layer 0, value 0.
 type Stored = (usize, i64);
@@ -110,7 +110,7 @@ fn volume_from(
     mut header: Header,
     read: impl FnOnce(&mut Header, usize, Push<u8>) -> Result<Vec<u8>, VolumeError>,
 ) -> Result<Loaded, VolumeError> {
-    let named = segments::from_keys(&header.key_values);
+    let named = names::segments(&header.key_values);
     let layered = header.axes.len() == 4 && header.axes[0].direction.is_none() && !named.is_empty();
     let stacked = layered.then(|| header.axes.remove(0));
     // Data errors take precedence: they may be the cause of header errors.

@@ -451,5 +451,4 @@ pub(crate) fn vectors(field: &Field) -> Result<Vec<Option<Vec<f64>>>, VolumeErro
 }
 
 #[cfg(test)]
-#[path = "nrrd_tests.rs"]
 mod tests;

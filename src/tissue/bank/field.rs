@@ -153,6 +153,17 @@ pub(super) struct Cells {
     points: Vec<([f32; 3], f32)>,
 }
 
+/// Where a box lies along one axis, relative to a position.
+#[derive(Clone, Copy)]
+struct Side {
+    /// Part of the index of its point.
+    stored: usize,
+    /// Where it starts, in boxes.
+    start: f32,
+    /// Least squared distance of its point along the axis, in boxes.
+    least: f32,
+}
+
 /// Location of a position within its cell.
 pub(super) struct Place {
     /// Distance to the nearest wall, mm.
@@ -188,28 +199,60 @@ impl Cells {
         }
     }
 
-    /// Locates `position` (mm). Distances are measured in boxes, so that cells are as flat as their boxes.
-    pub fn place(&self, position: [f32; 3]) -> Place {
+    /// The two points nearest to `position` (mm), of those of its box and the 26 around it: squared distance, difference, both in boxes,
+    /// and the number of the cell.
+    fn nearest(&self, position: [f32; 3]) -> [(f32, [f32; 3], f32); 2] {
         let scaled = [0, 1, 2].map(|axis| position[axis] / self.box_mm[axis]);
-        let home = scaled.map(|x| x.floor() as i32);
+        let sides = [0, 1, 2].map(|axis| self.sides(axis, scaled[axis]));
+        let point = |[x, y, z]: [Side; 3]| {
+            let (offset, id) = self.points[x.stored + y.stored + z.stored];
+            let start = [x.start, y.start, z.start];
+            let to = [0, 1, 2].map(|axis| start[axis] + offset[axis] - scaled[axis]);
+            (to.iter().map(|x| x * x).sum::<f32>(), to, id)
+        };
+        // The second nearest point is not farther than both of these.
+        let [xs, ys, zs] = sides;
+        let closest = usize::from(scaled[0] - scaled[0].floor() >= 0.5) * 2;
+        let most = point([xs[1], ys[1], zs[1]]).0.max(point([xs[closest], ys[1], zs[1]]).0);
         let mut nearest = [(f32::INFINITY, [0.0f32; 3], 0.0f32); 2];
-        for dk in -1..=1 {
-            for dj in -1..=1 {
-                for di in -1..=1 {
-                    let cell = [home[0] + di, home[1] + dj, home[2] + dk];
-                    let [i, j, k] = [0, 1, 2].map(|axis| cell[axis].rem_euclid(self.counts[axis]));
-                    let (offset, id) = self.points[(i + self.counts[0] * (j + self.counts[1] * k)) as usize];
-                    let to = [0, 1, 2].map(|axis| cell[axis] as f32 + offset[axis] - scaled[axis]);
-                    let square = to.iter().map(|x| x * x).sum();
-                    if square < nearest[0].0 {
-                        nearest = [(square, to, id), nearest[0]];
-                    } else if square < nearest[1].0 {
-                        nearest[1] = (square, to, id);
+        for z in zs {
+            for y in ys {
+                for x in xs {
+                    // Rounded as the distance is, so that no point of the box is nearer.
+                    if x.least + y.least + z.least > most {
+                        continue;
+                    }
+                    let found = point([x, y, z]);
+                    if found.0 < nearest[0].0 {
+                        nearest = [found, nearest[0]];
+                    } else if found.0 < nearest[1].0 {
+                        nearest[1] = found;
                     }
                 }
             }
         }
-        let [(first, a, id), (second, b, _)] = nearest;
+        nearest
+    }
+
+    /// Boxes before, at and behind a place along an axis.
+    fn sides(&self, axis: usize, at: f32) -> [Side; 3] {
+        let home = at.floor() as i32;
+        let stride = self.counts[..axis].iter().product::<i32>();
+        [home - 1, home, home + 1].map(|index| {
+            let start = index as f32;
+            let [low, high] = [-0.5, 0.5].map(|end| start + (0.5 + JITTER * end) - at);
+            let least = if low > 0.0 { low } else { high.min(0.0) };
+            Side {
+                stored: (index.rem_euclid(self.counts[axis]) * stride) as usize,
+                start,
+                least: least * least,
+            }
+        })
+    }
+
+    /// Locates `position` (mm). Distances are measured in boxes, so that cells are as flat as their boxes.
+    pub fn place(&self, position: [f32; 3]) -> Place {
+        let [(first, a, id), (second, b, _)] = self.nearest(position);
         // The wall is the plane second - first = 0; its distance is that difference over its gradient, in mm.
         let gradient = [0, 1, 2].map(|axis| 2.0 * (b[axis] - a[axis]) / self.box_mm[axis]);
         let steepness = gradient.iter().map(|x| x * x).sum::<f32>().sqrt().max(1e-6);
@@ -293,6 +336,36 @@ impl Strands {
                     let voxel = wrap(i, 0) + grid.size[0] * (wrap(j, 1) + grid.size[1] * wrap(k, 2));
                     data[voxel] = data[voxel].max(height);
                 }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nearest_points_are_those_of_all_27_boxes() {
+        let grid = Grid::new([40, 60, 50], [0.6; 3]);
+        let seed = Seed::new(7, 3);
+        for box_mm in [[5.6, 12.0, 12.0], [32.0, 4.7, 9.0], [4.4; 3]] {
+            let cells = Cells::new(&grid, seed, 0, box_mm);
+            let words = seed.words(9);
+            for trial in 0..20_000 {
+                let position = words([trial, 1, 2]).map(|word| 60.0 * unit(word) - 15.0);
+                let scaled = [0, 1, 2].map(|axis| position[axis] / cells.box_mm[axis]);
+                let mut all = Vec::new();
+                for box_at in 0..27 {
+                    let step = [box_at % 3 - 1, box_at / 3 % 3 - 1, box_at / 9 - 1];
+                    let cell = [0, 1, 2].map(|axis| scaled[axis].floor() as i32 + step[axis]);
+                    let [i, j, k] = [0, 1, 2].map(|axis| cell[axis].rem_euclid(cells.counts[axis]));
+                    let (offset, id) = cells.points[(i + cells.counts[0] * (j + cells.counts[1] * k)) as usize];
+                    let to = [0, 1, 2].map(|axis| cell[axis] as f32 + offset[axis] - scaled[axis]);
+                    all.push((to.iter().map(|x| x * x).sum::<f32>(), to, id));
+                }
+                all.sort_by(|a, b| a.0.total_cmp(&b.0));
+                assert_eq!(cells.nearest(position), [all[0], all[1]], "{position:?}");
             }
         }
     }

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::{CompleteOptions, Completed, Filled, LEAST_MM, Outline, label};
 use crate::tissue::known;
 use crate::volume::distance::Grid;
-use crate::volume::{LabelVolume, ScalarImage, VolumeError};
+use crate::volume::{Label, LabelVolume, ScalarImage, VolumeError};
 
 /// Upper limits of gas, fat and soft tissue, HU; denser voxels are bone.
 const LIMITS_HU: [f32; 3] = [-300.0, -30.0, 150.0];
@@ -58,16 +58,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     if share < COVERED {
         return Err(elsewhere(share));
     }
-    let mut smooth = Grid {
-        size,
-        spacing,
-        values: grey
-            .iter()
-            .map(|hu| if hu.is_finite() { *hu } else { -1000.0 })
-            .collect(),
-    };
-    (0..3).for_each(|axis| smooth.convolve(axis, &[2.0, 1.0]));
-    let smooth = smooth.values;
+    let smooth = smoothed(size, spacing, &grey);
 
     let tissue = |at: u8| known(volume.labels()[usize::from(at)].name.as_deref()?).map(|(tissue, _)| tissue);
     let indices = (0..=255u8).take(volume.labels().len());
@@ -141,20 +132,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
         fat: count(fat) + count(deep_fat),
         skin: count(skin),
     };
-    let told: Vec<String> = CLASSES
-        .iter()
-        .zip(class)
-        .filter(|(_, at)| count(*at) > 0)
-        .map(|(name, at)| format!("{name} ({}) {}", labels[usize::from(at)].value, count(at)))
-        .collect();
-    let mut note = format!(
-        "filled by the CT, below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \
-         bone, the outermost {reach:.1} mm as skin; voxels: {}",
-        LIMITS_HU[0],
-        LIMITS_HU[1],
-        LIMITS_HU[2],
-        told.join(", ")
-    );
+    let mut note = note(&labels, class, &counts, reach);
     if bright.is_some() && !has_vessels {
         note.push_str("; the liver shows no vessels");
     }
@@ -164,6 +142,38 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
         note,
         warning,
     })
+}
+
+/// Note about a body that was filled by a CT, with the voxels of each class.
+fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64) -> String {
+    let told: Vec<String> = CLASSES
+        .iter()
+        .zip(class)
+        .filter(|(_, at)| counts[usize::from(*at)] > 0)
+        .map(|(name, at)| format!("{name} ({}) {}", labels[usize::from(at)].value, counts[usize::from(at)]))
+        .collect();
+    format!(
+        "filled by the CT, below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \
+         bone, the outermost {reach:.1} mm as skin; voxels: {}",
+        LIMITS_HU[0],
+        LIMITS_HU[1],
+        LIMITS_HU[2],
+        told.join(", ")
+    )
+}
+
+/// Grey values of voxels, smoothed over three of them; air where there is no CT.
+fn smoothed(size: [usize; 3], spacing: [f64; 3], grey: &[f32]) -> Vec<f32> {
+    let mut smooth = Grid {
+        size,
+        spacing,
+        values: grey
+            .iter()
+            .map(|hu| if hu.is_finite() { *hu } else { -1000.0 })
+            .collect(),
+    };
+    (0..3).for_each(|axis| smooth.convolve(axis, &[2.0, 1.0]));
+    smooth.values
 }
 
 /// Error of a CT that covers only this share of the labelled voxels.
@@ -248,5 +258,4 @@ fn flooded(size: [usize; 3], seeds: impl Iterator<Item = bool>, open: impl Fn(us
 }
 
 #[cfg(test)]
-#[path = "ct_tests.rs"]
 mod tests;

@@ -3,7 +3,6 @@ use nalgebra::{Matrix4, Vector3};
 use super::super::CompleteOptions;
 use super::super::tests::nifti;
 use super::*;
-use crate::volume::Label;
 
 const SIZE: [usize; 3] = [100, 100, 40];
 const SPACING_MM: f64 = 2.0;
