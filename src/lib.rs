@@ -174,8 +174,9 @@ pub use mechanics::mesh::{Displacement, InvalidMesh, TetMesh};
 pub use mechanics::needle::{BEVEL_MM, Bevel, Flexible, LINK_MM, Needle, Rigid, Shaft, Stiffness};
 pub use mechanics::tissue::material::Material;
 pub use mechanics::tissue::remesh::{Level, Precision};
-pub use output::png::{PngError, write_grey as write_png};
-pub use output::sequence::{FrameInfo, SequenceError, SequenceWriter};
+pub use output::OutputError;
+pub use output::png::write_grey as write_png;
+pub use output::sequence::{FrameInfo, SequenceWriter};
 pub use output::sidecar::Sidecar;
 pub use phantom::Phantom;
 pub use plan::Plan;
@@ -184,15 +185,16 @@ pub use scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_s
 pub use scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioError, ScenarioFile, Summary};
 pub use scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneError, SceneFile};
 pub use simulator::{
-    Damper, Forces, Guided, Haptic, HoldOptions, HoleError, Imaging, Input as RecordedInput, InvalidDevice,
-    InvalidImaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator,
-    State as SimulatorState, TwoPoints,
+    Damper, Forces, Guided, Haptic, HoldOptions, Imaging, Input as RecordedInput, LateralHold,
+    Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator, SimulatorError, State as SimulatorState,
+    TwoPoints,
 };
 pub use synth::layers::Layer;
 pub use synth::tables::{Anatomy, ImageSize, Settings};
 pub use synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
 pub use tissue::presets::get as builtin_tissue;
 pub use tissue::{Tissue, TissueTable};
+pub use tracking::TrackingError;
 pub use tracking::pose::Pose;
 pub use tracking::probe::{Probe, ProbeShape};
 pub use tracking::sequence::Sequence;

@@ -12,11 +12,7 @@ use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::atomic::WriteError;
-use crate::output::place::PlaceError;
-use crate::output::png::PngError;
-use crate::output::sequence::SequenceError;
-use crate::phantom::PhantomError;
+use crate::output::OutputError;
 use crate::report::plot::PlotError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
@@ -29,9 +25,8 @@ use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
-use crate::tracking::calibration::CalibrationError;
+use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand failed.
@@ -142,25 +137,20 @@ from_library!(
     crate::error::Error,
     BeamCaseError,
     BeamError,
-    CalibrationError,
-    CompletionError,
     GenerateError,
     GpuError,
     MaterialCaseError,
     MeshFileError,
-    PhantomError,
-    PlaceError,
+    OutputError,
     PlotError,
-    PngError,
     PointsError,
     ScenarioError,
     SceneError,
-    SequenceError,
     StaticsError,
     StepError,
     SynthError,
-    VolumeError,
-    WriteError
+    TrackingError,
+    VolumeError
 );
 
 macro_rules! from_study {

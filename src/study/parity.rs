@@ -42,7 +42,7 @@ use crate::synth::layers::Beam;
 use crate::synth::local_origin::LocalFrame;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::volume::InvalidVolume;
+use crate::volume::VolumeError;
 
 /// Scene on which the backends are compared.
 #[derive(Clone, Debug)]
@@ -71,8 +71,8 @@ impl Case {
     /// Returns the case translated in the world by a vector, mm.
     ///
     /// # Errors
-    /// [`InvalidVolume`] if the translated position is not finite.
-    pub fn moved(&self, by_mm: [f64; 3]) -> Result<Self, InvalidVolume> {
+    /// [`VolumeError`] if the translated position is not finite.
+    pub fn moved(&self, by_mm: [f64; 3]) -> Result<Self, VolumeError> {
         let by = Vector3::from(by_mm);
         let mut case = self.clone();
         case.name = format!("{} moved by {by_mm:?} mm", self.name);

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use insonify::effects::REGISTRY;
 use insonify::effects::pass::{Access, Band, Pass};
 use insonify::effects::shadow::aperture::RAYS;
-use insonify::gpu::parameters::SLOT_BYTES;
+use insonify::gpu::buffer::SLOT_BYTES;
 use insonify::synth::tables::Tables;
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};

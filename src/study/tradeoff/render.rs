@@ -6,8 +6,8 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::{Figure, Row, Study, Table};
-use crate::output::atomic::{self, WriteError};
-use crate::output::png::{self, PngError};
+use crate::output::png;
+use crate::output::{OutputError, atomic};
 use crate::report::number;
 use crate::report::plot::{self, Marker, Plot, PlotError, Series};
 use crate::report::table::{self, Cell};
@@ -17,10 +17,7 @@ use crate::report::table::{self, Cell};
 pub enum RenderError {
     /// A file cannot be written.
     #[error(transparent)]
-    Write(#[from] WriteError),
-    /// A picture cannot be written.
-    #[error(transparent)]
-    Png(#[from] PngError),
+    Write(#[from] OutputError),
     /// A plot cannot be drawn.
     #[error(transparent)]
     Plot(#[from] PlotError),
@@ -115,7 +112,7 @@ impl<'a> Files<'a> {
     }
 
     /// Writes a text file atomically.
-    pub fn put(&mut self, name: impl Into<String>, text: &str) -> Result<(), WriteError> {
+    pub fn put(&mut self, name: impl Into<String>, text: &str) -> Result<(), OutputError> {
         let name = name.into();
         atomic::write(&self.folder.join(&name), |file| {
             std::io::Write::write_all(file, text.as_bytes())

@@ -278,7 +278,10 @@ fn labels_get_values_that_are_free_and_thicknesses_are_checked() {
         };
         assert!(matches!(
             complete(&plain, &options),
-            Err(CompletionError::Thickness { layer: "fat", .. })
+            Err(VolumeError::Value {
+                key: Some("fat_mm"),
+                ..
+            })
         ));
     }
     let none = CompleteOptions {
