@@ -10,7 +10,7 @@ use insonify::synth::tables::Tables;
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
 
-use crate::plans::{Scene, everything, scenes};
+use super::plans::{Scene, everything, scenes};
 
 pub fn tables(scene: &Scene) -> Tables {
     Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables")

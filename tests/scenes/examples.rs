@@ -5,7 +5,7 @@ use std::path::Path;
 use insonify::scene::{EXAMPLES, SceneFile};
 use insonify::synth::Frame;
 
-use crate::support::{render, shrink, synthesizer, without_textures};
+use super::support::{render, shrink, synthesizer, without_textures};
 
 fn example(name: &str) -> SceneFile {
     let (_, text) = EXAMPLES.iter().find(|(known, _)| *known == name).expect(name);
