@@ -349,7 +349,12 @@ fn a_configuration_fills_in_the_probe() {
 
 #[test]
 fn frames_lie_on_the_recorded_grid() {
-    let scene = recorded("", "plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"").expect("scene");
+    let scene = recorded(
+        "",
+        "plus_config = \"plus.xml\"",
+        "[image]\ngrid = \"recorded\"\n[effects]",
+    )
+    .expect("scene");
     assert_eq!((scene.settings.image.width, scene.settings.image.height), (40, 30));
     assert!(!says(&scene.warnings, &["apart"]), "{:?}", scene.warnings);
     let stated = scene.file.image.expect("image");
