@@ -346,7 +346,7 @@ fn a_label_file_alone_is_enough() {
     assert!(run.stderr.contains("liver"), "{run:?}");
     assert!(grey(&bench.path("liver.png")).1.iter().any(|&grey| grey > 60));
     std::fs::create_dir(bench.path("scenes")).unwrap();
-    bench.write("scenes/own.toml", SCENE);
+    bench.write("scenes/own.toml", &format!("{SCENE}[effects]\n"));
     bench
         .run("render scenes/own.toml --labels body.nii.gz --backend cpu -o replaced.png")
         .text();

@@ -113,19 +113,20 @@ fn what_cannot_be_studied_is_refused_with_status_2() {
 fn insertions_are_studied_part_by_part() {
     let bench = Bench::new();
     let run =
-        bench.run("tradeoff insertion --quick --nodes 300 --depth-mm 12 --only links,thinning --quiet --json -o study");
+        bench.run("tradeoff insertion --quick --nodes 300 --depth-mm 12 --only bevel,thinning --quiet --json -o study");
     let json = run.json();
-    assert_eq!(json["tables"]["links"]["rows"].as_array().map(Vec::len), Some(5));
+    assert_eq!(json["tables"]["bevel"]["rows"].as_array().map(Vec::len), Some(5));
     assert_eq!(json["tables"]["thinning"]["rows"].as_array().map(Vec::len), Some(5));
     assert_eq!(
         bench.files("study"),
         [
+            "bevel-depth.csv",
+            "bevel.csv",
             "index.html",
-            "insertion-links.png",
-            "insertion-links.svg",
+            "insertion-bevel.png",
+            "insertion-bevel.svg",
             "insertion-thinning.png",
             "insertion-thinning.svg",
-            "links.csv",
             "thinning.csv",
             "tradeoff-insertion.json",
         ]

@@ -1,7 +1,7 @@
 //! Geometry: probe pose times a point of a ray.
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

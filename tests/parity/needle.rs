@@ -4,8 +4,8 @@
 use insonify::effects::needle::NeedleEcho;
 use insonify::synth::NeedleShaft;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 /// A straight needle through the small probe's plane, in and out of it by angle and offset.

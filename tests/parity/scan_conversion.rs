@@ -1,7 +1,7 @@
 //! Scan conversion: bilinear between four samples, at coordinates that all backends share.
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

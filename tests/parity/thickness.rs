@@ -4,8 +4,8 @@
 use insonify::effects::slice::Boundary;
 use insonify::effects::thickness::Thickness;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]
