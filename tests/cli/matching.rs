@@ -40,11 +40,8 @@ fn a_scene_is_written_that_can_be_rendered() {
     );
     let told = bench.run("match real.png -o matched.toml --page page.html");
     assert!(told.text().contains("dynamic_range_db"), "{told:?}");
-    assert_eq!(
-        scene,
-        std::fs::read_to_string(bench.path("matched.toml")).expect("a scene")
-    );
-    let page = std::fs::read_to_string(bench.path("page.html")).expect("a page");
+    assert_eq!(scene, bench.text("matched.toml"));
+    let page = bench.text("page.html");
     assert!(page.contains("Autocorrelation across") && page.ends_with("</body></html>\n"));
     bench.run("render matched.toml --backend cpu -o ours.png").text();
     let report = bench.run("match real.png --json --depth-mm 80").json();

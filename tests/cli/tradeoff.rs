@@ -65,8 +65,7 @@ fn levels_are_measured_against_the_moved_mesh() {
             "tradeoff-remesh.json",
         ]
     );
-    let written: Value =
-        serde_json::from_slice(&std::fs::read(bench.path("study/tradeoff-remesh.json")).unwrap()).unwrap();
+    let written: Value = bench.read("study/tradeoff-remesh.json");
     assert_eq!(written, json);
 }
 
@@ -176,8 +175,7 @@ fn all_studies_go_into_one_report() {
     ] {
         assert!(files.contains(&file.to_owned()), "{files:?}");
     }
-    let written: Value =
-        serde_json::from_slice(&std::fs::read(bench.path("here/report/results.json")).unwrap()).unwrap();
+    let written: Value = bench.read("here/report/results.json");
     assert_eq!(written, json);
     let text = bench
         .run("tradeoff --quick --only history --quiet -o report")

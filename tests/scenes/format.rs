@@ -7,16 +7,7 @@ use insonify::effects::Effects;
 use insonify::scene::{DEFAULT, SceneFile, schema};
 use serde_json::Value;
 
-use super::support::parse;
-
-/// The default scene with every key that it shows in a comment put in force.
-fn uncommented() -> String {
-    let reveal = |line: &str| match line.strip_prefix('#') {
-        Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
-        _ => line.to_owned(),
-    };
-    DEFAULT.lines().map(reveal).collect::<Vec<_>>().join("\n")
-}
+use super::support::{parse, uncommented};
 
 #[test]
 fn the_default_scene_writes_the_defaults() {
