@@ -276,7 +276,7 @@ mod tests {
         let expected = "way        ms\na       1.000\nlonger 1.000\n";
         let head = || [Cell::from("way"), Cell::number("ms")];
         let table = Table::new(head()).with([["a", "1.000"], ["longer", "1.000"]]);
-        assert_eq!(table.text(" ", &[6, 0]), expected.replace("       ms", "       ms"));
+        assert_eq!(table.text(" ", &[6, 0]), expected);
         let wrapped = Table::new(["what", "is"]).with([["two words", "it"]]);
         assert_eq!(
             wrapped.wrapped(&[5, 2]),
