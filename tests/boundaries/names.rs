@@ -86,7 +86,16 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("simulator", &["base", "mechanics", "tracking", "imaging"]),
     (
         "study",
-        &["base", "gpu", "anatomy", "mechanics", "tracking", "imaging", "input"],
+        &[
+            "base",
+            "gpu",
+            "anatomy",
+            "mechanics",
+            "tracking",
+            "imaging",
+            "input",
+            "error",
+        ],
     ),
 ];
 
