@@ -1,7 +1,7 @@
 //! Probe and needle tracking: geometry, poses, trajectories, tracked sequences.
 
 pub mod calibration;
-pub mod matrix;
+mod error;
 pub mod needle;
 pub mod placement;
 pub mod plus;
@@ -11,3 +11,5 @@ pub mod sequence;
 pub mod template;
 pub mod trajectory;
 pub mod world;
+
+pub use error::TrackingError;

@@ -3,35 +3,30 @@
 use std::fmt;
 use std::io;
 
-use crate::beam_case::BeamCaseError;
-use crate::beam_case::points::PointsError;
+use crate::anatomy::volume::VolumeError;
+use crate::base::output::OutputError;
+use crate::base::report::plot::PlotError;
 use crate::error::{INPUT, MACHINE};
 use crate::gpu::GpuError;
-use crate::material_case::MaterialCaseError;
+use crate::imaging::synth::SynthError;
+use crate::input::beam_case::BeamCaseError;
+use crate::input::beam_case::points::PointsError;
+use crate::input::material_case::MaterialCaseError;
+use crate::input::scenario::ScenarioError;
+use crate::input::scene::SceneError;
+use crate::input::statics::StaticsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::atomic::WriteError;
-use crate::output::place::PlaceError;
-use crate::output::png::PngError;
-use crate::output::sequence::SequenceError;
-use crate::phantom::PhantomError;
-use crate::scenario::ScenarioError;
-use crate::scene::SceneError;
-use crate::statics::StaticsError;
 use crate::study::bench::compare::CompareError;
-use crate::study::plot::PlotError;
 use crate::study::puncture::PunctureError;
 use crate::study::tradeoff::RenderError;
 use crate::study::tradeoff::image::ImageError;
 use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
-use crate::synth::SynthError;
-use crate::tracking::calibration::CalibrationError;
-use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
+use crate::tracking::TrackingError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand failed.
@@ -40,6 +35,12 @@ pub enum Failure {
     /// Error of the library.
     #[error(transparent)]
     Library(Box<crate::error::Error>),
+    /// Error of a study, which the user can correct.
+    #[error(transparent)]
+    Study(Box<dyn std::error::Error + Send + Sync>),
+    /// Error of a study, in which the machine failed.
+    #[error(transparent)]
+    Machine(Box<dyn std::error::Error + Send + Sync>),
     /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
@@ -84,8 +85,8 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Library(error) => error.exit_status(),
-            Self::Usage { .. } => INPUT,
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
+            Self::Usage { .. } | Self::Study(_) => INPUT,
+            Self::Machine(_) | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -95,7 +96,7 @@ impl Diagnostic for Failure {
         match self {
             Self::Library(error) => error.help(),
             Self::Usage { help, .. } => Some(Box::new(help)),
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => None,
+            _ => None,
         }
     }
 
@@ -136,30 +137,42 @@ from_library!(
     crate::error::Error,
     BeamCaseError,
     BeamError,
-    CalibrationError,
-    CompareError,
-    CompletionError,
     GenerateError,
     GpuError,
-    ImageError,
-    InsertionStudyError,
     MaterialCaseError,
     MeshFileError,
-    PhantomError,
-    PlaceError,
+    OutputError,
     PlotError,
-    PngError,
     PointsError,
-    PunctureError,
-    RenderError,
     ScenarioError,
     SceneError,
-    SequenceError,
     StaticsError,
     StepError,
-    StudyError,
     SynthError,
-    TissueError,
-    VolumeError,
-    WriteError
+    TrackingError,
+    VolumeError
+);
+
+macro_rules! from_study {
+    ($($error:ty: $machine:expr),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                let machine: fn(&$error) -> bool = $machine;
+                match machine(&error) {
+                    true => Self::Machine(error.into()),
+                    false => Self::Study(error.into()),
+                }
+            }
+        })*
+    };
+}
+
+from_study!(
+    CompareError: CompareError::is_machine,
+    ImageError: ImageError::is_machine,
+    InsertionStudyError: |_| false,
+    PunctureError: |_| false,
+    RenderError: |_| true,
+    StudyError: StudyError::is_machine,
+    TissueError: |_| false
 );

@@ -2,21 +2,22 @@
 
 use std::path::PathBuf;
 
-use crate::phantom::{PhantomOptions, make};
-use crate::segmentation::{Info, Segmentation};
-use crate::volume::save;
+use crate::anatomy::phantom::{PhantomOptions, make};
+use crate::anatomy::segmentation::{Info, Segmentation};
+use crate::anatomy::volume::save;
 use clap::Args;
 
 use super::failure::Failure;
 use super::output::Force;
 use super::terminal;
+use super::variants::variants;
 
 /// Generates a labelled volume and writes it
 #[derive(Args)]
 pub struct Phantom {
     /// Name of the phantom
-    #[arg(value_name = "NAME", value_enum)]
-    name: crate::phantom::Phantom,
+    #[arg(value_name = "NAME", value_parser = variants::<crate::anatomy::phantom::Phantom>())]
+    name: crate::anatomy::phantom::Phantom,
     /// File to write: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,

@@ -1,8 +1,8 @@
 //! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a 1 mm steel needle in a phantom and in
 //! porcine muscle, beside the values computed here.
 
-use super::machine::Machine;
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::base::report::machine::Machine;
 use crate::mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };

@@ -28,7 +28,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
-use super::machine::Machine;
+use crate::base::report::machine::Machine;
 pub use record::{Record, Unexpected};
 pub use report::{CaseReport, Report};
 
@@ -77,15 +77,7 @@ fn run_case(group: &str, case: &Case, effort: Effort, progress: &mut dyn FnMut(f
     if let Err(unexpected) = (case.run)(&mut record) {
         record.fail(unexpected);
     }
-    CaseReport {
-        group: group.to_owned(),
-        name: case.name.to_owned(),
-        criterion: case.criterion.to_owned(),
-        covers: case.covers.iter().map(|&cover| cover.to_owned()).collect(),
-        seed: case.seed,
-        seconds: start.elapsed().as_secs_f64(),
-        measures: record.into_measures(),
-    }
+    CaseReport::new(group, case, start.elapsed().as_secs_f64(), record.into_measures())
 }
 
 /// Length of a run.

@@ -7,16 +7,15 @@ use std::path::Path;
 
 use nalgebra::Matrix4;
 
-use crate::volume::header::Header;
-use crate::volume::{VolumeError, read_data, read_header};
+use crate::anatomy::volume::header::Header;
+use crate::anatomy::volume::{VolumeError, read_data, read_header};
 
 mod info;
 mod keys;
-mod orientation;
 
 pub use info::SequenceInfo;
+pub use keys::Orientation;
 pub(crate) use keys::ends;
-pub use orientation::Orientation;
 
 /// A transform of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,7 +2,7 @@
 
 use nalgebra::{Point3, Unit, Vector3};
 
-use crate::document::nearest;
+use crate::base::document::nearest;
 
 /// A plate with rows and columns of holes, perpendicular to the needles that it guides.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,8 +20,7 @@ pub struct Template {
 }
 
 /// A hole name that the template does not have.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the hole is \"{found}\"; expected {expected}")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownHole {
     /// Name given.
     pub found: String,

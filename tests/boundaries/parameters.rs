@@ -2,14 +2,14 @@
 
 use std::mem::offset_of;
 
-use insonify::effects::{
+use insonify::imaging::effects::{
     Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
     shadow, slice, speckle, texture, thickness, tone,
 };
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 use serde_json::Value;
 
-use crate::shaders::{block_of, layout, parse, passes};
+use super::shaders::{block_of, layout, parse, passes};
 
 struct Block {
     /// Start of the names of the passes that bind it.

@@ -1,7 +1,7 @@
 //! `insonify beam`: what it prints and draws, and that whatever is wrong with a case or with points ends with status 2, the line,
 //! and nothing written.
 
-use insonify::scenario::EXAMPLES;
+use insonify::input::scenario::EXAMPLES;
 use serde_json::Value;
 
 use crate::support::Bench;
@@ -259,33 +259,6 @@ fn the_published_table_is_regenerated() {
     }
     assert!(bench.files("out").contains(&"table-one.csv".to_owned()));
     assert!(bench.run("beam table").text().contains("Table I"));
-}
-
-#[test]
-fn choices_are_studied() {
-    let bench = Bench::new();
-    let json = bench.run("tradeoff beam --json -q -o study").json();
-    for (table, rows) in [
-        ("elements", 15),
-        ("friction", 30),
-        ("friction-term", 48),
-        ("models", 72),
-        ("needles", 10),
-    ] {
-        let found = json["tables"][table]["rows"].as_array().expect("rows");
-        assert_eq!(found.len(), rows, "{table}");
-        assert!(found.iter().all(|row| row["flag"].is_null()), "{table}");
-    }
-    let files = bench.files("study");
-    for file in [
-        "beam-elements.svg",
-        "beam-friction.svg",
-        "beam-models-psm.svg",
-        "beam-needles.svg",
-        "models.csv",
-    ] {
-        assert!(files.contains(&file.to_owned()), "{files:?}");
-    }
 }
 
 /// Springs and beam have keys of their own.

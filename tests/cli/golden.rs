@@ -6,8 +6,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use insonify::plan::Plan;
-use insonify::synth::tables::Tables;
+use insonify::imaging::plan::Plan;
+use insonify::imaging::synth::tables::Tables;
 use insonify::{Backend, Frame, SceneFile};
 use serde_json::Value;
 
@@ -30,12 +30,12 @@ impl Record {
         Self(entries.map(|(key, value)| (key.to_owned(), value.to_owned())).collect())
     }
 
-    /// Numbers and texts of a JSON value, three elements of long arrays, no times of this machine.
+    /// Numbers and texts of a JSON value, three elements of long arrays, neither times nor the machine.
     fn put_json(&mut self, key: &str, value: &Value) {
         match value {
             Value::Object(fields) => {
                 for (name, value) in fields {
-                    if !name.ends_with("_ms") && name != "seconds" {
+                    if !name.ends_with("_ms") && name != "seconds" && name != "machine" {
                         self.put_json(&format!("{key}.{name}"), value);
                     }
                 }

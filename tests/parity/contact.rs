@@ -1,10 +1,10 @@
 //! Contact: gaps found once for all backends, then a shift along the beam.
 
-use insonify::effects::contact::Contact;
-use insonify::effects::thickness::Thickness;
+use insonify::imaging::effects::contact::Contact;
+use insonify::imaging::effects::thickness::Thickness;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

@@ -1,9 +1,9 @@
 //! Noise: integers until the last product.
 
-use insonify::effects::noise::Noise;
+use insonify::imaging::effects::noise::Noise;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene;
 
 #[test]

@@ -1,10 +1,10 @@
 //! Receiver: integers up to the power drawn, then a sum of squares and a root.
 
-use insonify::effects::receiver::Receiver;
-use insonify::effects::shadow::Shadow;
+use insonify::imaging::effects::receiver::Receiver;
+use insonify::imaging::effects::shadow::Shadow;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

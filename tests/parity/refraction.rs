@@ -1,9 +1,9 @@
 //! Refraction: whole numbers of phase, and the sum of their curvature, with few scanlines and many samples.
 
-use insonify::effects::refraction::Refraction;
+use insonify::imaging::effects::refraction::Refraction;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

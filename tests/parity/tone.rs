@@ -1,11 +1,10 @@
 //! Tone: a logarithm, clamped. Its slope is steep for faint echoes, so the bound is taken at both ends of the interval that
 //! the amplitude is known to. Automatic gain is a ratio of two sums over a band of depth, of terms that rise with the amplitude: so are its ends.
 
-use insonify::effects::receiver::Receiver;
-use insonify::effects::tone::{Curve, Tone};
+use insonify::imaging::effects::receiver::Receiver;
+use insonify::imaging::effects::tone::{Curve, Tone};
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{check_all, random};
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -55,11 +54,9 @@ fn linear_and_compressed_tones() {
             });
             settings.effects.tone = tone.clone();
             settings.effects.speckle = speckled.then(Default::default);
-            cases.push(Case::new(
+            cases.push(random(
                 format!("{name}, speckle {speckled}, {samples} samples"),
-                scenes::random_anatomy(),
                 settings,
-                scenes::oblique_pose(),
             ));
         }
     }

@@ -1,15 +1,15 @@
 //! Warp between states that both move: tissue moves the current nodes, remeshing the reference nodes.
 
+use insonify::base::random::{hash3, unit};
+use insonify::imaging::synth::tables::Anatomy;
+use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify::mechanics::mesh::InvalidMesh;
 use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
 use insonify::mechanics::mesh::{Displacement, TetMesh};
-use insonify::random::{hash3, unit};
-use insonify::synth::tables::Anatomy;
-use insonify::synth::{Backend, FrameState, SynthError, Synthesizer};
 use nalgebra::Vector3;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene::{self, SHAPES};
 

@@ -1,13 +1,13 @@
 //! Radial blur: its impulse response is the kernel, a constant stays constant, and depth is untouched.
 
-use insonify::effects::blur::Blur;
-use insonify::effects::slice::Boundary;
-use insonify::synth::tables::{Anatomy, Settings};
+use insonify::imaging::effects::blur::Blur;
+use insonify::imaging::effects::slice::Boundary;
+use insonify::imaging::synth::tables::{Anatomy, Settings};
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
-use crate::{beam_after, precisions};
 
 fn settings(shape: ProbeShape, lines: u32) -> Settings {
     let mut settings = scene::settings(scene::probe(shape, 40.0, lines, 80), scene::bare());

@@ -1,14 +1,14 @@
 //! Live changes: only what depends on a change is rebuilt, and the result is that of a synthesizer made anew.
 
-use insonify::effects::slice::Boundary;
-use insonify::effects::tone::Tone;
 use insonify::gpu::Gpu;
-use insonify::synth::tables::{Settings, Tables};
-use insonify::synth::{Backend, Synthesizer};
+use insonify::imaging::effects::slice::Boundary;
+use insonify::imaging::effects::tone::Tone;
+use insonify::imaging::synth::tables::{Settings, Tables};
+use insonify::imaging::synth::{Backend, Synthesizer};
 
-use crate::determinism::{everything, frame_of};
+use super::determinism::{everything, frame_of};
+use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};
-use crate::synthesizer;
 
 type Edit = (&'static str, fn(&mut Settings));
 

@@ -1,13 +1,13 @@
 //! Where there is nothing, nothing shows.
 
-use insonify::effects::Effects;
+use insonify::imaging::effects::Effects;
+use insonify::imaging::synth::FrameState;
 use insonify::mechanics::mesh::Displacement;
-use insonify::synth::FrameState;
 use nalgebra::{Matrix4, Vector3};
 
+use super::{beam_after, precisions, synthesizer};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene;
-use crate::{beam_after, precisions, synthesizer};
 
 #[test]
 fn a_probe_wholly_outside_the_volume_gives_a_black_frame() {

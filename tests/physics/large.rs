@@ -1,10 +1,10 @@
 //! The largest frame that users have asked for.
 
-use insonify::synth::Backend;
+use insonify::imaging::synth::Backend;
 
+use super::synthesizer;
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
-use crate::synthesizer;
 
 #[test]
 #[ignore = "takes 1 GB of memory; run it with --ignored"]

@@ -1,15 +1,15 @@
 //! Loss down the beam: Beer and Lambert's law through layers, bone, and the needle.
 
-use insonify::effects::shadow::{Shadow, UNITS_PER_DB};
-use insonify::synth::layers::Beam;
-use insonify::synth::tables::{Anatomy, Settings};
-use insonify::synth::{Backend, NeedleShaft};
+use insonify::imaging::effects::shadow::{Shadow, UNITS_PER_DB};
+use insonify::imaging::synth::layers::Beam;
+use insonify::imaging::synth::tables::{Anatomy, Settings};
+use insonify::imaging::synth::{Backend, NeedleShaft};
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
 use crate::support::stats::{order, rms};
-use crate::{beam_after, precisions};
 
 const DEPTH_MM: f64 = 60.0;
 const MHZ: f64 = 5.0;

@@ -1,14 +1,15 @@
 //! Areas of sliced bodies converge as voxels shrink.
 
-use insonify::effects::slice::Boundary;
-use insonify::random::{hash3, unit};
-use insonify::synth::Backend;
-use insonify::synth::tables::Anatomy;
+use insonify::base::random::{hash3, unit};
+use insonify::imaging::effects::slice::Boundary;
+use insonify::imaging::synth::Backend;
+use insonify::imaging::synth::tables::Anatomy;
 use insonify::tracking::probe::ProbeShape;
 
+use super::beam_after;
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
+use crate::support::scene;
 use crate::support::stats::{order, rms};
-use crate::{beam_after, support::scene};
 
 const WIDTH_MM: f64 = 36.0;
 const DEPTH_MM: f64 = 36.0;

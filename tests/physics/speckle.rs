@@ -1,16 +1,16 @@
 //! Speckle on a constant tissue, before any blur: first- and second-order statistics.
 
-use insonify::effects::speckle::Speckle;
-use insonify::synth::layers::Beam;
-use insonify::synth::tables::Settings;
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::imaging::effects::speckle::Speckle;
+use insonify::imaging::synth::layers::Beam;
+use insonify::imaging::synth::tables::Settings;
+use insonify::imaging::synth::{Backend, FrameState, Synthesizer};
 use insonify::tracking::probe::ProbeShape;
 use nalgebra::{Matrix4, Vector3};
 
+use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
 use crate::support::stats::{correlation, full_width, kolmogorov_smirnov, mean, std};
-use crate::{precisions, synthesizer};
 
 const LINES: usize = 96;
 const SAMPLES: usize = 240;

@@ -1,11 +1,11 @@
 //! Elevational thickness: a constant is unchanged, and a layer across the elevation counts by its share of the beam.
 
-use insonify::effects::thickness::Thickness;
-use insonify::synth::tables::Settings;
+use insonify::imaging::effects::thickness::Thickness;
+use insonify::imaging::synth::tables::Settings;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
-use crate::{beam_after, precisions};
 
 fn settings(shape: usize, width_mm: f64, planes: u32) -> Settings {
     let mut settings = scene::settings(scene::probe(SHAPES[shape].1, 40.0, 9, 32), scene::bare());

@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use insonify::scene::{DEFAULT, EXAMPLES, SceneFile};
+use insonify::input::scene::{DEFAULT, EXAMPLES, SceneFile};
 use proptest::prelude::*;
+
+use super::support::uncommented;
 
 /// Parses and, if that succeeds, resolves with a coarse phantom; shows an error both ways.
 fn survive(text: &str) {
@@ -22,7 +24,7 @@ fn survive(text: &str) {
     match scene {
         Ok(scene) => {
             let frames = scene.frames();
-            let mut state = insonify::synth::FrameState::at(nalgebra::Matrix4::identity());
+            let mut state = insonify::imaging::synth::FrameState::at(nalgebra::Matrix4::identity());
             scene.state(0, frames, &mut state).expect("first frame");
             scene.state(frames - 1, frames, &mut state).expect("last frame");
         }
@@ -57,14 +59,6 @@ const WORDS: &[&str] = &[
     "[nan, 0, 0]",
     "4294967296",
 ];
-
-fn uncommented() -> String {
-    let reveal = |line: &str| match line.strip_prefix('#') {
-        Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
-        _ => line.to_owned(),
-    };
-    DEFAULT.lines().map(reveal).collect::<Vec<_>>().join("\n")
-}
 
 fn texts() -> impl Strategy<Value = String> {
     let mut texts: Vec<String> = EXAMPLES.iter().map(|(_, text)| (*text).to_owned()).collect();

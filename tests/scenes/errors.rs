@@ -1,9 +1,9 @@
 //! Every mistake is named, with its key, its line and a caret on it.
 
-use insonify::scene::{Problem, SceneError};
+use insonify::input::scene::{Problem, SceneError};
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 
-use crate::support::{fault, small};
+use super::support::{fault, small};
 
 /// The text that the caret stands under.
 fn marked(error: &SceneError) -> String {

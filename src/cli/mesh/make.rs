@@ -4,13 +4,13 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use crate::anatomy::phantom::{self, Phantom, PhantomOptions};
+use crate::anatomy::segmentation::{self, Segmentation};
+use crate::anatomy::volume::complete::{CompleteOptions, complete};
+use crate::anatomy::volume::{Label, LabelVolume};
+use crate::base::text::column;
 use crate::mechanics::mesh::file::write_vtu_with;
 use crate::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
-use crate::phantom::{self, Phantom, PhantomOptions};
-use crate::segmentation::{self, Segmentation};
-use crate::text::column;
-use crate::volume::complete::{CompleteOptions, complete};
-use crate::volume::{Label, LabelVolume};
 use clap::Args;
 use serde::Serialize;
 
@@ -18,6 +18,7 @@ use crate::cli::failure::Failure;
 use crate::cli::input::NamesArg;
 use crate::cli::output::Force;
 use crate::cli::terminal;
+use crate::cli::variants::variants;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -52,7 +53,7 @@ pub struct Make {
     #[command(flatten)]
     names: NamesArg,
     /// A built-in phantom in place of a file
-    #[arg(long, value_name = "NAME", value_enum)]
+    #[arg(long, value_name = "NAME", value_parser = variants::<Phantom>())]
     phantom: Option<Phantom>,
     /// Maximum number of nodes; the mesh has nearly as many
     #[arg(long, value_name = "N")]

@@ -2,11 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::output::folder::{Folder, MANIFEST};
-use crate::output::png;
-use crate::output::sidecar::Sidecar;
-use crate::synth::layers::Layer;
-use clap::ValueEnum;
+use crate::base::output::folder::{Folder, MANIFEST};
+use crate::base::output::png;
+use crate::imaging::sidecar::Sidecar;
+use crate::imaging::synth::layers::Layer;
 
 use super::extras::Extras;
 use super::output::PARAMETERS;
@@ -37,7 +36,7 @@ impl Place {
         };
         let layers_beside = match target {
             Target::Folder(_) => &[],
-            _ => Layer::value_variants(),
+            _ => &Layer::ALL[..],
         };
         for layer in layers_beside {
             sort(png::layer_path(&path, layer.name()), layers.contains(layer));

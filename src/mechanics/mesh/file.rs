@@ -18,7 +18,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
-use crate::{memory, read};
+use crate::base::memory;
+use crate::base::read;
 pub use error::MeshFileError;
 use error::{Fault, quote};
 pub use vtk::{Values, write_pvd, write_vtu, write_vtu_with};
@@ -30,7 +31,7 @@ pub const DISPLACEMENT: &str = "displacement";
 const BYTES_PER_ELEMENT: u64 = 256;
 
 /// Unit of length of the coordinates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Unit {
     /// A millimetre.

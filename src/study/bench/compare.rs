@@ -17,14 +17,14 @@ mod passes;
 use std::time::{Duration, Instant};
 
 use super::{BenchOptions, Clock};
+use crate::base::report::machine::Machine;
 use crate::gpu::{Gpu, GpuError};
+use crate::imaging::synth::tables::{Anatomy, Settings};
+use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
 use crate::mechanics::mesh::InvalidMesh;
-use crate::study::machine::Machine;
 use crate::study::tradeoff::remesh::subject::generated;
 use crate::study::tradeoff::remesh::{RemeshOptions, StudyError, study};
 use crate::study::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
-use crate::synth::tables::{Anatomy, Settings};
-use crate::synth::{FrameState, SynthError, Synthesizer};
 
 /// Default scene, with every effect that a frame can have.
 pub const SCENE: &str = r#"

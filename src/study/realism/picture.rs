@@ -4,14 +4,13 @@ use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
 use image::{ImageFormat, ImageReader, Limits};
 
-use crate::output::sidecar::Sidecar;
-use crate::read;
-use crate::synth::layers::Layer;
+use crate::anatomy::volume::{At, VolumeError};
+use crate::base::read;
+use crate::imaging::sidecar::Sidecar;
+use crate::imaging::synth::layers::Layer;
 use crate::tracking::sequence::Sequence;
-use crate::volume::{At, VolumeError};
 
 /// Least difference between the channels of a coloured overlay pixel: grey maps of scanners are tinted by less.
 const COLOURED: u8 = 40;
@@ -72,7 +71,7 @@ fn has_ending(path: &Path, ending: &str) -> bool {
 /// Lists the PNG files of a folder by name, without layers and overviews.
 fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
-    let beside: Vec<String> = Layer::value_variants()
+    let beside: Vec<String> = Layer::ALL
         .iter()
         .map(|layer| format!("_{}", layer.name()))
         .chain(["_overview".to_owned()])

@@ -5,8 +5,10 @@ use std::sync::Arc;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::record::{Record, Unexpected, largest, noise};
-use crate::effects::Effects;
 use crate::gpu::{AdapterChoice, Gpu, Needs, adapter};
+use crate::imaging::effects::Effects;
+use crate::imaging::synth::tables::{self, ImageSize, Settings};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
 use crate::mechanics::insertion::{Anatomy, EventKind, Interaction, Model, Outcome, Snapshot, Tissue};
@@ -24,8 +26,6 @@ use crate::mechanics::tissue::remesh::{
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::block;
 use crate::study::parity::{Case, Verdict};
-use crate::synth::tables::{self, ImageSize, Settings};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 
 /// Extent of the tissue block, mm.

@@ -9,10 +9,10 @@ use std::time::Instant;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::Spread;
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Problem, Shape};
 use crate::study::beam::{ELEMENT_MM, INITIAL_LENGTH_MM, TISSUES, problem};
-use crate::study::machine::Machine;
-use crate::study::spread::Spread;
 
 /// Registration of this study.
 pub const ENTRY: Entry = Entry {

@@ -25,15 +25,15 @@ use nalgebra::Matrix4;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::{Spread, percentile};
 use crate::gpu::{Gpu, GpuError};
+use crate::imaging::plan::Plan;
+use crate::imaging::synth::tables::{Settings, Tables};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use crate::input::scene::{Scene, SceneError, SceneFile};
 use crate::mechanics::mesh::InvalidMesh;
-use crate::plan::Plan;
-use crate::scene::{Scene, SceneError, SceneFile};
-use crate::study::machine::Machine;
-use crate::study::spread::{Spread, percentile};
 use crate::study::stability::Effort;
-use crate::synth::tables::{Settings, Tables};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 /// Options of the study.
 #[derive(Debug)]

@@ -24,6 +24,8 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::percentile;
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::insertion::spring::InvalidParameters;
 use crate::mechanics::insertion::{Instruments, InvalidSetup, Model, ProbeContact, StepError};
@@ -31,8 +33,6 @@ use crate::mechanics::mesh::{InvalidMesh, TetMesh};
 use crate::mechanics::needle::{InvalidNeedleModel, Needle};
 use crate::mechanics::tissue::material::{InvalidMaterial, Material};
 use crate::study::block;
-use crate::study::machine::Machine;
-use crate::study::spread::percentile;
 use crate::study::stability::Effort;
 
 /// Part of the study.

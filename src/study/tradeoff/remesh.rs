@@ -26,6 +26,7 @@ use std::time::{Duration, Instant};
 
 use super::Study;
 use super::gather::Entry;
+use crate::base::memory;
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
 use crate::mechanics::tissue::error::LinearError;
@@ -33,7 +34,6 @@ use crate::mechanics::tissue::inverse::invert;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::remesh::{RemeshError, Source};
 use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::memory;
 use crate::study::stability::Effort;
 use contender::{Contender, Kind, Sources};
 use report::Report;

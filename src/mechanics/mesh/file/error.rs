@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::base::memory::TooLarge;
+use crate::base::output::OutputError;
+use crate::base::read;
+use crate::base::text;
 use crate::mechanics::mesh::InvalidMesh;
-use crate::memory::TooLarge;
-use crate::output::atomic::WriteError;
-use crate::{read, text};
 
 /// Reason why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -20,7 +21,7 @@ pub enum MeshFileError {
     },
     /// The file cannot be written.
     #[error(transparent)]
-    Write(#[from] WriteError),
+    Write(#[from] OutputError),
     /// The contents violate the format.
     #[error("{}: line {line} (byte {offset}): found {found}; expected {expected}", path.display())]
     Syntax {

@@ -3,13 +3,13 @@
 use std::time::Instant;
 
 use super::{CPU_MS, Clock, CompareError, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
-use crate::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
+use crate::base::report::statistics::Spread;
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
-use crate::plan::Plan;
-use crate::study::spread::Spread;
+use crate::imaging::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
+use crate::imaging::plan::Plan;
+use crate::imaging::synth::tables::Tables;
+use crate::imaging::synth::{Backend, Synthesizer};
 use crate::study::tradeoff::{Axis, Table};
-use crate::synth::tables::Tables;
-use crate::synth::{Backend, Synthesizer};
 
 /// Stages of a frame, each plotted with a few passes.
 pub const STAGES: [&str; 5] = ["frame", "tissue", "speckle", "echoes", "display"];
@@ -92,7 +92,7 @@ fn all_sizes(
                 }
                 sizes.push(Some(times));
             }
-            Err(CompareError::Synth(error @ crate::synth::SynthError::Gpu(_))) => {
+            Err(CompareError::Synth(error @ crate::imaging::synth::SynthError::Gpu(_))) => {
                 notes.push(format!("{name}: no frame of {} x {}: {error}", grid[0], grid[1]));
                 (stopped, _) = (true, sizes.push(None));
             }

@@ -112,7 +112,7 @@ fn the_gpu_wins_from_where_it_stays_ahead() {
     push("at last", [Some(1.5), Some(0.9), Some(1.1), Some(2.0)]);
     push("never", [Some(0.1), Some(0.5), Some(0.9), None]);
     push("unknown", [None; 4]);
-    let found = crossing::crossing(&[&table]);
+    let found = crossing(&[&table]);
     let wins: Vec<&str> = found.rows.iter().map(|row| row.choices[2].as_str()).collect();
     assert_eq!(wins, ["from the smallest, a", "from c", "never up to c"]);
     assert_eq!(found.rows[2].values, [Some(0.1), Some(0.9)]);

@@ -2,16 +2,16 @@
 
 use nalgebra::{Matrix4, Vector3};
 
-use crate::effects::Effects;
-use crate::effects::noise::Noise;
-use crate::effects::speckle::Speckle;
+use crate::base::random::{hash3, seed_words};
 use crate::gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
-use crate::random::{hash3, seed_words};
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::noise::Noise;
+use crate::imaging::effects::speckle::Speckle;
+use crate::imaging::synth::tables::Settings;
+use crate::imaging::synth::{FrameState, Synthesizer};
 use crate::study::anatomies::{self, Acoustics, PLAIN};
 use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
 use crate::study::stability::record::{Record, Unexpected};
-use crate::synth::tables::Settings;
-use crate::synth::{FrameState, Synthesizer};
 use crate::tracking::probe::ProbeShape;
 
 /// Number of frames in the criterion.

@@ -1,16 +1,16 @@
 //! Cases of single passes: tone, attenuation and blur.
 
-use crate::effects::Effects;
-use crate::effects::blur::Blur;
-use crate::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
-use crate::effects::shadow::{MOST_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
-use crate::effects::tone::Tone;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::blur::Blur;
+use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
+use crate::imaging::effects::shadow::{MOST_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::SynthError;
+use crate::imaging::synth::layers::Beam;
+use crate::imaging::synth::tables::Anatomy;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
 use crate::study::stability::record::{Record, Unexpected, largest};
-use crate::synth::SynthError;
-use crate::synth::layers::Beam;
-use crate::synth::tables::Anatomy;
 use crate::tracking::probe::ProbeShape;
 
 const LONG_SAMPLES: u32 = 8192;
@@ -119,7 +119,7 @@ const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
 const BLUR_ROUNDING: f64 = (1.5 + 2.0 * (2 * MAX_REACH + 1) as f64 + 2.5) / 8_388_608.0;
 
 /// Creates a slab of tissue in silence that only the middle scanline meets.
-fn impulse() -> crate::synth::tables::Anatomy {
+fn impulse() -> crate::imaging::synth::tables::Anatomy {
     anatomies::of(
         Frame::around([0.0; 3], [81, 3, 3], 0.5).stretched([1.0, 400.0, 400.0]),
         &[SILENT, PLAIN],
@@ -358,7 +358,7 @@ pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
             ..Effects::default()
         };
         let settings = settings(ProbeShape::Linear { width_mm: 10.0 }, 25.0, [2, 64], effects);
-        let answer = crate::synth::tables::Tables::new(anatomy.clone(), settings);
+        let answer = crate::imaging::synth::tables::Tables::new(anatomy.clone(), settings);
         record.refused(
             what,
             answer,

@@ -5,17 +5,17 @@ use std::sync::Arc;
 use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 
 use super::drawn::scene;
-use crate::effects::Effects;
-use crate::effects::slice::Boundary;
 use crate::gpu::Gpu;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::slice::Boundary;
+use crate::imaging::synth::layers::{Beam, world_position};
+use crate::imaging::synth::tables::{Anatomy, Tables};
+use crate::imaging::synth::{FrameState, NeedleShaft, Synthesizer};
 use crate::mechanics::mesh::TetMesh;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::study::parity::{Case, check};
 use crate::study::stability::fixtures::{Tally, everywhere, gpus, name, settings};
 use crate::study::stability::record::{Record, Unexpected, largest};
-use crate::synth::layers::{Beam, world_position};
-use crate::synth::tables::{Anatomy, Tables};
-use crate::synth::{FrameState, NeedleShaft, Synthesizer};
 use crate::tracking::probe::ProbeShape;
 
 /// Creates random labels at every voxel of 1 mm, with faces at whole millimetres.

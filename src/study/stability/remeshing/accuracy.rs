@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use faer::{MatRef, Side};
 
+use crate::mechanics::remesh_gpu::follow;
 use crate::mechanics::tissue::inverse::sampled_residual;
 use crate::mechanics::tissue::remesh::{Adaptation, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source};
-use crate::remesh_gpu::follow;
 use crate::study::stability::fixtures::{BACKENDS, Inverses, Now, Start, gpus};
 use crate::study::stability::record::{Record, Unexpected, largest};
 

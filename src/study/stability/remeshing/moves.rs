@@ -1,11 +1,11 @@
 //! Cases of moves: out and back, overlapping, refused, and chosen by where the tip is.
 
+use crate::base::real::Real;
 use crate::mechanics::mesh::{Locator, NONE};
 use crate::mechanics::tissue::element::DegenerateElement;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Options, Precision, RemeshError};
-use crate::real::Real;
 use crate::study::stability::fixtures::{BACKENDS, Now, Problem, Start, bits, state, two_parts};
 use crate::study::stability::record::{Record, Unexpected};
 

@@ -5,10 +5,10 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{FINE_MM, axis, factor, solve};
+use crate::base::report::statistics::{Spread, percentile};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
 use crate::mechanics::needle::{CentreLine, Flexible, InvalidNeedleModel, Load, Needle, Row, Shaft, Stiffness};
 use crate::study::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, TISSUES, Tissue, problem};
-use crate::study::spread::{Spread, percentile};
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];

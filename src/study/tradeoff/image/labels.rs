@@ -6,14 +6,14 @@ use super::{
     Apart, BACKEND, ImageError, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, silent,
     single, too_large, values, without_grain,
 };
-use crate::effects::Effects;
-use crate::effects::slice::{Beyond, Boundary};
-use crate::effects::tone::Tone;
 use crate::gpu::Gpu;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::slice::{Beyond, Boundary};
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::study::tradeoff::{Axis, Beat, GREY_LEVELS, Goal, SHIFT_MM};
-use crate::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 
 /// Voxel sizes compared, mm, and the finest, from which the standard of grey levels is sliced.
@@ -75,7 +75,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Image
     let (line_mm, sample_mm) = (tables.grid.lateral_spacing_mm(0.0), tables.sample_mm());
     let exact: Vec<u8> = (0..beam.label.len())
         .map(|at| {
-            let p = crate::synth::layers::world_position(
+            let p = crate::imaging::synth::layers::world_position(
                 tables,
                 &state.probe_to_world,
                 at / beam.samples,

@@ -4,16 +4,16 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use super::{Apart, ImageError, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, values};
-use crate::effects::Effects;
-use crate::effects::tone::Tone;
+use crate::anatomy::acoustics::bank;
+use crate::anatomy::volume::texture::SolidTexture;
+use crate::base::report::statistics::Spread;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::Backend;
+use crate::imaging::synth::tables::Settings;
 use crate::mechanics::mesh::locator::Locator;
 use crate::mechanics::mesh::{Displacement, NONE, TetMesh};
-use crate::study::spread::Spread;
 use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
-use crate::synth::Backend;
-use crate::synth::tables::Settings;
-use crate::tissue::bank;
-use crate::volume::texture::SolidTexture;
 
 /// One effect on its own over slices, and the grids that refine its sums.
 struct Variant {
@@ -48,7 +48,7 @@ const WAYS: [Variant; 3] = [
             shadow: effects
                 .shadow
                 .clone()
-                .map(|shadow| crate::effects::shadow::Shadow { beam_mm: 0.0, ..shadow }),
+                .map(|shadow| crate::imaging::effects::shadow::Shadow { beam_mm: 0.0, ..shadow }),
             ..bare(effects)
         },
         grids: SAMPLES,

@@ -2,9 +2,8 @@ use super::labels::rounding;
 use super::*;
 use super::{Apart, picture};
 use crate::study::testing;
-use crate::synth::{Backend, Synthesizer};
 
-fn frame(change: impl Fn(&mut crate::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
+fn frame(change: impl Fn(&mut crate::imaging::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
     let (anatomy, mut settings, state) = testing::scene();
     settings.effects.noise = None;
     change(&mut settings);

@@ -4,11 +4,11 @@ use super::{
     Course, ENTRY_MM, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor,
     largest, lines, mean_square, points, times, unsettled,
 };
+use crate::base::memory;
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::needle::Stiffness;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::memory;
 use crate::study::block;
 use crate::study::tradeoff::remesh::FROZEN;
 use crate::study::tradeoff::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Table};

@@ -6,6 +6,7 @@ use faer::{Mat, MatRef};
 
 use super::contender::Contender;
 use super::{RemeshOptions, StudyError};
+use crate::base::random::{hash3, seed_words, unit};
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
 use crate::mechanics::tissue::assembly::Stiffness;
@@ -15,7 +16,6 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
 use crate::mechanics::tissue::rigid;
-use crate::random::{hash3, seed_words, unit};
 use crate::study::stability::record::largest;
 
 /// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.

@@ -1,0 +1,158 @@
+//! Tissue table: the tissue of each label, shared by imaging and mechanics.
+//!
+//! [`presets`] holds built-in tissues, [`TissueTable::resolve`] finds the tissue of each label of a volume, and [`bank`]
+//! generates the solid textures that tissues name.
+
+use std::borrow::Cow;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub mod bank;
+pub mod overrides;
+pub mod presets;
+mod resolve;
+pub mod totalsegmentator;
+
+pub use overrides::{TissueError, TissueOverride};
+pub use resolve::{Origin, Preset};
+pub(crate) use resolve::{fallback, known, without_side};
+
+/// Acoustic and mechanical properties of a tissue.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Tissue {
+    /// Name, unique in a table, in snake case.
+    pub name: Cow<'static, str>,
+    /// Colour in label maps, sRGB.
+    pub colour: [u8; 3],
+    /// Name of its solid texture in the bank; without one the echo is constant.
+    pub texture: Option<Cow<'static, str>>,
+    /// Factor on the lengths in the texture (0.05 to 20): 2 makes every structure twice as large.
+    #[serde(default = "unscaled")]
+    pub texture_scale: f64,
+    /// Direction in the world (LPS, any non-zero length) along which the texture's first axis lies: along the fibres of muscle,
+    /// across the layers of fat, fascia and skin. The second axis, which the lamellae of muscle face, is then as close to
+    /// antero-posterior as possible, apart from a small roll. Without a direction the texture has a fixed oblique orientation, so
+    /// that its period does not show in planes along the world's axes.
+    #[serde(default)]
+    pub texture_direction: Option<[f64; 3]>,
+    /// Mean echo amplitude, dB relative to normal liver parenchyma (-100 to 60).
+    pub echogenicity_db: f64,
+    /// One-way attenuation, dB/cm/MHz (0 to 50).
+    pub attenuation_db_cm_mhz: f64,
+    /// Fraction of the amplitude lost per millimetre in addition to attenuation, as in bone and gas (0 to 1).
+    pub occlusion_per_mm: f64,
+    /// Characteristic acoustic impedance, MRayl (0.0001 to 10).
+    pub impedance_mrayl: f64,
+    /// Reflection coefficient of the capsule or wall around the tissue (0 to 1), used where the impedance mismatch reflects less.
+    /// Neighbours that both have one share it: the difference remains, so that a lesion in a liver has none and a vessel there a wall.
+    #[serde(default)]
+    pub capsule: f64,
+    /// Young's modulus, kPa (0.001 to 1e8).
+    pub young_kpa: f64,
+    /// Poisson's ratio (0 to 0.4999).
+    pub poisson: f64,
+    /// Friction of a needle shaft in this tissue, N per mm of shaft (0 to 10).
+    pub friction_n_per_mm: f64,
+    /// Force to cut this tissue with a needle tip, N (0 to 1000).
+    pub cutting_n: f64,
+    /// Whether it is a solid organ at which a probe without a stated pose may be aimed.
+    #[serde(default)]
+    pub soft_organ: bool,
+}
+
+fn unscaled() -> f64 {
+    1.0
+}
+
+/// Occlusion per millimetre above which a tissue counts as an obstacle: half of the amplitude is lost after about 3
+/// mm.
+const OCCLUDER_PER_MM: f64 = 0.2;
+
+impl Tissue {
+    /// Whether the tissue alone blocks the beam, as bone, gas and lung do.
+    pub fn is_occluder(&self) -> bool {
+        self.occlusion_per_mm >= OCCLUDER_PER_MM
+    }
+
+    /// Rows of the rotation from world directions to the texture's axes: right-handed, determinant 1.
+    ///
+    /// The roll about `texture_direction` is a fixed oblique angle, for the same reason as the orientation without one.
+    pub fn texture_rotation(&self) -> [[f64; 3]; 3] {
+        use nalgebra::{Unit, UnitQuaternion, Vector3};
+        /// Roll angle, radians; no small multiple of it is close to a quarter turn.
+        const ROLL: f64 = 0.27;
+        /// A direction no small multiple of which meets the lattice of a texture's periods.
+        const OBLIQUE: [f64; 3] = [0.730, 0.338, 0.594];
+        let first = Vector3::from(self.texture_direction.unwrap_or(OBLIQUE));
+        let first = Unit::try_new(first, f64::MIN_POSITIVE).unwrap_or(Vector3::x_axis());
+        let helper = if first.y.abs() < 0.9 {
+            Vector3::y()
+        } else {
+            Vector3::x()
+        };
+        let second = Unit::new_normalize(helper - first.into_inner() * first.dot(&helper));
+        let second = UnitQuaternion::from_axis_angle(&first, ROLL) * second.into_inner();
+        let third = first.cross(&second);
+        [first.into_inner(), second, third].map(|axis| [axis.x, axis.y, axis.z])
+    }
+}
+
+/// Tissues of a scene, and the tissue of each label index.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TissueTable {
+    /// Tissues; the first is that of label index 0, the background.
+    pub tissues: Vec<Tissue>,
+    /// Index into `tissues` for each label index of the volume.
+    pub of_label: Vec<u8>,
+}
+
+impl TissueTable {
+    /// Tissue of a label index; that of the background if the index is past the end.
+    pub fn of(&self, label_index: u8) -> &Tissue {
+        let tissue = self.of_label.get(usize::from(label_index)).copied().unwrap_or(0);
+        &self.tissues[usize::from(tissue)]
+    }
+
+    /// Names of the bank textures that the tissues use, each once, in the order of the tissues.
+    pub fn textures(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = Vec::new();
+        for name in self.tissues.iter().filter_map(|tissue| tissue.texture.as_deref()) {
+            if !names.contains(&name) {
+                names.push(name);
+            }
+        }
+        names
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Matrix3, Vector3};
+
+    #[test]
+    fn texture_rotation_is_proper_and_puts_the_first_axis_along_the_direction() {
+        let base = presets::get("muscle").unwrap();
+        for direction in [
+            None,
+            Some([1.0, 0.0, 0.0]),
+            Some([0.0, -3.0, 0.1]),
+            Some([0.95, 0.1, 0.0]),
+        ] {
+            let tissue = Tissue {
+                texture_direction: direction,
+                ..base.clone()
+            };
+            let [a, b, c] = tissue.texture_rotation();
+            let rotation = Matrix3::from_columns(&[a.into(), b.into(), c.into()]).transpose();
+            assert!((rotation.determinant() - 1.0).abs() < 1e-12);
+            assert!((rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-12);
+            if let Some(direction) = direction {
+                let along = rotation * Vector3::from(direction).normalize();
+                assert!((along - Vector3::x()).norm() < 1e-12);
+            }
+        }
+    }
+}
