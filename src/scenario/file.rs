@@ -8,11 +8,13 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
+use super::error::Wrong;
 use super::instruments::{ContactProbeSpec, NeedleTable};
 use super::planned::PlanSpec;
-use super::tissue::{LevelName, TissueSpec};
-use crate::document::{Source, Version};
+use super::tissue::TissueSpec;
+use crate::document::{self, Source, Version};
 use crate::gpu::AdapterChoice;
+use crate::mechanics::tissue::remesh::Level;
 use crate::quality::QualitySpec;
 use crate::scene::SceneFile;
 
@@ -50,6 +52,8 @@ pub struct ScenarioFile {
     #[serde(skip)]
     pub adapter: Option<AdapterChoice>,
 }
+
+document::input_file!(ScenarioFile, Wrong);
 
 impl ScenarioFile {
     /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.
@@ -116,5 +120,5 @@ pub struct ChangeSpec {
     /// reaches this time.
     pub at_s: f64,
     /// New level. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is `dense`.
-    pub level: LevelName,
+    pub level: Level,
 }

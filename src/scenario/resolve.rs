@@ -16,6 +16,7 @@ use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
+use crate::document::InvalidFile;
 use crate::gpu::Gpu;
 use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, MeshRegions};
@@ -180,7 +181,7 @@ impl ScenarioFile {
         let quality = self.quality();
         if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
             let expected = QualitySpec::EXPECTED;
-            return Err(self.fault(format!("quality.{key}"), Wrong::Number { found, expected }));
+            return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
         }
         let dt_s = self.step_s()?;
         let frame_s = self.frame_s()?;

@@ -12,8 +12,9 @@ use super::tissue::TissueModel;
 use crate::mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
 use crate::mechanics::insertion::{Anatomy, InvalidSetup};
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
-use crate::statics::{MemoryName, SchemeName};
+use crate::statics::SchemeName;
 use crate::tracking::trajectory::{Key, Trajectory};
 
 /// Largest sideways motion of a needle in tissue, mm: rounding of the numbers in a file.
@@ -43,7 +44,7 @@ pub struct TissueViscositySpec {
     pub order: Option<f64>,
     /// Memory variable. Default `load-integral`, that of Kobayashi et al. 2010.
     #[serde(alias = "law")]
-    pub memory: Option<MemoryName>,
+    pub memory: Option<Memory>,
     /// Bound on the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
     pub tolerance: Option<f64>,
 }

@@ -2,6 +2,7 @@
 
 use super::error::{At, Problem, SceneError};
 use super::file::{SceneFile, VolumeSpec};
+use crate::document::InvalidFile;
 use crate::effects::Effects;
 use crate::phantom::Phantom;
 use crate::quality::QualitySpec;
@@ -33,7 +34,7 @@ impl SceneFile {
     ) -> Result<Framing, SceneError> {
         if let Some((key, found)) = self.quality.and_then(|quality| quality.out_of_range()) {
             let expected = QualitySpec::EXPECTED;
-            return Err(self.fault(format!("quality.{key}"), Problem::Number { found, expected }));
+            return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
         }
         let volume = self.volume()?;
         let table = self.probe_table(plus, notes, warnings);
@@ -76,7 +77,7 @@ impl SceneFile {
         {
             let found = f64::from(frames);
             let expected = "1 to 1000000 frames";
-            return Err(self.fault("motion.frames", Problem::Number { found, expected }));
+            return Err(self.fault("motion.frames", InvalidFile::number(found, expected)));
         }
         Ok(Framing {
             probe,

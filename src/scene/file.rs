@@ -7,8 +7,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::deform::DeformSpec;
+use super::error::Problem;
 use super::paths::{MotionSpec, NeedleTable};
-use crate::document::{Source, Version};
+use crate::document::{self, Source, Version};
 use crate::effects::Effects;
 use crate::phantom::Phantom;
 use crate::quality::QualitySpec;
@@ -72,6 +73,8 @@ pub struct SceneFile {
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
 }
+
+document::input_file!(SceneFile, Problem);
 
 impl SceneFile {
     /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin

@@ -6,6 +6,7 @@ use super::course::Model;
 use super::error::{StaticsError, Wrong};
 use super::file::{MaterialSpec, ProblemFile};
 use super::resolve::Regions;
+use crate::document::InvalidFile;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
@@ -76,7 +77,7 @@ impl ProblemFile {
             && !(found > 0.0 && found <= DENSEST)
         {
             let expected = "above 0, at most 1e6 kg/m^3";
-            return Err(self.fault(key("density_kg_per_m3"), Wrong::Number { found, expected }));
+            return Err(self.fault(key("density_kg_per_m3"), InvalidFile::number(found, expected)));
         }
         match (spec.knee_strain, spec.stiffening) {
             (None, None) => Ok(Stiffening::linear(material)),

@@ -7,7 +7,7 @@ use std::time::Duration;
 use crate::mechanics::tissue::remesh::Level;
 use crate::quality::trial::{Tried, pick_tried};
 use crate::quality::{Picked, QualitySpec};
-use crate::scenario::{LevelName, NeedleModel, NeedleTable, ScenarioFile, TissueModel, Trial};
+use crate::scenario::{NeedleModel, NeedleTable, ScenarioFile, TissueModel, Trial};
 use crate::study::step_costs::{self, Nodes, Situation, StepCosts};
 
 use super::{QualityArgs, tell};
@@ -148,14 +148,7 @@ fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, F
 }
 
 /// Level by its name in a file.
-fn level_named(name: &str) -> Option<LevelName> {
-    let all = [
-        LevelName::Exact,
-        LevelName::I,
-        LevelName::II,
-        LevelName::III,
-        LevelName::IV,
-    ];
-    all.into_iter()
-        .find(|level| format!("\"{}\"", Level::from(*level)) == name)
+fn level_named(name: &str) -> Option<Level> {
+    let all = [Level::Exact, Level::I, Level::II, Level::III, Level::IV];
+    all.into_iter().find(|level| format!("\"{level}\"") == name)
 }
