@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3};
 
 use super::clearance;
-use super::error::{ScenarioError, Wrong};
+use super::error::ScenarioError;
 use super::file::{RunSpec, ScenarioFile};
 use super::labels::{Labels, unmeshed};
 use super::modelling::Modelling;

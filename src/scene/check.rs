@@ -1,6 +1,6 @@
 //! Validation of a scene file that requires no other file.
 
-use super::error::{At, Problem, SceneError};
+use super::error::{At, SceneError};
 use super::file::{SceneFile, VolumeSpec};
 use crate::document::InvalidFile;
 use crate::effects::Effects;

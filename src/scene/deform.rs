@@ -10,7 +10,7 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::error::{At, Problem, SceneError};
+use super::error::{At, SceneError};
 use super::file::SceneFile;
 use crate::document::InvalidFile;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};

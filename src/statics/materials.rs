@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::course::Model;
-use super::error::{StaticsError, Wrong};
+use super::error::StaticsError;
 use super::file::{MaterialSpec, ProblemFile};
 use super::resolve::Regions;
 use crate::document::InvalidFile;

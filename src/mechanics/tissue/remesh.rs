@@ -52,7 +52,7 @@ pub use options::Options;
 pub use report::{Rebuilt, RemeshReport};
 
 /// Part of the compliance that a remesh updates: see `docs/remeshing.md`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 pub enum Level {
     /// Only the compliance at the contacts is computed, exactly.
     #[default]

@@ -1,6 +1,6 @@
 //! Validation of the history of a problem.
 
-use super::super::error::{StaticsError, Wrong};
+use super::super::error::StaticsError;
 use super::super::file::ProblemFile;
 use super::{HistorySpec, MOST_STEPS, Model};
 use crate::document::InvalidFile;
