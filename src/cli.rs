@@ -28,6 +28,7 @@ mod stability;
 mod study;
 mod terminal;
 mod tradeoff;
+mod variants;
 
 use std::process::ExitCode;
 

@@ -12,27 +12,15 @@ use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::atomic::WriteError;
-use crate::output::place::PlaceError;
-use crate::output::png::PngError;
-use crate::output::sequence::SequenceError;
-use crate::phantom::PhantomError;
+use crate::output::OutputError;
+use crate::report::plot::PlotError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
-use crate::simulator::InvalidImaging;
+use crate::simulator::SimulatorError;
 use crate::statics::StaticsError;
-use crate::study::bench::compare::CompareError;
-use crate::study::plot::PlotError;
-use crate::study::puncture::PunctureError;
-use crate::study::tradeoff::RenderError;
-use crate::study::tradeoff::image::ImageError;
-use crate::study::tradeoff::insertion::InsertionStudyError;
-use crate::study::tradeoff::remesh::StudyError;
-use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
-use crate::tracking::calibration::CalibrationError;
+use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
 
 /// Any error between a command and its output.
 #[derive(Debug, thiserror::Error)]
@@ -67,12 +55,6 @@ pub enum Error {
     /// An image file cannot be read or written.
     #[error(transparent)]
     Volume(#[from] VolumeError),
-    /// A volume cannot be completed.
-    #[error(transparent)]
-    Completion(#[from] CompletionError),
-    /// A phantom cannot be made.
-    #[error(transparent)]
-    Phantom(#[from] PhantomError),
     /// A mesh file cannot be read or written.
     #[error(transparent)]
     Mesh(#[from] MeshFileError),
@@ -84,46 +66,16 @@ pub enum Error {
     Synth(#[from] SynthError),
     /// A configuration of PLUS cannot be read.
     #[error(transparent)]
-    Calibration(#[from] CalibrationError),
+    Calibration(#[from] TrackingError),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A trade-off study failed.
-    #[error(transparent)]
-    Study(#[from] StudyError),
-    /// A study of insertions failed.
-    #[error(transparent)]
-    InsertionStudy(#[from] InsertionStudyError),
-    /// A trade-off study of tissue failed.
-    #[error(transparent)]
-    Tissue(#[from] TissueError),
-    /// A trade-off study of images failed.
-    #[error(transparent)]
-    Image(#[from] ImageError),
-    /// Backends cannot be compared.
-    #[error(transparent)]
-    Compare(#[from] CompareError),
-    /// A puncture cannot be computed.
-    #[error(transparent)]
-    Puncture(#[from] PunctureError),
-    /// The files of a study cannot be written.
-    #[error(transparent)]
-    Render(#[from] RenderError),
-    /// A picture cannot be written.
-    #[error(transparent)]
-    Png(#[from] PngError),
-    /// An image sequence cannot be written.
-    #[error(transparent)]
-    Sequence(#[from] SequenceError),
-    /// A file cannot be written.
-    #[error(transparent)]
-    Write(#[from] WriteError),
     /// A simulator cannot image its model.
     #[error(transparent)]
-    Imaging(#[from] InvalidImaging),
-    /// An output cannot be written at the requested path.
+    Simulator(#[from] SimulatorError),
+    /// An output cannot be written.
     #[error(transparent)]
-    Place(#[from] PlaceError),
+    Output(#[from] OutputError),
 }
 
 /// Exit status for failures of the machine.
@@ -142,27 +94,15 @@ impl Error {
             Self::BeamCase(error) => error.is_machine(),
             Self::Points(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
-            Self::Phantom(error) => error.is_machine(),
             Self::Generate(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
             Self::Synth(SynthError::Memory(_)) => true,
             Self::Calibration(error) => error.is_machine(),
-            Self::Study(error) => error.is_machine(),
-            Self::Image(error) => error.is_machine(),
-            Self::Compare(error) => error.is_machine(),
-            Self::Png(error) => error.is_machine(),
-            Self::Sequence(error) => error.is_machine(),
-            Self::Place(error) => error.is_machine(),
-            Self::Write(_) | Self::Render(_) | Self::Plot(_) => true,
+            Self::Output(error) => error.is_machine(),
+            Self::Plot(_) => true,
             Self::Step(error) => error.is_machine(),
-            Self::InsertionStudy(_)
-            | Self::Beam(_)
-            | Self::Tissue(_)
-            | Self::Puncture(_)
-            | Self::Completion(_)
-            | Self::Imaging(_)
-            | Self::Synth(_) => false,
+            Self::Beam(_) | Self::Simulator(_) | Self::Synth(_) => false,
         }
     }
 
@@ -217,7 +157,7 @@ mod tests {
 
     #[test]
     fn input_is_told_from_machine() {
-        let full = WriteError::new(Path::new("frame.png"), io::Error::from(io::ErrorKind::StorageFull));
+        let full = OutputError::write(Path::new("frame.png"), io::Error::from(io::ErrorKind::StorageFull));
         assert_eq!(Error::from(full).exit_status(), MACHINE);
         let missing = crate::volume::load(Path::new("/nowhere/labels.nii"))
             .map(drop)

@@ -24,6 +24,7 @@
 //! | [`scenario`] | scenario files for needle insertions, and their run |
 //! | [`statics`] | problem files for static problems |
 //! | [`beam_case`] | case files for needles bent at their base |
+//! | [`report`] | tables, pages and plots of all reports |
 //! | [`study`] | benchmarks, stability cases, and inspection of single pixels |
 //! | [`text`] | sanitising of text from files for a terminal |
 //! | [`output`] | PNG, image sequences, sidecars |
@@ -33,6 +34,8 @@
 //! Lengths are millimetres, angles radians in code and degrees in files, moduli kilopascals. The world is LPS as in DICOM
 //! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
+
+#![cfg_attr(not(feature = "internals"), warn(missing_docs))]
 
 // Modules are private; the feature `internals` opens them to this package's tests, benches and examples.
 #[cfg(not(feature = "internals"))]
@@ -96,6 +99,10 @@ pub mod real;
 mod remesh_gpu;
 #[cfg(feature = "internals")]
 pub mod remesh_gpu;
+#[cfg(not(feature = "internals"))]
+mod report;
+#[cfg(feature = "internals")]
+pub mod report;
 #[cfg(not(feature = "internals"))]
 mod scenario;
 #[cfg(feature = "internals")]
@@ -169,8 +176,9 @@ pub use mechanics::mesh::{Displacement, InvalidMesh, TetMesh};
 pub use mechanics::needle::{BEVEL_MM, Bevel, Flexible, LINK_MM, Needle, Rigid, Shaft, Stiffness};
 pub use mechanics::tissue::material::Material;
 pub use mechanics::tissue::remesh::{Level, Precision};
-pub use output::png::{PngError, write_grey as write_png};
-pub use output::sequence::{FrameInfo, SequenceError, SequenceWriter};
+pub use output::OutputError;
+pub use output::png::write_grey as write_png;
+pub use output::sequence::{FrameInfo, SequenceWriter};
 pub use output::sidecar::Sidecar;
 pub use phantom::Phantom;
 pub use plan::Plan;
@@ -179,15 +187,16 @@ pub use scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_s
 pub use scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioError, ScenarioFile, Summary};
 pub use scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneError, SceneFile};
 pub use simulator::{
-    Damper, Forces, Guided, Haptic, HoldOptions, HoleError, Imaging, Input as RecordedInput, InvalidDevice,
-    InvalidImaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator,
-    State as SimulatorState, TwoPoints,
+    Damper, Forces, Guided, Haptic, HoldOptions, Imaging, Input as RecordedInput, LateralHold,
+    Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator, SimulatorError, State as SimulatorState,
+    TwoPoints,
 };
 pub use synth::layers::Layer;
 pub use synth::tables::{Anatomy, ImageSize, Settings};
 pub use synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
 pub use tissue::presets::get as builtin_tissue;
 pub use tissue::{Tissue, TissueTable};
+pub use tracking::TrackingError;
 pub use tracking::pose::Pose;
 pub use tracking::probe::{Probe, ProbeShape};
 pub use tracking::sequence::Sequence;

@@ -2,6 +2,7 @@
 
 pub mod atomic;
 mod canvas;
+mod error;
 pub mod folder;
 pub mod gif;
 pub mod overlay;
@@ -12,6 +13,7 @@ pub mod sequence;
 pub mod sidecar;
 mod staged;
 
+pub use error::OutputError;
 pub use staged::abandon;
 
 /// Formats a number below `of` for a file name: 4 digits, or as many as the largest needs, so that names sort.

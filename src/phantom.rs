@@ -4,7 +4,6 @@
 //! the names of their tissues, so that a tissue table needs no mapping.
 
 mod abdomen;
-mod dent;
 mod geometry;
 mod liver_vein;
 mod paint;
@@ -17,8 +16,7 @@ use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::memory::TooLarge;
-use crate::volume::{InvalidVolume, LabelVolume};
+use crate::volume::{LabelVolume, VolumeError};
 
 /// Finest and coarsest resolution, mm.
 pub const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
@@ -27,7 +25,7 @@ pub const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
 pub const MAX_VOXELS: usize = 256 << 20;
 
 /// A built-in phantom.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Phantom {
     /// Right upper and middle abdomen of a slim adult: liver with vessels and a lesion, gallbladder, right kidney, ribs,
@@ -56,49 +54,11 @@ pub struct PhantomOptions {
     pub seed: u64,
 }
 
-/// Why a phantom cannot be made.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PhantomError {
-    /// The resolution is outside its range.
-    #[error(
-        "resolution {found} mm; expected {} to {} mm",
-        RESOLUTION_RANGE_MM[0],
-        RESOLUTION_RANGE_MM[1]
-    )]
-    Resolution {
-        /// Requested resolution, mm.
-        found: f64,
-    },
-    /// The volume would exceed [`MAX_VOXELS`].
-    #[error("{voxels} voxels at {resolution_mm} mm; at most {limit} are made: choose a coarser resolution")]
-    TooLarge {
-        /// Voxels needed.
-        voxels: usize,
-        /// Requested resolution, mm.
-        resolution_mm: f64,
-        /// Maximum number of voxels, [`MAX_VOXELS`].
-        limit: usize,
-    },
-    /// The volume needs more memory than is available.
-    #[error(transparent)]
-    Memory(#[from] TooLarge),
-    /// The generated parts do not form a valid volume.
-    #[error(transparent)]
-    Volume(#[from] InvalidVolume),
-}
-
-impl PhantomError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Memory(_))
-    }
-}
-
 /// Generates a phantom. The same kind, resolution and seed give the same bytes at any thread count.
 ///
 /// # Errors
-/// [`PhantomError::Resolution`] outside [`RESOLUTION_RANGE_MM`], [`PhantomError::TooLarge`] past [`MAX_VOXELS`].
-pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, PhantomError> {
+/// A resolution outside [`RESOLUTION_RANGE_MM`], or a volume past [`MAX_VOXELS`].
+pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, VolumeError> {
     let resolution_mm = options.resolution_mm.unwrap_or(match kind {
         Phantom::Abdomen => 1.0,
         Phantom::Prostate => 0.6,
@@ -107,7 +67,8 @@ pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, Phan
     });
     let [finest, coarsest] = RESOLUTION_RANGE_MM;
     if !(finest..=coarsest).contains(&resolution_mm) {
-        return Err(PhantomError::Resolution { found: resolution_mm });
+        let text = format!("resolution {resolution_mm} mm; expected {finest} to {coarsest} mm");
+        return Err(VolumeError::option("resolution_mm", text));
     }
     match kind {
         Phantom::Abdomen => abdomen::make(resolution_mm, options.seed),

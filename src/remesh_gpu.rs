@@ -15,7 +15,6 @@
 //! | [`tiles`] | lower triangle in tiles, spread over buffers within the binding limit |
 //! | [`store`] | inverse on a device |
 
-pub mod passes;
 pub mod store;
 pub mod tiles;
 

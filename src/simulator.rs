@@ -14,11 +14,9 @@
 
 mod devices;
 mod forces;
-mod hand_over;
 mod haptic;
 mod imaging;
 mod recording;
-mod seeds;
 #[cfg(test)]
 mod tests;
 
@@ -31,11 +29,50 @@ use crate::mechanics::insertion::{Instruments, LevelChange, Model, StepError};
 use crate::mechanics::tissue::remesh::Level;
 use crate::scenario::Scenario;
 use crate::synth::{Backend, Frame, SynthError, Synthesizer};
-pub use devices::{Damper, Guided, HoldOptions, HoleError, InvalidDevice, LateralHold, PointsPose, TwoPoints};
+use crate::tracking::template::UnknownHole;
+pub use devices::{Damper, Guided, HoldOptions, LateralHold, PointsPose, TwoPoints};
 pub use forces::Forces;
 pub use haptic::Haptic;
-pub use imaging::{Imaging, InvalidImaging};
+pub use imaging::Imaging;
 pub use recording::{Input, Recording, State};
+
+/// Why a device, a hole or a model to be imaged is refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SimulatorError {
+    /// A parameter or measurement out of range.
+    #[error("`{key}` is {found}; expected {expected}")]
+    Value {
+        /// Name of the value.
+        key: &'static str,
+        /// The rejected value.
+        found: String,
+        /// Permitted values.
+        expected: String,
+    },
+    /// The imaged mesh is not that of the model.
+    #[error("{0}")]
+    Mesh(String),
+    /// The needle is in the body: it can change its hole only outside.
+    #[error("the needle touches tissue, {inserted_mm:.1} mm deep; expected it outside before another hole is chosen")]
+    Inserted {
+        /// Depth of the tip, mm.
+        inserted_mm: f64,
+    },
+    /// There is no such hole.
+    #[error("the hole is \"{}\"; expected {}", .0.found, .0.expected)]
+    Hole(UnknownHole),
+}
+
+impl SimulatorError {
+    /// An error unless a value is finite and `holds`.
+    fn check(key: &'static str, found: f64, holds: bool, expected: &str) -> Result<(), Self> {
+        if found.is_finite() && holds {
+            return Ok(());
+        }
+        let (found, expected) = (found.to_string(), expected.to_owned());
+        Err(Self::Value { key, found, expected })
+    }
+}
 
 /// Time budget of a step, and the policy for steps that exceed it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,13 +124,13 @@ impl Simulator {
     /// to be visible, and the needle effect if the needle is to be visible, whose diameter is `needle_diameter_mm`.
     ///
     /// # Errors
-    /// [`InvalidImaging`].
+    /// [`SimulatorError`].
     pub fn new(
         model: Box<dyn Model>,
         synthesizer: Synthesizer,
         needle_diameter_mm: f64,
         options: Options,
-    ) -> Result<Self, InvalidImaging> {
+    ) -> Result<Self, SimulatorError> {
         let mut haptic = Haptic::new(model, options);
         let imaging = haptic.imaged(synthesizer, needle_diameter_mm)?;
         Ok(Self { haptic, imaging })

@@ -1,30 +1,24 @@
 //! Synthesizer: created once from a scene and a backend, it renders frame after frame.
 
 pub mod cpu;
-mod frame;
 pub mod gpu;
 pub mod layers;
 pub mod local_origin;
 pub mod store;
 pub mod tables;
 
-use crate::mechanics::mesh::{InvalidMesh, check_positions};
-use nalgebra::Matrix4;
+use local_origin::LocalFrame;
+use nalgebra::{Matrix4, Point3, Vector3};
+use tables::{Anatomy, Settings, Tables};
 
 use crate::effects::buffers::Buffer;
 use crate::effects::{OutOfRange, REGISTRY};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
+use crate::mechanics::mesh::{InvalidMesh, check_positions};
 use crate::memory::TooLarge;
 use crate::plan::Plan;
-use crate::tracking::probe::{InvalidGrid, InvalidProbe};
-use crate::volume::InvalidVolume;
-use crate::volume::texture::AtlasFull;
-
-pub use frame::{Frame, FrameState, NeedleShaft};
-#[cfg(feature = "internals")]
-pub use frame::{SEED_DIAMETER_MM, SEED_LENGTH_MM};
-use local_origin::LocalFrame;
-use tables::{Anatomy, Settings, Tables};
+use crate::tracking::TrackingError;
+use crate::volume::VolumeError;
 
 /// Why a frame cannot be synthesised.
 #[derive(Debug, thiserror::Error)]
@@ -32,18 +26,12 @@ pub enum SynthError {
     /// A parameter of an effect lies outside its range.
     #[error(transparent)]
     Effect(#[from] OutOfRange),
-    /// The probe is invalid.
+    /// The probe is invalid, or the image cannot be laid out.
     #[error(transparent)]
-    Probe(#[from] InvalidProbe),
-    /// The image cannot be laid out.
+    Tracking(#[from] TrackingError),
+    /// The volume cannot be placed about its local origin, or the tissues name more textures than an atlas holds.
     #[error(transparent)]
-    Image(#[from] InvalidGrid),
-    /// The volume cannot be placed about its local origin.
-    #[error(transparent)]
-    Volume(#[from] InvalidVolume),
-    /// The tissues name more textures than an atlas holds.
-    #[error(transparent)]
-    Textures(#[from] AtlasFull),
+    Volume(#[from] VolumeError),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
@@ -340,6 +328,24 @@ impl Synthesizer {
         self.beam_after(end)
     }
 
+    /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
+    pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
+        self.begin(state)?;
+        let mut beams = Vec::with_capacity(self.plan.passes.len());
+        for at in 0..self.plan.passes.len() {
+            let (state, passes) = (self.local.of(state), &self.plan.passes[..=at]);
+            match (&mut self.executor, passes) {
+                (Executor::Cpu(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
+                (Executor::CpuF64(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
+                (Executor::Gpu(gpu), [.., behind, last]) => gpu.run_on(behind.pass.name, last.pass.name)?,
+                (Executor::Gpu(gpu), [first]) => gpu.run_until(first.pass.name, &self.tables, state)?,
+                (_, []) => {}
+            }
+            beams.push(self.beam_after(at + 1)?);
+        }
+        Ok(beams)
+    }
+
     fn beam_after(&self, passes: usize) -> Result<layers::Beam, SynthError> {
         let local = match &self.executor {
             Executor::Cpu(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),
@@ -368,4 +374,83 @@ impl Synthesizer {
             Executor::Gpu(gpu) => gpu.bytes(),
         }
     }
+}
+
+// Input state and output of a frame.
+
+/// Shaft of a needle, or a seed, in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeedleShaft {
+    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one. If there are more than 65, those towards the tip
+    /// are shown.
+    pub nodes: Vec<Point3<f64>>,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+}
+
+/// Length of a usual brachytherapy seed, mm.
+pub const SEED_LENGTH_MM: f64 = 4.5;
+/// Diameter of a usual brachytherapy seed, mm.
+pub const SEED_DIAMETER_MM: f64 = 0.8;
+
+impl NeedleShaft {
+    /// A brachytherapy seed centred at `centre_mm` (world) along a direction of any length.
+    pub fn seed(centre_mm: Point3<f64>, along: &Vector3<f64>) -> Self {
+        let half = along.normalize() * (SEED_LENGTH_MM / 2.0);
+        Self {
+            nodes: vec![centre_mm - half, centre_mm + half],
+            diameter_mm: SEED_DIAMETER_MM,
+        }
+    }
+}
+
+/// State that varies from frame to frame. All positions are in the world, at any distance from its origin: they are in double
+/// precision, and are translated near 0 before they are rounded ([`super::local_origin`]).
+#[derive(Clone, Debug)]
+pub struct FrameState {
+    /// Frame number; it seeds the additive noise.
+    pub frame: u64,
+    /// Transform from the probe frame to the world, mm.
+    pub probe_to_world: Matrix4<f64>,
+    /// Needle of this frame, if any.
+    pub needle: Option<NeedleShaft>,
+    /// Seeds in the tissue, and other shafts beside the needle: shown as the needle is, with or without one. Of those that meet
+    /// the scan plane the first are shown, up to 256 segments with the needle's; [`Frame::left_out`] counts the others.
+    pub seeds: Vec<NeedleShaft>,
+    /// Current positions of the mesh nodes, mm; `None` keeps those of the last frame (initially the reference).
+    pub nodes: Option<Vec<[f64; 3]>>,
+    /// Reference positions of the mesh nodes, mm, which remeshing moves; `None` keeps those of the last frame (initially
+    /// those of the mesh). Labels, textures and speckle are looked up there.
+    pub reference: Option<Vec<[f64; 3]>>,
+}
+
+impl FrameState {
+    /// A frame state with only a probe pose.
+    pub fn at(probe_to_world: Matrix4<f64>) -> Self {
+        Self {
+            frame: 0,
+            probe_to_world,
+            needle: None,
+            seeds: Vec::new(),
+            nodes: None,
+            reference: None,
+        }
+    }
+}
+
+/// A rendered frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Grey levels, row by row from the top.
+    pub pixels: Vec<u8>,
+    /// Transform from pixels (column, row, 0) to the world, mm.
+    pub image_to_world: Matrix4<f64>,
+    /// Pixel size, mm.
+    pub pixel_mm: f64,
+    /// Number of segments of needle and seeds not shown because there are too many.
+    pub left_out: usize,
 }

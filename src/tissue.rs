@@ -9,7 +9,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub mod bank;
-mod numbering;
 pub mod overrides;
 pub mod presets;
 mod resolve;

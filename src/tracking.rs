@@ -1,6 +1,7 @@
 //! Probe and needle tracking: geometry, poses, trajectories, tracked sequences.
 
 pub mod calibration;
+mod error;
 pub mod matrix;
 pub mod needle;
 pub mod placement;
@@ -11,3 +12,5 @@ pub mod sequence;
 pub mod template;
 pub mod trajectory;
 pub mod world;
+
+pub use error::TrackingError;

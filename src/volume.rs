@@ -3,7 +3,6 @@
 //! A [`LabelVolume`] holds one byte a voxel: an index into its list of [`Label`]s. Index 0 is always the background
 //! (value 0: unlabelled). World coordinates are LPS millimetres; voxel centres lie at integer indices.
 
-mod caret;
 pub mod complete;
 mod data;
 mod distance;
@@ -16,9 +15,7 @@ mod metaimage;
 mod names;
 mod nifti;
 mod nrrd;
-mod nrrd_space;
 mod save;
-mod segments;
 pub mod structures;
 mod text;
 pub mod texture;
@@ -76,41 +73,6 @@ pub struct LabelVolume {
     world_to_index: Matrix4<f64>,
 }
 
-/// Why a label volume cannot be made from its parts.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidVolume {
-    /// An axis has no voxels, or the product of the axes does not fit.
-    #[error("size {0:?}: every axis needs at least one voxel and the product must fit in memory")]
-    Size([usize; 3]),
-    /// The voxel list does not match the size.
-    #[error("{found} voxels for a size that needs {expected}")]
-    Count {
-        /// Voxels given.
-        found: usize,
-        /// Product of the size.
-        expected: usize,
-    },
-    /// More distinct labels than a byte can index.
-    #[error("at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
-    TooManyLabels(usize),
-    /// The index-to-world matrix is singular or not finite.
-    #[error("the index-to-world transform is singular or not finite")]
-    Transform,
-    /// The first label is not the background with value 0.
-    #[error("label index 0 must be the background (value 0)")]
-    Background,
-    /// A voxel has an index past the end of the labels.
-    #[error("voxel {at} has label index {index}, but there are only {labels} labels")]
-    Index {
-        /// Linear index of the voxel.
-        at: usize,
-        /// Its label index.
-        index: u8,
-        /// Number of labels.
-        labels: usize,
-    },
-}
-
 impl LabelVolume {
     /// Makes a volume of `size` voxels (x fastest) whose bytes index `labels`; `index_to_world` maps voxel indices to LPS
     /// millimetres. `labels[0]` must be the background with value 0.
@@ -119,32 +81,28 @@ impl LabelVolume {
         voxels: Vec<u8>,
         labels: Vec<Label>,
         index_to_world: Matrix4<f64>,
-    ) -> Result<Self, InvalidVolume> {
+    ) -> Result<Self, VolumeError> {
         let expected = size
             .iter()
             .try_fold(1usize, |product, &n| product.checked_mul(n))
             .filter(|&n| n > 0)
-            .ok_or(InvalidVolume::Size(size))?;
+            .ok_or_else(|| {
+                let expected = "every axis needs at least one voxel and the product must fit in memory";
+                VolumeError::new(format!("size {size:?}: {expected}"))
+            })?;
         if voxels.len() != expected {
-            return Err(InvalidVolume::Count {
-                found: voxels.len(),
-                expected,
-            });
+            return Err(VolumeError::wrong_count(voxels.len(), expected));
         }
-        if labels.len() > 256 {
-            return Err(InvalidVolume::TooManyLabels(labels.len()));
-        }
+        VolumeError::check_labels(labels.len())?;
         if labels.first().is_none_or(|label| label.value != 0) {
-            return Err(InvalidVolume::Background);
+            return Err(VolumeError::new("label index 0 must be the background (value 0)"));
         }
         let mut held = vec![false; labels.len()];
         for (at, &index) in voxels.iter().enumerate() {
             let Some(held) = held.get_mut(usize::from(index)) else {
-                return Err(InvalidVolume::Index {
-                    at,
-                    index,
-                    labels: labels.len(),
-                });
+                let labels = labels.len();
+                let text = format!("voxel {at} has label index {index}, but there are only {labels} labels");
+                return Err(VolumeError::new(text));
             };
             *held = true;
         }
@@ -162,8 +120,8 @@ impl LabelVolume {
     /// Returns the volume translated in the world by a vector, mm. The voxels are shared, not copied.
     ///
     /// # Errors
-    /// [`InvalidVolume::Transform`] if the new position is not finite.
-    pub fn moved(&self, by_mm: Vector3<f64>) -> Result<Self, InvalidVolume> {
+    /// [`VolumeError::Value`] if the new position is not finite.
+    pub fn moved(&self, by_mm: Vector3<f64>) -> Result<Self, VolumeError> {
         let mut index_to_world = self.index_to_world;
         let place = index_to_world.fixed_view::<3, 1>(0, 3) + by_mm;
         index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&place);
@@ -304,11 +262,11 @@ impl LabelVolume {
 }
 
 /// Inverts an index-to-world transform; an error unless both are finite.
-fn inverse(index_to_world: &Matrix4<f64>) -> Result<Matrix4<f64>, InvalidVolume> {
+fn inverse(index_to_world: &Matrix4<f64>) -> Result<Matrix4<f64>, VolumeError> {
     let finite = |matrix: &Matrix4<f64>| matrix.iter().all(|x| x.is_finite());
     finite(index_to_world)
         .then(|| index_to_world.try_inverse())
         .flatten()
         .filter(finite)
-        .ok_or(InvalidVolume::Transform)
+        .ok_or_else(|| VolumeError::new("the index-to-world transform is singular or not finite"))
 }

@@ -12,16 +12,12 @@ use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::atomic::WriteError;
-use crate::output::place::PlaceError;
-use crate::output::png::PngError;
-use crate::output::sequence::SequenceError;
-use crate::phantom::PhantomError;
+use crate::output::OutputError;
+use crate::report::plot::PlotError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::statics::StaticsError;
 use crate::study::bench::compare::CompareError;
-use crate::study::plot::PlotError;
 use crate::study::puncture::PunctureError;
 use crate::study::tradeoff::RenderError;
 use crate::study::tradeoff::image::ImageError;
@@ -29,9 +25,8 @@ use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
-use crate::tracking::calibration::CalibrationError;
+use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand failed.
@@ -40,6 +35,12 @@ pub enum Failure {
     /// Error of the library.
     #[error(transparent)]
     Library(Box<crate::error::Error>),
+    /// Error of a study, which the user can correct.
+    #[error(transparent)]
+    Study(Box<dyn std::error::Error + Send + Sync>),
+    /// Error of a study, in which the machine failed.
+    #[error(transparent)]
+    Machine(Box<dyn std::error::Error + Send + Sync>),
     /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
@@ -84,8 +85,8 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Library(error) => error.exit_status(),
-            Self::Usage { .. } => INPUT,
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
+            Self::Usage { .. } | Self::Study(_) => INPUT,
+            Self::Machine(_) | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -95,7 +96,7 @@ impl Diagnostic for Failure {
         match self {
             Self::Library(error) => error.help(),
             Self::Usage { help, .. } => Some(Box::new(help)),
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => None,
+            _ => None,
         }
     }
 
@@ -136,30 +137,42 @@ from_library!(
     crate::error::Error,
     BeamCaseError,
     BeamError,
-    CalibrationError,
-    CompareError,
-    CompletionError,
     GenerateError,
     GpuError,
-    ImageError,
-    InsertionStudyError,
     MaterialCaseError,
     MeshFileError,
-    PhantomError,
-    PlaceError,
+    OutputError,
     PlotError,
-    PngError,
     PointsError,
-    PunctureError,
-    RenderError,
     ScenarioError,
     SceneError,
-    SequenceError,
     StaticsError,
     StepError,
-    StudyError,
     SynthError,
-    TissueError,
-    VolumeError,
-    WriteError
+    TrackingError,
+    VolumeError
+);
+
+macro_rules! from_study {
+    ($($error:ty: $machine:expr),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                let machine: fn(&$error) -> bool = $machine;
+                match machine(&error) {
+                    true => Self::Machine(error.into()),
+                    false => Self::Study(error.into()),
+                }
+            }
+        })*
+    };
+}
+
+from_study!(
+    CompareError: CompareError::is_machine,
+    ImageError: ImageError::is_machine,
+    InsertionStudyError: |_| false,
+    PunctureError: |_| false,
+    RenderError: |_| true,
+    StudyError: StudyError::is_machine,
+    TissueError: |_| false
 );

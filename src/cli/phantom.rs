@@ -10,12 +10,13 @@ use clap::Args;
 use super::failure::Failure;
 use super::output::Force;
 use super::terminal;
+use super::variants::variants;
 
 /// Generates a labelled volume and writes it
 #[derive(Args)]
 pub struct Phantom {
     /// Name of the phantom
-    #[arg(value_name = "NAME", value_enum)]
+    #[arg(value_name = "NAME", value_parser = variants::<crate::phantom::Phantom>())]
     name: crate::phantom::Phantom,
     /// File to write: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(short, long, value_name = "FILE")]

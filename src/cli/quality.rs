@@ -5,7 +5,7 @@ mod steps;
 
 use crate::quality::Picked;
 use crate::quality::cache::Cache;
-use crate::study::machine::Machine;
+use crate::report::machine::Machine;
 use clap::Args;
 
 use super::failure::Failure;

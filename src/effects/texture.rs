@@ -20,7 +20,8 @@ use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Inputs, Settings, Tables};
 use crate::tissue::{Tissue, bank};
-use crate::volume::texture::{Atlas, AtlasEntry, AtlasFull, Placement, SolidTexture};
+use crate::volume::VolumeError;
+use crate::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
 
 /// Solid textures.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -189,7 +190,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 
 /// Packs the solid textures named by the tissues of an anatomy's labels, in the order of their first use; `None`
 /// without the effect or without textures. Textures of the anatomy override those of the bank.
-pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, AtlasFull> {
+pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, VolumeError> {
     if settings.effects.texture.is_none() {
         return Ok(None);
     }

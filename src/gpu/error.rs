@@ -1,5 +1,7 @@
 //! Errors of the GPU layer.
 
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
 /// An error of the GPU layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -146,4 +148,43 @@ pub(super) fn check_limit(
         needed,
         available,
     })
+}
+
+// Asynchronous GPU errors, reported through handlers and callbacks.
+
+/// Errors from handlers and callbacks, stored until [`Gpu::check`](super::Gpu::check) returns them. Clones share them.
+#[derive(Debug, Clone, Default)]
+pub struct Faults(Arc<Mutex<FaultState>>);
+
+#[derive(Debug, Default)]
+struct FaultState {
+    lost: Option<GpuError>,
+    first: Option<GpuError>,
+}
+
+impl Faults {
+    /// Stores an uncaptured error, unless an earlier one is still pending.
+    pub fn report(&self, error: wgpu::Error) {
+        self.lock()
+            .first
+            .get_or_insert_with(|| GpuError::from_wgpu("an uncaptured GPU error", error));
+    }
+
+    /// Stores the loss of the device permanently; `message` may be empty.
+    pub fn report_lost(&self, reason: &str, message: &str) {
+        let separator = if message.is_empty() { "" } else { ": " };
+        let lost = GpuError::Lost {
+            reason: format!("{}{separator}{message}", reason.to_lowercase()),
+        };
+        self.lock().lost.get_or_insert(lost);
+    }
+
+    pub(super) fn take(&self) -> Result<(), GpuError> {
+        let mut state = self.lock();
+        state.lost.clone().or_else(|| state.first.take()).map_or(Ok(()), Err)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, FaultState> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }

@@ -1,7 +1,7 @@
 //! Compute pass: its pipeline and its explicit bind group layout.
 
+use super::buffer::SLOT_BYTES;
 use super::error::check_limit;
-use super::parameters::SLOT_BYTES;
 use super::{Gpu, GpuError, Parameters, StorageBuffer};
 
 /// Access to a storage buffer.

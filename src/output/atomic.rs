@@ -2,45 +2,20 @@
 
 use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use super::OutputError;
 use super::staged::{self, StagedFile};
-
-/// A file that could not be written: always a failure of the machine, never of the input.
-#[derive(Debug, thiserror::Error)]
-#[error("{}: cannot be written: {cause}", path.display())]
-pub struct WriteError {
-    /// Path of the requested file.
-    pub path: PathBuf,
-    /// Error of the operating system.
-    pub cause: io::Error,
-}
-
-impl WriteError {
-    /// Attaches the requested path to a system error.
-    pub fn new(path: &Path, cause: io::Error) -> Self {
-        // Without the name of the temporary file, which no longer exists.
-        let said = cause.to_string();
-        let cause = match said.split_once(" at path ") {
-            Some((said, _)) => io::Error::new(cause.kind(), said),
-            None => cause,
-        };
-        Self {
-            path: staged::shown(path),
-            cause,
-        }
-    }
-}
 
 /// Writes `path` through `fill`. The bytes go to a temporary file in the same folder, which is renamed only when all of them
 /// are written and, except for files of a [`super::folder::Folder`], synchronised to disk; on failure the temporary file is
 /// removed and an existing file of that name is left unchanged. Symbolic links are followed.
 ///
 /// # Errors
-/// [`WriteError`] when the folder, the file or the disk refuses, when `fill` fails, or when `path` names something that
+/// [`OutputError`] when the folder, the file or the disk refuses, when `fill` fails, or when `path` names something that
 /// is not a regular file.
-pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> Result<(), WriteError> {
-    write_whole(path, fill).map_err(|cause| WriteError::new(path, cause))
+pub fn write(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> Result<(), OutputError> {
+    write_whole(path, fill).map_err(|cause| OutputError::write(path, cause))
 }
 
 fn write_whole(path: &Path, fill: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>) -> io::Result<()> {
@@ -87,7 +62,7 @@ mod tests {
             Err(io::Error::from(io::ErrorKind::StorageFull))
         })
         .unwrap_err();
-        assert_eq!(failure.cause.kind(), io::ErrorKind::StorageFull);
+        assert!(matches!(&failure, OutputError::Write { cause, .. } if cause.kind() == io::ErrorKind::StorageFull));
         assert_eq!(std::fs::read(&path).unwrap(), b"old");
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
     }

@@ -8,8 +8,9 @@ use std::path::{Component, Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::atomic::WriteError;
-use super::place::PlaceError;
+use super::OutputError;
+use super::error::without_temporary_name;
+
 use super::staged::{self, Live, StagedFolder};
 
 /// File name of the manifest in the folder.
@@ -46,7 +47,7 @@ impl Folder {
     /// relative to the folder; one that ends in `_` stands for numbered files with this prefix. `inputs` are files that it reads.
     ///
     /// # Errors
-    /// [`PlaceError`] if the folder cannot be created; without `force`, if a file of these names exists that no previous run listed,
+    /// [`OutputError`] if the folder cannot be created; without `force`, if a file of these names exists that no previous run listed,
     /// or that is an input.
     pub fn open(
         target: &Path,
@@ -54,8 +55,8 @@ impl Folder {
         names: &[&str],
         inputs: &[PathBuf],
         force: bool,
-    ) -> Result<Self, PlaceError> {
-        let wrong = |expected| PlaceError::Kind {
+    ) -> Result<Self, OutputError> {
+        let wrong = |expected| OutputError::Kind {
             path: target.to_owned(),
             expected,
         };
@@ -67,7 +68,7 @@ impl Folder {
             io::ErrorKind::NotADirectory | io::ErrorKind::AlreadyExists => {
                 wrong("a folder; the path leads through a file")
             }
-            _ => PlaceError::Folder {
+            _ => OutputError::Folder {
                 path: target.to_owned(),
                 cause,
             },
@@ -85,9 +86,9 @@ impl Folder {
         if !force {
             folder.check(names, inputs)?;
         }
-        let staged = StagedFolder::within(target).map_err(|cause| PlaceError::Folder {
+        let staged = StagedFolder::within(target).map_err(|cause| OutputError::Folder {
             path: target.to_owned(),
-            cause: WriteError::new(target, cause).cause,
+            cause: without_temporary_name(cause),
         })?;
         folder.staged = Some(staged);
         Ok(folder)
@@ -107,22 +108,22 @@ impl Folder {
     }
 
     /// Files of the previous run from the manifest. Names that lead out of the folder are ignored.
-    fn listed(&self) -> Result<BTreeSet<String>, PlaceError> {
+    fn listed(&self) -> Result<BTreeSet<String>, OutputError> {
         let path = self.target.join(MANIFEST);
         let text = match fs::read_to_string(&path) {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(BTreeSet::new()),
             Err(cause) if cause.kind() != io::ErrorKind::InvalidData => {
-                return Err(WriteError::new(&path, cause).into());
+                return Err(OutputError::write(&path, cause));
             }
             Err(_) => String::new(),
         };
         let manifest: Manifest = match serde_json::from_str(&text) {
             Ok(manifest) => manifest,
             Err(_) if self.force => return Ok(BTreeSet::new()),
-            Err(_) => return Err(PlaceError::Taken { path }),
+            Err(_) => return Err(OutputError::Taken { path }),
         };
-        let root = fs::canonicalize(&self.target).map_err(|cause| WriteError::new(&self.target, cause))?;
+        let root = fs::canonicalize(&self.target).map_err(|cause| OutputError::write(&self.target, cause))?;
         let within = |name: &String| {
             let plain = Path::new(name)
                 .components()
@@ -134,7 +135,7 @@ impl Folder {
         Ok(manifest.files.into_iter().filter(within).collect())
     }
 
-    fn check(&self, names: &[&str], inputs: &[PathBuf]) -> Result<(), PlaceError> {
+    fn check(&self, names: &[&str], inputs: &[PathBuf]) -> Result<(), OutputError> {
         let wanted = |name: &str| {
             names.iter().any(|wanted| match wanted.ends_with('_') {
                 true => name.starts_with(wanted) && WRITTEN.iter().any(|ending| name.ends_with(ending)),
@@ -147,7 +148,7 @@ impl Folder {
                 let name = Path::new(folder).join(entry.file_name());
                 let Some(name) = name.to_str() else { continue };
                 if wanted(name) && !self.before.contains(name) {
-                    return Err(PlaceError::Taken { path: entry.path() });
+                    return Err(OutputError::Taken { path: entry.path() });
                 }
             }
         }
@@ -162,7 +163,7 @@ impl Folder {
             name.is_some_and(|name| wanted(name) || self.before.contains(name))
         };
         match inputs.iter().find(ours) {
-            Some(input) => Err(PlaceError::Input { path: input.clone() }),
+            Some(input) => Err(OutputError::Input { path: input.clone() }),
             None => Ok(()),
         }
     }
@@ -171,29 +172,29 @@ impl Folder {
     /// Files of other origin are never removed and, without `force`, never replaced.
     ///
     /// # Errors
-    /// [`PlaceError::Kept`]; the written files are then kept, and the error names their folder.
-    pub fn install(mut self) -> Result<(), PlaceError> {
+    /// [`OutputError::Kept`]; the written files are then kept, and the error names their folder.
+    pub fn install(mut self) -> Result<(), OutputError> {
         let Some(staged) = self.staged.take() else {
             return Ok(());
         };
         self.made = None;
         let mut moved = 0;
         let result = files_in(staged.path())
-            .map_err(|cause| WriteError::new(&self.target, cause).into())
+            .map_err(|cause| OutputError::write(&self.target, cause))
             .and_then(|files| self.move_all(staged.path(), &files, &mut moved));
-        result.map_err(|cause| PlaceError::Kept {
+        result.map_err(|cause| OutputError::Kept {
             path: staged.keep(),
             moved,
             cause: Box::new(cause),
         })
     }
 
-    fn move_all(&self, from: &Path, files: &BTreeSet<String>, moved: &mut usize) -> Result<(), PlaceError> {
+    fn move_all(&self, from: &Path, files: &BTreeSet<String>, moved: &mut usize) -> Result<(), OutputError> {
         for name in files {
             let path = self.target.join(name);
             let foreign = !self.force && !self.before.contains(name) && name != MANIFEST;
             if path.is_dir() || (foreign && path.symlink_metadata().is_ok()) {
-                return Err(PlaceError::Taken { path });
+                return Err(OutputError::Taken { path });
             }
         }
         let _held = staged::hold();
@@ -203,14 +204,14 @@ impl Folder {
             let path = self.target.join(name);
             let made = path.parent().map_or(Ok(()), fs::create_dir_all);
             made.and_then(|()| fs::rename(from.join(name), &path))
-                .map_err(|cause| WriteError::new(&path, cause))?;
+                .map_err(|cause| OutputError::write(&path, cause))?;
             *moved += 1;
         }
         for name in self.before.difference(files) {
             let path = self.target.join(name);
             match fs::remove_file(&path) {
                 Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
-                    return Err(WriteError::new(&path, cause).into());
+                    return Err(OutputError::write(&path, cause));
                 }
                 _ => {}
             }
@@ -223,7 +224,7 @@ impl Folder {
         self.list(from, files.clone())
     }
 
-    fn list(&self, staged: &Path, files: BTreeSet<String>) -> Result<(), PlaceError> {
+    fn list(&self, staged: &Path, files: BTreeSet<String>) -> Result<(), OutputError> {
         let manifest = Manifest {
             program: env!("CARGO_PKG_NAME").to_owned(),
             version: env!("CARGO_PKG_VERSION").to_owned(),
@@ -239,7 +240,7 @@ impl Folder {
                 file.sync_all()?;
                 fs::rename(&from, &to)
             });
-        Ok(written.map_err(|cause| WriteError::new(&to, cause))?)
+        written.map_err(|cause| OutputError::write(&to, cause))
     }
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use gif::{Encoder, EncodingError, Repeat};
 
-use super::atomic::WriteError;
+use super::OutputError;
 
 /// Largest width, pixels: pictures are downscaled by an integer to fit.
 const WIDEST: usize = 426;
@@ -37,18 +37,18 @@ impl Preview {
     /// of `frame_s` seconds (above 0).
     ///
     /// # Errors
-    /// [`WriteError`] if the file cannot be written, or the size is out of range.
-    pub fn create(path: &Path, width: usize, height: usize, frame_s: f64) -> Result<Preview, WriteError> {
+    /// [`OutputError`] if the file cannot be written, or the size is out of range.
+    pub fn create(path: &Path, width: usize, height: usize, frame_s: f64) -> Result<Preview, OutputError> {
         let cell = width.div_ceil(WIDEST).max(1);
         let side = |pixels: usize| u16::try_from(pixels / cell).ok().filter(|side| *side > 0);
         let (Some(columns), Some(rows)) = (side(width), side(height)) else {
             let cause = format!("{width} x {height} pixels make no animated picture");
-            return Err(WriteError::new(
+            return Err(OutputError::write(
                 path,
                 io::Error::new(io::ErrorKind::InvalidInput, cause),
             ));
         };
-        let wrong = |cause| WriteError::new(path, cause);
+        let wrong = |cause| OutputError::write(path, cause);
         let file = BufWriter::new(File::create(path).map_err(wrong)?);
         let grey = |level: usize| [(level * 255 / (GREYS - 1)) as u8; 3];
         let palette: Vec<u8> = (0..GREYS).flat_map(grey).collect();
@@ -72,8 +72,8 @@ impl Preview {
     /// Adds the next frame, one byte per pixel, row by row.
     ///
     /// # Errors
-    /// [`WriteError`] if the file cannot be written, or the frame has another size.
-    pub fn push(&mut self, pixels: &[u8]) -> Result<(), WriteError> {
+    /// [`OutputError`] if the file cannot be written, or the frame has another size.
+    pub fn push(&mut self, pixels: &[u8]) -> Result<(), OutputError> {
         self.seen += 1;
         if !(self.seen - 1).is_multiple_of(self.every) {
             return Ok(());
@@ -81,7 +81,7 @@ impl Preview {
         let [width, height] = self.size;
         if pixels.len() != width * height {
             let cause = format!("{} pixels found, {width} x {height} expected", pixels.len());
-            return Err(WriteError::new(
+            return Err(OutputError::write(
                 &self.path,
                 io::Error::new(io::ErrorKind::InvalidInput, cause),
             ));
@@ -109,16 +109,16 @@ impl Preview {
         };
         self.encoder
             .write_frame(&frame)
-            .map_err(|error| WriteError::new(&self.path, system(error)))
+            .map_err(|error| OutputError::write(&self.path, system(error)))
     }
 
     /// Completes the file.
     ///
     /// # Errors
-    /// [`WriteError`] if the file cannot be written.
-    pub fn finish(self) -> Result<(), WriteError> {
+    /// [`OutputError`] if the file cannot be written.
+    pub fn finish(self) -> Result<(), OutputError> {
         let path = self.path;
-        let wrong = |cause| WriteError::new(&path, cause);
+        let wrong = |cause| OutputError::write(&path, cause);
         let mut file = self.encoder.into_inner().map_err(|error| wrong(system(error)))?;
         file.flush().map_err(wrong)
     }

@@ -6,50 +6,20 @@ use std::path::{Path, PathBuf};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 
-use super::atomic::{self, WriteError};
-use super::numbered;
-
-/// Why a picture was not written.
-#[derive(Debug, thiserror::Error)]
-pub enum PngError {
-    /// A file system error.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    /// The number of pixels does not match the size.
-    #[error("{}: {found} bytes of pixels for {width}x{height} pixels of {channels} bytes each; the size must be at least 1x1", path.display())]
-    Pixels {
-        /// Path of the requested file.
-        path: PathBuf,
-        /// Number of bytes given.
-        found: usize,
-        /// Columns.
-        width: usize,
-        /// Rows.
-        height: usize,
-        /// Bytes per pixel.
-        channels: usize,
-    },
-}
-
-impl PngError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Write(_))
-    }
-}
+use super::{OutputError, atomic, numbered};
 
 /// Writes a grey picture, one byte per pixel, row by row. The write is atomic.
-pub fn write_grey(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), PngError> {
+pub fn write_grey(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), OutputError> {
     write(path, width, height, pixels, ExtendedColorType::L8)
 }
 
 /// Writes a colour picture, three bytes (sRGB) per pixel, row by row. The write is atomic.
-pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), PngError> {
+pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), OutputError> {
     write(path, width, height, pixels, ExtendedColorType::Rgb8)
 }
 
 /// Writes a layer of 16-bit numbers, row by row. The write is atomic.
-pub fn write_grey16(path: &Path, width: usize, height: usize, pixels: &[u16]) -> Result<(), PngError> {
+pub fn write_grey16(path: &Path, width: usize, height: usize, pixels: &[u16]) -> Result<(), OutputError> {
     write(
         path,
         width,
@@ -59,18 +29,21 @@ pub fn write_grey16(path: &Path, width: usize, height: usize, pixels: &[u16]) ->
     )
 }
 
-fn write(path: &Path, width: usize, height: usize, pixels: &[u8], colour: ExtendedColorType) -> Result<(), PngError> {
+fn write(
+    path: &Path,
+    width: usize,
+    height: usize,
+    pixels: &[u8],
+    colour: ExtendedColorType,
+) -> Result<(), OutputError> {
     let channels = usize::from(colour.bits_per_pixel() / 8);
     let expected = width.checked_mul(height).and_then(|n| n.checked_mul(channels));
     let size = (u32::try_from(width), u32::try_from(height));
     let ((Ok(columns @ 1..), Ok(rows @ 1..)), true) = (size, expected == Some(pixels.len())) else {
-        return Err(PngError::Pixels {
-            path: path.to_owned(),
-            found: pixels.len(),
-            width,
-            height,
-            channels,
-        });
+        let found = pixels.len();
+        let expected = format!("{width}x{height} pixels of {channels} bytes each; the size must be at least 1x1");
+        let text = format!("{found} bytes of pixels for {expected}");
+        return Err(OutputError::contents(path, text));
     };
     atomic::write(path, |file| {
         PngEncoder::new_with_quality(&mut *file, CompressionType::Default, FilterType::Adaptive)
@@ -80,8 +53,7 @@ fn write(path: &Path, width: usize, height: usize, pixels: &[u8], colour: Extend
                 other => io::Error::other(other),
             })?;
         file.flush()
-    })?;
-    Ok(())
+    })
 }
 
 /// Path of frame `frame` of `of` in a numbered folder: `frame_0000.png`, with as many digits as the last one has, at least 4.
@@ -157,7 +129,7 @@ mod tests {
         for (width, height, count) in [(3, 3, 8), (0, 5, 0), (usize::MAX, 2, 4), (5, 0, 0)] {
             let error = write_grey(&path, width, height, &vec![0; count]).expect_err("wrong size");
             assert!(
-                matches!(error, PngError::Pixels { .. }) && !error.is_machine(),
+                matches!(error, OutputError::Contents { .. }) && !error.is_machine(),
                 "{error}"
             );
         }

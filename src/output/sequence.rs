@@ -10,7 +10,8 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use nalgebra::Matrix4;
 
-use super::atomic::{self, WriteError, folder_of};
+use super::atomic::folder_of;
+use super::{OutputError, atomic};
 use crate::tracking::sequence::SequenceFrame;
 
 /// Metadata of an image.
@@ -44,55 +45,12 @@ pub fn transforms(
     all
 }
 
-/// Why a sequence cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum SequenceError {
-    /// A file system error.
-    #[error(transparent)]
-    Write(#[from] WriteError),
-    /// A name that ends in neither `.mha` nor `.nrrd`.
-    #[error("{}: found the ending {found:?}, expected .mha or .nrrd", path.display())]
-    Ending {
-        /// Path of the requested file.
-        path: PathBuf,
-        /// Extension found.
-        found: String,
-    },
-    /// A frame of another size, or a sequence without pixels.
-    #[error("{}: found {found} pixels in frame {frame}, expected {width} x {height} and at least one", path.display())]
-    Size {
-        /// Path of the requested file.
-        path: PathBuf,
-        /// Frame number, from 0.
-        frame: usize,
-        /// Number of pixels given.
-        found: usize,
-        /// Columns of the sequence.
-        width: usize,
-        /// Rows of the sequence.
-        height: usize,
-    },
-    /// A transform name that is not of the form `FromToTo`.
-    #[error("{}: found the transform name {name:?}, expected letters, digits, `_`, `-` and `.` as in \"ProbeToTracker\"", path.display())]
-    Name {
-        /// Path of the requested file.
-        path: PathBuf,
-        /// Name of the transform.
-        name: String,
-    },
-    /// No frame was pushed.
-    #[error("{}: found no frames, expected at least one", path.display())]
-    Empty {
-        /// Path of the requested file.
-        path: PathBuf,
-    },
-}
-
-impl SequenceError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Write(_))
-    }
+fn wrong_size(path: &Path, frame: usize, found: usize, [width, height]: [usize; 2]) -> OutputError {
+    let expected = format!("{width} x {height} and at least one");
+    OutputError::contents(
+        path,
+        format!("found {found} pixels in frame {frame}, expected {expected}"),
+    )
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -125,8 +83,8 @@ impl SequenceWriter {
     /// Starts a sequence of images of `width` columns and `height` rows.
     ///
     /// # Errors
-    /// [`SequenceError::Ending`], [`SequenceError::Size`] for images without pixels, [`SequenceError::Write`].
-    pub fn create(path: &Path, width: usize, height: usize) -> Result<Self, SequenceError> {
+    /// [`OutputError::Contents`] for another ending or images without pixels, [`OutputError::Write`].
+    pub fn create(path: &Path, width: usize, height: usize) -> Result<Self, OutputError> {
         let ending = path
             .extension()
             .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
@@ -134,23 +92,16 @@ impl SequenceWriter {
             Some("mha") => Format::MetaImage,
             Some("nrrd") => Format::Nrrd,
             other => {
-                return Err(SequenceError::Ending {
-                    path: path.to_owned(),
-                    found: other.unwrap_or_default().to_owned(),
-                });
+                let found = other.unwrap_or_default();
+                let text = format!("found the ending {found:?}, expected .mha or .nrrd");
+                return Err(OutputError::contents(path, text));
             }
         };
         if width == 0 || height == 0 {
-            return Err(SequenceError::Size {
-                path: path.to_owned(),
-                frame: 0,
-                found: 0,
-                width,
-                height,
-            });
+            return Err(wrong_size(path, 0, 0, [width, height]));
         }
         // Beside the target and unnamed, so that a full or forbidden folder is detected at once.
-        let file = tempfile::tempfile_in(folder_of(path)).map_err(|cause| WriteError::new(path, cause))?;
+        let file = tempfile::tempfile_in(folder_of(path)).map_err(|cause| OutputError::write(path, cause))?;
         let file = BufWriter::new(file);
         let packer = match format {
             Format::MetaImage => Packer::Zlib(ZlibEncoder::new(file, Compression::default())),
@@ -172,7 +123,7 @@ impl SequenceWriter {
     ///
     /// # Errors
     /// The errors of [`SequenceWriter::create`].
-    pub fn create_layer(path: &Path, width: usize, height: usize) -> Result<Self, SequenceError> {
+    pub fn create_layer(path: &Path, width: usize, height: usize) -> Result<Self, OutputError> {
         let images = Self::create(path, width, height)?;
         Ok(Self { depth: 2, ..images })
     }
@@ -188,34 +139,28 @@ impl SequenceWriter {
     /// Adds a frame: pixels row by row from the near unmarked corner.
     ///
     /// # Errors
-    /// [`SequenceError::Size`], [`SequenceError::Name`], [`SequenceError::Write`].
-    pub fn push(&mut self, pixels: &[u8], info: &FrameInfo) -> Result<(), SequenceError> {
+    /// [`OutputError::Contents`], [`OutputError::Write`].
+    pub fn push(&mut self, pixels: &[u8], info: &FrameInfo) -> Result<(), OutputError> {
         let expected = self.width.checked_mul(self.height);
         if expected.and_then(|expected| expected.checked_mul(self.depth)) != Some(pixels.len()) {
-            return Err(SequenceError::Size {
-                path: self.path.clone(),
-                frame: self.frames,
-                found: pixels.len() / self.depth,
-                width: self.width,
-                height: self.height,
-            });
+            let (found, size) = (pixels.len() / self.depth, [self.width, self.height]);
+            return Err(wrong_size(&self.path, self.frames, found, size));
         }
         for (name, _, _) in info.transforms {
             let named = name
                 .split_once("To")
                 .is_some_and(|(from, to)| !from.is_empty() && !to.is_empty());
             if !named || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
-                return Err(SequenceError::Name {
-                    path: self.path.clone(),
-                    name: (*name).to_owned(),
-                });
+                let expected = "expected letters, digits, `_`, `-` and `.` as in \"ProbeToTracker\"";
+                let text = format!("found the transform name {name:?}, {expected}");
+                return Err(OutputError::contents(&self.path, text));
             }
         }
         match &mut self.packer {
             Packer::Zlib(packer) => packer.write_all(pixels),
             Packer::Gzip(packer) => packer.write_all(pixels),
         }
-        .map_err(|cause| WriteError::new(&self.path, cause))?;
+        .map_err(|cause| OutputError::write(&self.path, cause))?;
         self.push_keys(info);
         self.frames += 1;
         Ok(())
@@ -255,10 +200,11 @@ impl SequenceWriter {
     /// Writes the header and renames the file to its final path.
     ///
     /// # Errors
-    /// [`SequenceError::Empty`] without frames, [`SequenceError::Write`].
-    pub fn finish(self) -> Result<(), SequenceError> {
+    /// [`OutputError::Contents`] without frames, [`OutputError::Write`].
+    pub fn finish(self) -> Result<(), OutputError> {
         if self.frames == 0 {
-            return Err(SequenceError::Empty { path: self.path });
+            let text = "found no frames, expected at least one".to_owned();
+            return Err(OutputError::contents(&self.path, text));
         }
         let (head, tail) = match self.format {
             Format::MetaImage => self.metaimage_header(),
@@ -269,7 +215,7 @@ impl SequenceWriter {
             Packer::Zlib(packer) => packer.finish(),
             Packer::Gzip(packer) => packer.finish(),
         };
-        let fail = |cause| WriteError::new(&path, cause);
+        let fail = |cause| OutputError::write(&path, cause);
         let mut packed = packed
             .and_then(|buffer| buffer.into_inner().map_err(io::IntoInnerError::into_error))
             .map_err(fail)?;
@@ -395,14 +341,11 @@ mod tests {
         let path = folder.path().join("a.mha");
         let mut writer = SequenceWriter::create(&path, 2, 2).unwrap();
         let info = FrameInfo::default();
-        assert!(matches!(
-            writer.push(&[0; 3], &info),
-            Err(SequenceError::Size { found: 3, .. })
-        ));
+        assert!(matches!(writer.push(&[0; 3], &info), Err(OutputError::Contents { .. })));
         writer.push(&[0; 4], &info).unwrap();
         drop(writer);
         let empty = SequenceWriter::create(&path, 2, 2).unwrap().finish().unwrap_err();
-        assert!(matches!(empty, SequenceError::Empty { .. }) && !empty.is_machine());
+        assert!(matches!(empty, OutputError::Contents { .. }) && !empty.is_machine());
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
     }
 
@@ -411,7 +354,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         assert!(matches!(
             SequenceWriter::create(&folder.path().join("a.avi"), 1, 1),
-            Err(SequenceError::Ending { .. })
+            Err(OutputError::Contents { .. })
         ));
         let away = SequenceWriter::create(&folder.path().join("no/a.mha"), 1, 1);
         assert!(away.is_err_and(|error| error.is_machine()));
@@ -421,6 +364,6 @@ mod tests {
             transforms: &transforms,
             ..FrameInfo::default()
         };
-        assert!(matches!(writer.push(&[0], &info), Err(SequenceError::Name { .. })));
+        assert!(matches!(writer.push(&[0], &info), Err(OutputError::Contents { .. })));
     }
 }

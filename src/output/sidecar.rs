@@ -7,7 +7,7 @@ use nalgebra::{Matrix4, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::atomic::{self, WriteError};
+use super::{OutputError, atomic};
 use crate::tracking::matrix::Rows;
 use crate::tracking::needle::NeedlePose;
 use crate::tracking::pose::Pose;
@@ -143,7 +143,7 @@ impl NeedlePlace {
 
 impl Sidecar {
     /// Writes the sidecar as indented JSON. The write is atomic.
-    pub fn write(&self, path: &Path) -> Result<(), WriteError> {
+    pub fn write(&self, path: &Path) -> Result<(), OutputError> {
         atomic::write(path, |file| {
             serde_json::to_writer_pretty(&mut *file, self).map_err(io::Error::from)?;
             file.write_all(b"\n")

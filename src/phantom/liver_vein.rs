@@ -8,8 +8,8 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Bounds, Point};
 use super::paint::Painting;
-use super::{PhantomError, pose_at};
-use crate::volume::LabelVolume;
+use super::pose_at;
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the liver with a vein.
@@ -27,7 +27,7 @@ const VEIN_MM: [[f64; 2]; 2] = [[-4.0, 28.0], [11.0, 6.5]];
 /// Position of the array's centre, just above the capsule, mm.
 const ARRAY_MM: [f64; 2] = [-10.0, -0.5];
 
-pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, PhantomError> {
+pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
     let [middle, half] = VEIN_MM;
     let base = move |p: &Point| {
         let across = ((p.x - middle[0]) / half[0]).hypot((p.y - middle[1]) / half[1]);

@@ -3,11 +3,9 @@
 use nalgebra::{Matrix4, Vector3};
 use rayon::prelude::*;
 
-use super::PhantomError;
-use super::dent::Dent;
-use super::geometry::{Bounds, Point, Shape};
+use super::geometry::{Bounds, Point, Shape, step};
 use crate::memory;
-use crate::volume::{Label, LabelVolume};
+use crate::volume::{Label, LabelVolume, VolumeError};
 
 /// Set of labels that a layer may paint over.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,16 +72,14 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         world: &Bounds,
         resolution_mm: f64,
         table: &'static [(u8, &'static str)],
-    ) -> Result<LabelVolume, PhantomError> {
+    ) -> Result<LabelVolume, VolumeError> {
         let extent = world.max - world.min;
         let size = [0, 1, 2].map(|axis| (extent[axis] / resolution_mm).round().max(1.0) as usize);
         let count: usize = size.iter().product();
         if count > super::MAX_VOXELS {
-            return Err(PhantomError::TooLarge {
-                voxels: count,
-                resolution_mm,
-                limit: super::MAX_VOXELS,
-            });
+            let most = format!("at most {} are made: choose a coarser resolution", super::MAX_VOXELS);
+            let text = format!("{count} voxels at {resolution_mm} mm; {most}");
+            return Err(VolumeError::option("resolution_mm", text));
         }
         memory::check(
             count as u64,
@@ -112,7 +108,7 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
             })
             .collect();
         let index_to_world = Matrix4::new_translation(&grid.first) * Matrix4::new_scaling(resolution_mm);
-        Ok(LabelVolume::new(size, voxels, labels, index_to_world)?)
+        LabelVolume::new(size, voxels, labels, index_to_world)
     }
 
     fn paint_slice(&self, grid: &Grid, k: usize, slice: &mut [u8]) {
@@ -169,5 +165,81 @@ impl Grid {
             (low as usize).min(self.size[axis])..(high.max(0.0) as usize).min(self.size[axis])
         };
         Some([range(0), range(1)])
+    }
+}
+
+// Indentation of the skin by a convex probe: the body is painted as deformed by the probe of the default pose.
+
+/// Depth below the probe's face at which the displacement vanishes, mm.
+const REACH_MM: f64 = 70.0;
+/// Half thickness of the probe's face in the elevational direction, mm.
+const FACE_HALF_MM: f64 = 9.0;
+/// Elevational distance at which the skin is undeformed, mm.
+const FADE_MM: f64 = 34.0;
+
+/// Tissue indented by a convex array so that the skin is in contact with its complete face.
+pub(super) struct Dent {
+    origin: Point,
+    lateral: Point,
+    axial: Point,
+    across: Point,
+    radius_mm: f64,
+    depth_mm: f64,
+    bounds: Bounds,
+    skin_depth: fn(&Point) -> f64,
+}
+
+impl Dent {
+    /// Creates an indentation of at most `depth_mm` by an array of radius `radius_mm` at a pose (probe to world), in
+    /// a body whose undeformed depth below the skin (positive inside) is `skin_depth`.
+    pub(super) fn new(pose: &Matrix4<f64>, radius_mm: f64, depth_mm: f64, skin_depth: fn(&Point) -> f64) -> Self {
+        let column = |i: usize| -> Vector3<f64> { pose.fixed_view::<3, 1>(0, i).into_owned() };
+        let origin = column(3);
+        Self {
+            origin,
+            lateral: column(0),
+            axial: column(1),
+            across: column(2),
+            radius_mm,
+            depth_mm,
+            bounds: Bounds {
+                min: origin,
+                max: origin,
+            }
+            .grown(REACH_MM + radius_mm),
+            skin_depth,
+        }
+    }
+
+    /// Box that holds the deformed positions of every point of a box: displacements are along the axis of the probe, by at most the depth.
+    pub(super) fn displaced(&self, bounds: &Bounds) -> Bounds {
+        let most = self.axial * self.depth_mm;
+        let swept = Bounds {
+            min: bounds.min.inf(&(bounds.min + most)),
+            max: bounds.max.sup(&(bounds.max + most)),
+        };
+        if swept.meets(&self.bounds) { swept } else { *bounds }
+    }
+
+    /// Maps a point of the deformed body to its undeformed position.
+    pub(super) fn undo(&self, p: &Point) -> Point {
+        let offset = p - self.origin;
+        let (l, a, e) = (
+            offset.dot(&self.lateral),
+            offset.dot(&self.axial),
+            offset.dot(&self.across),
+        );
+        if l.abs() >= 0.95 * self.radius_mm || e.abs() >= FADE_MM || a.abs() >= REACH_MM {
+            return *p;
+        }
+        let face = (self.radius_mm.powi(2) - l * l).sqrt() - self.radius_mm;
+        let below = a - face;
+        if below >= REACH_MM {
+            return *p;
+        }
+        let on_face = self.origin + self.lateral * l + self.axial * face + self.across * e;
+        let pressed = (self.skin_depth)(&on_face).clamp(0.0, self.depth_mm);
+        let fade = (1.0 - below.max(0.0) / REACH_MM).powi(2) * (1.0 - step(FACE_HALF_MM, FADE_MM, e.abs()));
+        p - self.axial * (pressed * fade)
     }
 }

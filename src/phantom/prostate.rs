@@ -5,9 +5,9 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Block, Bounds, Ellipsoid, Point, Shape, Solid, Tube, Uneven, path, smooth_max, step};
 use super::paint::{Over, Painting};
-use super::{PhantomError, pose_at};
+use super::pose_at;
 use crate::random::noise::Noise;
-use crate::volume::LabelVolume;
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the prostate phantom.
@@ -89,11 +89,12 @@ fn surroundings(p: &Point, fat: &Noise) -> u8 {
     l::FAT
 }
 
-pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, PhantomError> {
+pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let fat = Noise::new(seed, 100, 25.0);
     let mut painting = Painting::new(move |p: &Point| surroundings(p, &fat), None);
     side_walls(&mut painting, seed);
     bladder(&mut painting, seed);
+    bundles(&mut painting);
     organ(&mut painting, seed);
     rectum(&mut painting, seed);
     let world = Bounds {
@@ -193,30 +194,8 @@ fn bladder<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
     }
 }
 
-/// The gland with its zones, urethra and lesion, and the vessels and nerves around it.
-fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
-    let bounds = Bounds {
-        min: Point::new(-GLAND_MM[0], -GLAND_MM[1], -GLAND_MM[2]),
-        max: Point::from(GLAND_MM),
-    }
-    .grown(1.0);
-    let shape = |amplitude_mm: f64| Uneven {
-        shape: Solid {
-            bounds,
-            distance: gland,
-        },
-        noise: Noise::new(seed, 105, 14.0),
-        amplitude_mm,
-    };
-    let soft = Over::only(&[
-        l::FAT,
-        l::MUSCLE,
-        l::FASCIA,
-        l::BLADDER_WALL,
-        l::SEMINAL_VESICLE,
-        l::URINE,
-        l::BONE,
-    ]);
+/// Vessels and nerves around the gland.
+fn bundles<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>) {
     // The anterior venous plexus and the bundles at five and seven o'clock.
     for (x, y, radius) in [
         (-7.0, -20.5, 2.6),
@@ -242,6 +221,32 @@ fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
         );
         painting.add_all(&nerve, 0.0, l::NERVE, Over::only(&[l::FAT, l::MUSCLE]));
     }
+}
+
+/// The gland with its zones, urethra and lesion.
+fn organ<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, seed: u64) {
+    let bounds = Bounds {
+        min: Point::new(-GLAND_MM[0], -GLAND_MM[1], -GLAND_MM[2]),
+        max: Point::from(GLAND_MM),
+    }
+    .grown(1.0);
+    let shape = |amplitude_mm: f64| Uneven {
+        shape: Solid {
+            bounds,
+            distance: gland,
+        },
+        noise: Noise::new(seed, 105, 14.0),
+        amplitude_mm,
+    };
+    let soft = Over::only(&[
+        l::FAT,
+        l::MUSCLE,
+        l::FASCIA,
+        l::BLADDER_WALL,
+        l::SEMINAL_VESICLE,
+        l::URINE,
+        l::BONE,
+    ]);
     painting.add(shape(0.8), 0.0, l::CAPSULE, soft);
     painting.add(
         shape(0.8),

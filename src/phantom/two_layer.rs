@@ -9,8 +9,8 @@ use nalgebra::Matrix4;
 
 use super::geometry::{Bounds, Point, Tube};
 use super::paint::{Over, Painting};
-use super::{PhantomError, pose_at};
-use crate::volume::LabelVolume;
+use super::pose_at;
+use crate::volume::{LabelVolume, VolumeError};
 
 pub(super) mod labels {
     //! Label values of the two-layer phantom.
@@ -30,7 +30,7 @@ const STEM_MM: f64 = 6.0;
 /// Radius of the hole and its distance behind the inclusion's axis, mm.
 const HOLE_MM: [f64; 2] = [9.0, 26.0];
 
-pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, PhantomError> {
+pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
     let [radius, half_length] = INCLUSION_MM;
     let [hole_radius, hole_y] = HOLE_MM;
     let base = move |p: &Point| {

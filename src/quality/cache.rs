@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::output::atomic::{self, WriteError};
-use crate::output::place::{self, PlaceError};
+use crate::output::place;
+use crate::output::{OutputError, atomic};
 
 /// Environment variable that overrides the cache folder.
 pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
@@ -84,8 +84,8 @@ impl Cache {
     /// Creates the folder and checks that costs can be stored in it.
     ///
     /// # Errors
-    /// [`PlaceError`] if they cannot be stored.
-    pub fn check(&self, thing: &[&str]) -> Result<(), PlaceError> {
+    /// [`OutputError`] if they cannot be stored.
+    pub fn check(&self, thing: &[&str]) -> Result<(), OutputError> {
         match self.made(thing)? {
             Some(path) => place::check(&[&path], &[], true),
             None => Ok(()),
@@ -95,8 +95,8 @@ impl Cache {
     /// Stores a measurement.
     ///
     /// # Errors
-    /// [`WriteError`] if the file cannot be written.
-    pub fn put<T: Serialize>(&self, thing: &[&str], costs: &T) -> Result<(), WriteError> {
+    /// [`OutputError`] if the file cannot be written.
+    pub fn put<T: Serialize>(&self, thing: &[&str], costs: &T) -> Result<(), OutputError> {
         let Some(path) = self.made(thing)? else { return Ok(()) };
         atomic::write(&path, |file| {
             let text = serde_json::to_string_pretty(costs)?;
@@ -105,10 +105,10 @@ impl Cache {
     }
 
     /// Path of an item, in a folder that is created.
-    fn made(&self, thing: &[&str]) -> Result<Option<PathBuf>, WriteError> {
+    fn made(&self, thing: &[&str]) -> Result<Option<PathBuf>, OutputError> {
         let path = self.path(thing);
         if let Some(folder) = path.as_deref().and_then(Path::parent) {
-            std::fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
+            std::fs::create_dir_all(folder).map_err(|cause| OutputError::write(folder, cause))?;
         }
         Ok(path)
     }

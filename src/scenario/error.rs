@@ -14,7 +14,7 @@ use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::scene::{Problem, SceneError};
 use crate::statics;
-use crate::tracking::needle::InvalidNeedle;
+use crate::tracking::TrackingError;
 
 /// Error of a scenario: the cause, the key concerned and its place in the file.
 pub type ScenarioError = Fault<Wrong>;
@@ -54,7 +54,7 @@ pub enum Wrong {
     Rigid(#[from] LinearError),
     /// The needle is invalid.
     #[error(transparent)]
-    Needle(#[from] InvalidNeedle),
+    Needle(#[from] TrackingError),
     /// No model can be built for the needle.
     #[error(transparent)]
     NeedleModel(#[from] InvalidNeedleModel),

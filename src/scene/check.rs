@@ -8,7 +8,7 @@ use crate::phantom::Phantom;
 use crate::quality::QualitySpec;
 use crate::synth::tables::ImageSize;
 use crate::tracking::plus::PlusConfig;
-use crate::tracking::probe::{BeamGrid, ImageGrid, InvalidGrid, Probe, ProbeShape};
+use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
 
 /// Maximum number of frames of a scene.
 const MAX_FRAMES: u32 = 1_000_000;
@@ -42,7 +42,7 @@ impl SceneFile {
             Some(spec) => Probe::try_from(spec),
             None => usual_probe(volume.phantom),
         };
-        let probe = probe.map_err(|error| self.fault(format!("probe.{}", error.key()), error))?;
+        let probe = probe.map_err(|error| self.fault(format!("probe.{}", error.key().unwrap_or_default()), error))?;
         let grid = BeamGrid::new(&probe).at(self, "probe")?;
         let image = self.image.unwrap_or_default();
         let image = ImageSize {
@@ -53,12 +53,7 @@ impl SceneFile {
             placed: None,
         };
         ImageGrid::fit(&grid, image.width, image.height, image.margin).map_err(|error| {
-            let key = match &error {
-                InvalidGrid::Margin(_) => "image.margin",
-                InvalidGrid::Size { height: 1..=16384, .. } => "image.width",
-                InvalidGrid::Size { .. } => "image.height",
-                InvalidGrid::Place { .. } => "image",
-            };
+            let key = error.key().map_or("image".to_owned(), |key| format!("image.{key}"));
             self.fault(key, error)
         })?;
         let effects = self.effects.clone().unwrap_or_else(Effects::usual);
@@ -137,7 +132,7 @@ impl SceneFile {
 }
 
 /// Default probe: the one that matches a phantom's default pose, and a deep curvilinear one for files.
-fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, crate::tracking::probe::InvalidProbe> {
+fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, crate::tracking::TrackingError> {
     let (shape, depth_mm) = match phantom {
         None | Some(Phantom::Abdomen) => {
             let (radius_mm, angle_deg) = (60.0, 70.0);

@@ -7,16 +7,9 @@ use crate::document::{Fault, InvalidFile};
 use crate::effects::OutOfRange;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::{InvalidDisplacement, InvalidMesh};
-use crate::phantom::PhantomError;
 use crate::tissue::TissueError;
-use crate::tracking::calibration::CalibrationError;
-use crate::tracking::needle::InvalidNeedle;
-use crate::tracking::pose::InvalidPose;
-use crate::tracking::probe::{InvalidGrid, InvalidProbe};
-use crate::tracking::trajectory::TrajectoryError;
+use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
-use crate::volume::complete::CompletionError;
-use crate::volume::texture::InvalidTexture;
 
 /// Error of a scene: the cause, the key concerned and its place in the file.
 pub type SceneError = Fault<Problem>;
@@ -51,7 +44,7 @@ pub enum Problem {
         /// Name of the requested transform.
         transform: String,
         /// Underlying error of the path.
-        source: TrajectoryError,
+        source: TrackingError,
     },
     /// A frame past the last.
     #[error("frame {frame} of {of}; frames count from 0")]
@@ -61,36 +54,15 @@ pub enum Problem {
         /// Number of frames.
         of: usize,
     },
-    /// A phantom cannot be made.
-    #[error(transparent)]
-    Phantom(#[from] PhantomError),
-    /// A volume, texture or sequence file cannot be read.
+    /// A volume or phantom cannot be made or completed, or a volume, texture or sequence file cannot be read.
     #[error(transparent)]
     Volume(#[from] VolumeError),
-    /// A volume cannot be completed.
-    #[error(transparent)]
-    Completion(#[from] CompletionError),
     /// A tissue is invalid.
     #[error(transparent)]
     Tissue(#[from] TissueError),
-    /// A texture is invalid.
+    /// The probe, its pose or path, the image, the needle or a calibration is invalid.
     #[error(transparent)]
-    Texture(#[from] InvalidTexture),
-    /// The probe is invalid.
-    #[error(transparent)]
-    Probe(#[from] InvalidProbe),
-    /// The pose is invalid.
-    #[error(transparent)]
-    Pose(#[from] InvalidPose),
-    /// The needle is invalid.
-    #[error(transparent)]
-    Needle(#[from] InvalidNeedle),
-    /// A path is invalid.
-    #[error(transparent)]
-    Trajectory(#[from] TrajectoryError),
-    /// A calibration is invalid.
-    #[error(transparent)]
-    Calibration(#[from] CalibrationError),
+    Tracking(#[from] TrackingError),
     /// A displacement field is invalid.
     #[error(transparent)]
     Displacement(#[from] InvalidDisplacement),
@@ -103,9 +75,6 @@ pub enum Problem {
     /// A parameter of an effect is out of range.
     #[error(transparent)]
     Effect(#[from] OutOfRange),
-    /// The image cannot be laid out.
-    #[error(transparent)]
-    Image(#[from] InvalidGrid),
 }
 
 impl SceneError {
@@ -120,11 +89,9 @@ impl Problem {
     pub(crate) fn is_machine(&self) -> bool {
         match self {
             Self::Text(error) => error.is_machine(),
-            Self::Phantom(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::MeshFile(error) => error.is_machine(),
-            Self::Trajectory(error) => error.is_machine(),
-            Self::Calibration(error) => error.is_machine(),
+            Self::Tracking(error) => error.is_machine(),
             _ => false,
         }
     }

@@ -9,9 +9,10 @@ use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
 use crate::document::InvalidFile;
+use crate::tracking::TrackingError;
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::plus::PlusConfig;
-use crate::tracking::trajectory::{Interpolation, Trajectory, TrajectoryError};
+use crate::tracking::trajectory::{Interpolation, Trajectory};
 use crate::tracking::world::World;
 
 /// A probe path, whether its poses are frames of their own, as in a recording, and its tracked sequence.
@@ -197,10 +198,10 @@ impl SceneFile {
     }
 
     /// Error of a path from the recorded poses of a transform.
-    fn tracked(&self, table: &str, transform: &str, error: TrajectoryError) -> SceneError {
+    fn tracked(&self, table: &str, transform: &str, error: TrackingError) -> SceneError {
         let key = tracked_key(table, &error);
         match error {
-            TrajectoryError::NoValidPose { .. } => {
+            TrackingError::NoValidPose { .. } => {
                 let transform = transform.to_owned();
                 self.fault(
                     key,
@@ -237,12 +238,9 @@ impl SceneFile {
 }
 
 /// Key concerned by an error about keyframes.
-fn keyframe_key(table: &str, error: &TrajectoryError) -> String {
+fn keyframe_key(table: &str, error: &TrackingError) -> String {
     match error {
-        TrajectoryError::Time { index, .. } | TrajectoryError::Order { index, .. } => {
-            format!("{table}.keyframes[{index}].time_s")
-        }
-        TrajectoryError::Pose { index, source } => match source.key() {
+        TrackingError::Keyframe { index, key, .. } => match key {
             Some("position_mm") if table.starts_with("needle") => format!("{table}.keyframes[{index}].tip_mm"),
             Some(key) => format!("{table}.keyframes[{index}].{key}"),
             None => format!("{table}.keyframes[{index}]"),
@@ -252,19 +250,19 @@ fn keyframe_key(table: &str, error: &TrajectoryError) -> String {
 }
 
 /// Key concerned by an error about a tracked path.
-fn tracked_key(table: &str, error: &TrajectoryError) -> String {
+fn tracked_key(table: &str, error: &TrackingError) -> String {
     let key = match error {
-        TrajectoryError::Transform { which, .. } if *which == "tracker-to-world" => "tracker_to_world",
-        TrajectoryError::Transform { .. } if table.starts_with("needle") => "tip_to_marker",
-        TrajectoryError::Transform { .. } => "transducer_to_probe",
-        TrajectoryError::Pose { .. } => "shaft_axis",
-        TrajectoryError::NoValidPose { .. } => "transform",
+        TrackingError::Transform { which, .. } if *which == "tracker-to-world" => "tracker_to_world",
+        TrackingError::Transform { .. } if table.starts_with("needle") => "tip_to_marker",
+        TrackingError::Transform { .. } => "transducer_to_probe",
+        TrackingError::Keyframe { .. } => "shaft_axis",
+        TrackingError::NoValidPose { .. } => "transform",
         _ => "file",
     };
     format!("{table}.{key}")
 }
 
-fn needle_key(error: &crate::tracking::needle::InvalidNeedle) -> String {
+fn needle_key(error: &TrackingError) -> String {
     error
         .key()
         .map_or_else(|| "needle".to_owned(), |key| format!("needle.{key}"))

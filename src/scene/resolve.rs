@@ -27,9 +27,9 @@ use crate::tracking::pose::Pose;
 use crate::tracking::probe::{BeamGrid, ProbeSpec, Ray};
 use crate::tracking::trajectory::Trajectory;
 use crate::tracking::world::World;
-use crate::volume::complete::{CompleteOptions, CompletionError, complete, with_ct};
-use crate::volume::texture::{InvalidTexture, SolidTexture, TextureOptions};
-use crate::volume::{LabelVolume, load_scalar, structures};
+use crate::volume::complete::{CompleteOptions, complete, with_ct};
+use crate::volume::texture::{SolidTexture, TextureOptions};
+use crate::volume::{LabelVolume, VolumeError, load_scalar, structures};
 
 impl SceneFile {
     /// Loads or generates everything that the scene names, fills in defaults and checks it. Relative paths start at
@@ -186,14 +186,7 @@ impl SceneFile {
             fat_mm: spec.fat_mm.unwrap_or(usual.fat_mm),
             skin_mm: spec.skin_mm.unwrap_or(usual.skin_mm),
         };
-        let fault = |error: CompletionError| {
-            let key = match &error {
-                CompletionError::Thickness { layer, .. } => format!("volume.{layer}_mm"),
-                CompletionError::Elsewhere(_) => "volume.ct".to_owned(),
-                CompletionError::Volume(_) => "volume.file".to_owned(),
-            };
-            self.fault(key, error)
-        };
+        let fault = |error: VolumeError| self.fault(format!("volume.{}", error.key().unwrap_or("file")), error);
         let completed = match &spec.ct {
             Some(ct) => with_ct(
                 &opened.volume,
@@ -210,7 +203,7 @@ impl SceneFile {
         if !spec.structures.unwrap_or(true) {
             return Ok(completed.volume);
         }
-        let structured = structures::add(&completed.volume).map_err(|error| fault(error.into()))?;
+        let structured = structures::add(&completed.volume).map_err(fault)?;
         notes.extend(structured.note);
         Ok(structured.volume)
     }
@@ -278,10 +271,10 @@ impl SceneFile {
         };
         let spacing_mm = spec.spacing_mm.unwrap_or(image.spacing_mm);
         SolidTexture::from_scalar(image.size, spacing_mm, image.data, &options).map_err(|error| {
-            let at = match &error {
-                InvalidTexture::Spacing(_) if spec.spacing_mm.is_some() => "spacing_mm",
-                InvalidTexture::Option { key: "db_per_unit", .. } => "values",
-                InvalidTexture::Option { .. } => "seam",
+            let at = match error.key() {
+                Some("spacing_mm") if spec.spacing_mm.is_some() => "spacing_mm",
+                Some("db_per_unit") => "values",
+                Some("share") => "seam",
                 _ => "file",
             };
             self.fault(key(at), error)

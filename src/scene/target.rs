@@ -30,7 +30,7 @@ impl SceneFile {
         warnings: &mut Vec<String>,
     ) -> Result<Pose, SceneError> {
         let table = self.pose.clone().unwrap_or_default();
-        let invalid = |error: crate::tracking::pose::InvalidPose| {
+        let invalid = |error: crate::tracking::TrackingError| {
             let key = error
                 .key()
                 .map_or_else(|| "pose".to_owned(), |key| format!("pose.{key}"));
@@ -214,7 +214,7 @@ impl Body<'_> {
     }
 
     /// Pose at the front face of the volume, in front of the centre of a label, directed backwards.
-    fn before(&self, label: u8) -> Result<Pose, crate::tracking::pose::InvalidPose> {
+    fn before(&self, label: u8) -> Result<Pose, crate::tracking::TrackingError> {
         let [nx, ny, nz] = self.volume.size();
         let to_world = self.volume.index_to_world();
         let (mut sum, mut count) = (Vector3::zeros(), 0.0);

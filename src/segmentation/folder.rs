@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::{Segmentation, stem};
 use crate::tissue::totalsegmentator;
 use crate::volume::complete::is_body;
-use crate::volume::{At, InvalidVolume, Label, LabelVolume, Loaded, VolumeError, load};
+use crate::volume::{At, Label, LabelVolume, Loaded, VolumeError, load};
 
 /// Value of the first label whose name is not a class of TotalSegmentator.
 const FREE: i64 = 301;
@@ -35,10 +35,9 @@ impl Mask {
     fn load(&self) -> Result<Loaded, VolumeError> {
         load(&self.path).map_err(|error| match error {
             VolumeError::Fractional { value, .. } => no_mask(&self.path, format!("the value {value:?}")),
-            VolumeError::Volume {
-                cause: InvalidVolume::TooManyLabels(count),
-                ..
-            } => no_mask(&self.path, format!("{count} or more values")),
+            VolumeError::Volume { cause, .. } if let VolumeError::TooManyLabels(count) = *cause => {
+                no_mask(&self.path, format!("{count} or more values"))
+            }
             other => other,
         })
     }
@@ -116,10 +115,7 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
         }
     }
     let (labels, overlaps) = (union.labels.len(), union.overlaps);
-    let volume = union.volume(&first.volume).map_err(|cause| VolumeError::Volume {
-        path: folder.to_owned(),
-        cause,
-    })?;
+    let volume = union.volume(&first.volume).map_err(|error| error.in_file(folder))?;
     let mut segmentation = Segmentation::from(volume);
     segmentation.warnings = first.warnings;
     segmentation.notes.push(format!(
@@ -170,9 +166,9 @@ impl Union {
     }
 
     /// Returns the volume on the grid of `like`, its labels by ascending value.
-    fn volume(mut self, like: &LabelVolume) -> Result<LabelVolume, InvalidVolume> {
+    fn volume(mut self, like: &LabelVolume) -> Result<LabelVolume, VolumeError> {
         if self.labels.len() > 255 {
-            return Err(InvalidVolume::TooManyLabels(self.labels.len() + 1));
+            return Err(VolumeError::TooManyLabels(self.labels.len() + 1));
         }
         let mut free = FREE;
         for label in &mut self.labels {

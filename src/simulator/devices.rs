@@ -5,31 +5,9 @@
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
+use super::SimulatorError;
 use crate::mechanics::insertion::{Instruments, Outcome, Wrench, lever, pointed};
-use crate::tracking::template::{Template, UnknownHole};
-
-/// Invalid parameter or measurement of a device.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("`{key}` is {found}; expected {expected}")]
-pub struct InvalidDevice {
-    /// Name of the value.
-    pub key: &'static str,
-    /// The rejected value.
-    pub found: String,
-    /// Permitted values.
-    pub expected: String,
-}
-
-fn check(key: &'static str, found: f64, holds: bool, expected: &str) -> Result<(), InvalidDevice> {
-    match found.is_finite() && holds {
-        true => Ok(()),
-        false => Err(InvalidDevice {
-            key,
-            found: found.to_string(),
-            expected: expected.to_owned(),
-        }),
-    }
-}
+use crate::tracking::template::Template;
 
 /// Two points on the axis of a probe, each driven by a device that measures and renders three axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,23 +30,23 @@ impl TwoPoints {
     /// [`ProbeContact::driven_at_mm`](crate::mechanics::insertion::ProbeContact::driven_at_mm).
     ///
     /// # Errors
-    /// [`InvalidDevice`].
-    pub fn new(at_mm: [f64; 2]) -> Result<Self, InvalidDevice> {
+    /// [`SimulatorError`].
+    pub fn new(at_mm: [f64; 2]) -> Result<Self, SimulatorError> {
         let apart = (at_mm[0] - at_mm[1]).abs();
-        check("at_mm", apart, apart >= 1.0, "two points at least 1 mm apart").map(|()| Self { at_mm })
+        SimulatorError::check("at_mm", apart, apart >= 1.0, "two points at least 1 mm apart").map(|()| Self { at_mm })
     }
 
     /// Returns the pose of a probe from its measured points, mm, world. Two points do not determine the roll about the axis:
     /// it is that of `last`, carried along by the shortest rotation.
     ///
     /// # Errors
-    /// [`InvalidDevice`] where the points are less than half as far apart as on the probe.
-    pub fn pose(&self, points: &[Point3<f64>; 2], last: &Isometry3<f64>) -> Result<PointsPose, InvalidDevice> {
+    /// [`SimulatorError`] where the points are less than half as far apart as on the probe.
+    pub fn pose(&self, points: &[Point3<f64>; 2], last: &Isometry3<f64>) -> Result<PointsPose, SimulatorError> {
         let nominal = self.at_mm[1] - self.at_mm[0];
         let between = (points[0] - points[1]) * nominal.signum();
         let (apart, nominal) = (between.norm(), nominal.abs());
         let expected = format!("two points about {nominal} mm apart");
-        check("points", apart, apart >= 0.5 * nominal, &expected)?;
+        SimulatorError::check("points", apart, apart >= 0.5 * nominal, &expected)?;
         let axis = between / apart;
         let middle = nalgebra::center(&points[0], &points[1]);
         let origin = middle + axis * (0.5 * (self.at_mm[0] + self.at_mm[1]));
@@ -111,9 +89,9 @@ impl Damper {
     /// Builds a damper with a force of `c_ns_per_mm` (N s/mm, above 0) per mm/s, against the motion.
     ///
     /// # Errors
-    /// [`InvalidDevice`].
-    pub fn new(c_ns_per_mm: f64) -> Result<Self, InvalidDevice> {
-        check("c_ns_per_mm", c_ns_per_mm, c_ns_per_mm > 0.0, "a number above 0").map(|()| Self {
+    /// [`SimulatorError`].
+    pub fn new(c_ns_per_mm: f64) -> Result<Self, SimulatorError> {
+        SimulatorError::check("c_ns_per_mm", c_ns_per_mm, c_ns_per_mm > 0.0, "a number above 0").map(|()| Self {
             c_ns_per_mm,
             velocity: Velocity::default(),
         })
@@ -156,18 +134,18 @@ impl LateralHold {
     /// Builds a hold for a device at rest.
     ///
     /// # Errors
-    /// [`InvalidDevice`].
-    pub fn new(options: HoldOptions) -> Result<Self, InvalidDevice> {
+    /// [`SimulatorError`].
+    pub fn new(options: HoldOptions) -> Result<Self, SimulatorError> {
         let (above, least) = ("a number above 0", "a number of 0 or more");
-        check("kp_n_per_mm", options.kp_n_per_mm, options.kp_n_per_mm > 0.0, above)?;
-        check(
+        SimulatorError::check("kp_n_per_mm", options.kp_n_per_mm, options.kp_n_per_mm > 0.0, above)?;
+        SimulatorError::check(
             "ki_n_per_mm_s",
             options.ki_n_per_mm_s,
             options.ki_n_per_mm_s >= 0.0,
             least,
         )?;
-        check("kd_ns_per_mm", options.kd_ns_per_mm, options.kd_ns_per_mm >= 0.0, least)?;
-        check("most_n", options.most_n, options.most_n > 0.0, above)?;
+        SimulatorError::check("kd_ns_per_mm", options.kd_ns_per_mm, options.kd_ns_per_mm >= 0.0, least)?;
+        SimulatorError::check("most_n", options.most_n, options.most_n > 0.0, above)?;
         Ok(Self {
             options,
             integral_n: Vector3::zeros(),
@@ -205,20 +183,6 @@ impl LateralHold {
     }
 }
 
-/// Reason why a hole cannot be chosen.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum HoleError {
-    /// The needle is in the body: it can change its hole only outside.
-    #[error("the needle touches tissue, {inserted_mm:.1} mm deep; expected it outside before another hole is chosen")]
-    Inserted {
-        /// Depth of the tip, mm.
-        inserted_mm: f64,
-    },
-    /// There is no such hole.
-    #[error(transparent)]
-    Unknown(#[from] UnknownHole),
-}
-
 /// A needle that goes through a hole of a template, moved by a device that stays in place: the motion of the device along
 /// its axis and its roll are applied at the chosen hole.
 #[derive(Clone, Debug, PartialEq)]
@@ -233,10 +197,10 @@ impl Guided {
     /// axes parallel to the world's, mm: it corresponds to the hole for the virtual needle.
     ///
     /// # Errors
-    /// [`HoleError::Unknown`].
-    pub fn new(template: Template, hole: &str, device_mm: Point3<f64>) -> Result<Self, HoleError> {
+    /// [`SimulatorError::Hole`].
+    pub fn new(template: Template, hole: &str, device_mm: Point3<f64>) -> Result<Self, SimulatorError> {
         Ok(Self {
-            hole_mm: template.hole(hole)?,
+            hole_mm: template.hole(hole).map_err(SimulatorError::Hole)?,
             template,
             device_mm,
         })
@@ -245,13 +209,13 @@ impl Guided {
     /// Chooses another hole for the next instruments. `outcome` is that of the last step.
     ///
     /// # Errors
-    /// [`HoleError`]; the hole is then unchanged.
-    pub fn choose(&mut self, hole: &str, outcome: &Outcome) -> Result<(), HoleError> {
-        let hole_mm = self.template.hole(hole)?;
+    /// [`SimulatorError`]; the hole is then unchanged.
+    pub fn choose(&mut self, hole: &str, outcome: &Outcome) -> Result<(), SimulatorError> {
+        let hole_mm = self.template.hole(hole).map_err(SimulatorError::Hole)?;
         let inserted_mm = outcome.inserted_mm;
         // A needle that dents the skin is not in yet.
         if inserted_mm > 0.0 || outcome.contacts > 0 {
-            return Err(HoleError::Inserted { inserted_mm });
+            return Err(SimulatorError::Inserted { inserted_mm });
         }
         self.hole_mm = hole_mm;
         Ok(())

@@ -1,13 +1,13 @@
 //! Stepping part of the simulator, for the haptic thread.
 
+use std::sync::{Arc, Weak};
 use std::time::Instant;
 
-use super::Options;
 use super::forces::{Easing, Forces, Given};
-use super::hand_over::{Publisher, hand_over};
-use super::imaging::{Imaging, InvalidImaging};
+use super::imaging::Imaging;
 use super::recording::{Input, Recording, State};
-use crate::mechanics::insertion::{Instruments, LevelChange, Model, Outcome, StepError};
+use super::{Options, SimulatorError};
+use crate::mechanics::insertion::{Instruments, LevelChange, Model, Outcome, Snapshot, StepError};
 use crate::mechanics::tissue::remesh::Level;
 use crate::synth::Synthesizer;
 
@@ -40,8 +40,8 @@ impl Haptic {
     /// [`Simulator::new`](super::Simulator::new).
     ///
     /// # Errors
-    /// [`InvalidImaging`].
-    pub fn imaged(&mut self, synthesizer: Synthesizer, needle_diameter_mm: f64) -> Result<Imaging, InvalidImaging> {
+    /// [`SimulatorError`].
+    pub fn imaged(&mut self, synthesizer: Synthesizer, needle_diameter_mm: f64) -> Result<Imaging, SimulatorError> {
         let (mut publisher, latest) = hand_over();
         let imaging = Imaging::new(synthesizer, self.model.imager(), needle_diameter_mm, latest)?;
         publisher.publish(&mut *self.model);
@@ -150,5 +150,57 @@ impl Haptic {
             seen(&forces, self.outcome());
         }
         Ok(())
+    }
+}
+
+// Lock-free hand-over of complete states between threads.
+
+/// Writing end.
+pub(super) struct Publisher {
+    buffers: triple_buffer::Input<Snapshot>,
+    reader: Weak<()>,
+}
+
+/// Reading end.
+pub(super) struct Latest {
+    buffers: triple_buffer::Output<Snapshot>,
+    _alive: Arc<()>,
+}
+
+/// Returns the two ends of a hand-over.
+pub(super) fn hand_over() -> (Publisher, Latest) {
+    let (input, output) = triple_buffer::triple_buffer(&Snapshot::default());
+    let alive = Arc::new(());
+    let publisher = Publisher {
+        buffers: input,
+        reader: Arc::downgrade(&alive),
+    };
+    let latest = Latest {
+        buffers: output,
+        _alive: alive,
+    };
+    (publisher, latest)
+}
+
+impl Publisher {
+    /// Publishes the state of a model in place of the previous one, without waiting. Does nothing, not even request the
+    /// state, once the reader is gone.
+    pub(super) fn publish(&mut self, model: &mut dyn Model) {
+        if self.reader.strong_count() > 0 {
+            model.snapshot(self.buffers.input_buffer_mut());
+            self.buffers.publish();
+        }
+    }
+}
+
+impl Latest {
+    /// Takes the latest state; returns whether it is new.
+    pub(super) fn take(&mut self) -> bool {
+        self.buffers.update()
+    }
+
+    /// Returns the state taken last.
+    pub(super) fn state(&self) -> &Snapshot {
+        self.buffers.output_buffer()
     }
 }

@@ -1,44 +1,16 @@
 //! Imaging part of the simulator, for the image thread.
 
 use std::mem;
+use std::sync::Arc;
 
-use nalgebra::Matrix4;
+use nalgebra::{Matrix4, Point3, Vector3, center};
 
-use super::hand_over::Latest;
-use super::seeds::Seeds;
+use super::SimulatorError;
+use super::haptic::Latest;
 use crate::mechanics::insertion::{Imager, Snapshot, Tissue};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
-
-/// Reason why a model cannot be imaged.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidImaging {
-    /// An invalid needle diameter.
-    #[error("`needle_diameter_mm` is {found}; expected a finite number above 0")]
-    Diameter {
-        /// The rejected diameter, mm.
-        found: f64,
-    },
-    /// A mesh with another number of elements.
-    #[error("the imaged mesh has {found} elements; expected the {expected} of the tissue model")]
-    Elements {
-        /// Number of elements of the anatomy's mesh.
-        found: usize,
-        /// Number of elements of the model.
-        expected: usize,
-    },
-    /// A mesh with other elements.
-    #[error(
-        "element {element} of the imaged mesh has nodes {found:?}; expected those of the tissue model, {expected:?}"
-    )]
-    Element {
-        /// Index of the first element that differs, from 0.
-        element: usize,
-        /// Nodes of that element in the anatomy's mesh.
-        found: [u32; 4],
-        /// Nodes of that element in the model.
-        expected: [u32; 4],
-    },
-}
 
 /// Renders frames of the latest complete state.
 pub struct Imaging {
@@ -58,11 +30,14 @@ impl Imaging {
         imager: Box<dyn Imager>,
         needle_diameter_mm: f64,
         latest: Latest,
-    ) -> Result<Self, InvalidImaging> {
-        let found = needle_diameter_mm;
-        if !(found.is_finite() && found > 0.0) {
-            return Err(InvalidImaging::Diameter { found });
-        }
+    ) -> Result<Self, SimulatorError> {
+        let expected = "a finite number above 0";
+        SimulatorError::check(
+            "needle_diameter_mm",
+            needle_diameter_mm,
+            needle_diameter_mm > 0.0,
+            expected,
+        )?;
         let mesh = synthesizer.tables().anatomy.mesh.as_ref();
         if let Some(mesh) = mesh {
             same_elements(mesh.elements(), imager.elements())?;
@@ -147,21 +122,95 @@ impl Imaging {
 }
 
 /// Checks that elements match; nodes are not compared, since a mesh that was written and read differs in their last bits.
-fn same_elements(found: &[[u32; 4]], expected: &[[u32; 4]]) -> Result<(), InvalidImaging> {
+fn same_elements(found: &[[u32; 4]], expected: &[[u32; 4]]) -> Result<(), SimulatorError> {
     if found.len() != expected.len() {
         let (found, expected) = (found.len(), expected.len());
-        return Err(InvalidImaging::Elements { found, expected });
+        return Err(SimulatorError::Mesh(format!(
+            "the imaged mesh has {found} elements; expected the {expected} of the tissue model"
+        )));
     }
     match found
         .iter()
         .zip(expected)
         .position(|(found, expected)| found != expected)
     {
-        Some(element) => Err(InvalidImaging::Element {
-            element,
-            found: found[element],
-            expected: expected[element],
-        }),
+        Some(element) => {
+            let (found, expected) = (found[element], expected[element]);
+            let expected = format!("those of the tissue model, {expected:?}");
+            let text = format!("element {element} of the imaged mesh has nodes {found:?}; expected {expected}");
+            Err(SimulatorError::Mesh(text))
+        }
         None => Ok(()),
+    }
+}
+
+// Positions of seeds in the deformed tissue.
+
+/// Locates seeds in the tissue.
+pub(super) struct Seeds {
+    mesh: Option<Arc<TetMesh>>,
+    /// Locator from the reference state to the current one; made for the first seed.
+    locator: Option<Locator<f64>>,
+    /// Last element of each seed.
+    elements: Vec<u32>,
+}
+
+impl Seeds {
+    /// Takes the mesh of the tissue, or `None` if it does not move.
+    pub(super) fn new(mesh: Option<Arc<TetMesh>>) -> Self {
+        Self {
+            mesh,
+            locator: None,
+            elements: Vec::new(),
+        }
+    }
+
+    /// Writes the seeds of a state with the given tissue. A seed points along the needle at the time it was first seen here,
+    /// since only its position is known; one outside the tissue stays at its position in the reference state.
+    pub(super) fn show(&mut self, snapshot: &Snapshot, tissue: &Tissue, into: &mut Vec<NeedleShaft>) {
+        let count = snapshot.seeds.len();
+        self.elements.resize(count, NONE);
+        into.truncate(count);
+        if count == 0 {
+            return;
+        }
+        if let Some(mesh) = &self.mesh {
+            let locator = self.locator.get_or_insert_with(|| Locator::new(mesh));
+            let moved = locator.update_states(Some(&tissue.reference), Some(&tissue.current));
+            // The synthesizer reports a wrong number of nodes.
+            if moved.is_err() {
+                return;
+            }
+        }
+        for (at, (seed, element)) in snapshot.seeds.iter().zip(&mut self.elements).enumerate() {
+            let place = carried(self.locator.as_ref(), seed, element);
+            match into.get_mut(at) {
+                Some(NeedleShaft { nodes, .. }) => {
+                    let by = place - center(&nodes[0], &nodes[1]);
+                    nodes.iter_mut().for_each(|node| *node += by);
+                }
+                None => into.push(NeedleShaft::seed(place, &at_tip(snapshot))),
+            }
+        }
+    }
+}
+
+/// Returns the current position of a point of the reference state; the search starts at `element`, which receives the
+/// element found.
+fn carried(locator: Option<&Locator<f64>>, point: &Point3<f64>, element: &mut u32) -> Point3<f64> {
+    let Some(locator) = locator else { return *point };
+    let point = [point.x, point.y, point.z];
+    *element = locator.locate(point, *element).element;
+    match *element {
+        NONE => point.into(),
+        found => locator.to_reference(found, point).into(),
+    }
+}
+
+/// Returns the direction of the needle at its tip.
+fn at_tip(snapshot: &Snapshot) -> Vector3<f64> {
+    match snapshot.line.nodes() {
+        [] => Vector3::z(),
+        _ => snapshot.line.at(snapshot.line.length_mm()).tangent.into_inner(),
     }
 }

@@ -42,7 +42,7 @@ use crate::synth::layers::Beam;
 use crate::synth::local_origin::LocalFrame;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::volume::InvalidVolume;
+use crate::volume::VolumeError;
 
 /// Scene on which the backends are compared.
 #[derive(Clone, Debug)]
@@ -71,8 +71,8 @@ impl Case {
     /// Returns the case translated in the world by a vector, mm.
     ///
     /// # Errors
-    /// [`InvalidVolume`] if the translated position is not finite.
-    pub fn moved(&self, by_mm: [f64; 3]) -> Result<Self, InvalidVolume> {
+    /// [`VolumeError`] if the translated position is not finite.
+    pub fn moved(&self, by_mm: [f64; 3]) -> Result<Self, VolumeError> {
         let by = Vector3::from(by_mm);
         let mut case = self.clone();
         case.name = format!("{} moved by {by_mm:?} mm", self.name);
@@ -126,15 +126,13 @@ struct Trail {
 }
 
 impl Trail {
-    /// Runs the plan up to each pass in turn.
+    /// Runs the plan pass by pass.
     fn of(synth: &mut Synthesizer, state: &FrameState) -> Result<Self, SynthError> {
         let passes: Vec<&'static str> = synth.plan().passes.iter().map(|planned| planned.pass.name).collect();
         let origin = synth.tables().origin;
-        let beams = passes
-            .iter()
-            .map(|pass| Ok(origin.beam_into_local(synth.render_until(pass, state)?)));
+        let beams = synth.render_each(state)?.into_iter();
         Ok(Self {
-            beams: beams.collect::<Result<_, SynthError>>()?,
+            beams: beams.map(|beam| origin.beam_into_local(beam)).collect(),
             passes,
         })
     }

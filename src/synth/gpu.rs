@@ -1,8 +1,6 @@
 //! GPU execution of a plan: its buffers, pipelines by pass, persistent bind groups, one submission per
 //! frame.
 
-mod warp;
-
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
@@ -10,15 +8,18 @@ use super::layers::Beam;
 use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
 use crate::effects::buffers::{
-    AMPLITUDE, AMPLITUDE_NEXT, Buffer, ELEMENT, ELEMENT_MAPS, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION, SCAN_MAP,
+    ADJACENCY, AMPLITUDE, AMPLITUDE_NEXT, Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT, ELEMENT_MAPS, LABEL, LOSS,
+    NEEDLE_MASK, PIXELS, POSITION, SCAN_MAP,
 };
 use crate::effects::pass::{Access, Band, Pass, View};
 use crate::gpu::{
     Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer,
 };
+use crate::mechanics::mesh::map::{Moved, States};
+use crate::mechanics::mesh::pack::{self, Piece, WarpBuffer, WarpParams};
+use crate::mechanics::mesh::{InvalidMesh, TetMesh};
 use crate::memory;
 use crate::plan::Plan;
-use warp::Warp;
 
 /// Device requirements of a plan beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {
@@ -283,13 +284,23 @@ impl GpuExecutor {
     /// Runs the steps up to and including a pass; all of them if there is none of that name.
     pub fn run_until(&mut self, pass: &str, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         self.upload(tables, state)?;
-        let end = self
-            .steps
-            .iter()
-            .rposition(|step| step.pass.name == pass)
-            .map_or(self.steps.len(), |at| at + 1);
+        self.run_steps(0, self.end_of(pass))
+    }
+
+    /// Goes on with the frame that [`Self::run_until`] began: from behind a pass up to and including another.
+    pub fn run_on(&mut self, behind: &str, pass: &str) -> Result<(), SynthError> {
+        let start = self.end_of(behind);
+        self.run_steps(start, self.end_of(pass).max(start))
+    }
+
+    fn end_of(&self, pass: &str) -> usize {
+        let last = self.steps.iter().rposition(|step| step.pass.name == pass);
+        last.map_or(self.steps.len(), |at| at + 1)
+    }
+
+    fn run_steps(&mut self, start: usize, end: usize) -> Result<(), SynthError> {
         Ok(self.gpu.submit("part of a frame", |recorder| {
-            recorder.run("part of a frame", dispatches(&self.steps[..end]))
+            recorder.run("part of a frame", dispatches(&self.steps[start..end]))
         })?)
     }
 
@@ -443,5 +454,75 @@ fn actual(buffer: &'static Buffer, flipped: bool) -> &'static Buffer {
         true if *buffer == AMPLITUDE => &AMPLITUDE_NEXT,
         true if *buffer == AMPLITUDE_NEXT => &AMPLITUDE,
         _ => buffer,
+    }
+}
+
+// Deforming mesh on the GPU: buffers of the warp pass, synchronised with the states of the mesh.
+
+/// The mesh, and the parts that are not yet in the buffers.
+pub(super) struct Warp {
+    states: States<f32>,
+    params: WarpParams,
+    due: Moved,
+    topology_due: bool,
+}
+
+impl Warp {
+    pub fn new(mesh: &TetMesh) -> Self {
+        let states = States::new(mesh);
+        Self {
+            params: pack::params(&states),
+            states,
+            due: Moved {
+                deformed: true,
+                reference: true,
+            },
+            topology_due: true,
+        }
+    }
+
+    /// Marks a buffer as recreated and empty.
+    pub fn buffer_is_new(&mut self, buffer: &Buffer) {
+        self.topology_due |= *buffer == ADJACENCY;
+        if [&ELEMENT_MAPS, &CELL_STARTS, &CELL_ELEMENTS].contains(&buffer) {
+            (self.due.deformed, self.due.reference) = (true, true);
+        }
+    }
+
+    /// Moves the nodes to the state of a frame.
+    pub fn update(&mut self, state: &FrameState) -> Result<(), InvalidMesh> {
+        let moved = self.states.update(state.nodes.as_deref(), state.reference.as_deref())?;
+        self.due.deformed |= moved.deformed;
+        self.due.reference |= moved.reference;
+        if moved.deformed || moved.reference {
+            self.params = pack::params(&self.states);
+        }
+        Ok(())
+    }
+
+    /// Data to be written before the next frame.
+    pub fn pieces(&self) -> impl Iterator<Item = (&'static Buffer, Piece<'_>)> {
+        let topology = self.topology_due.then(|| pack::topology(&self.states));
+        let reference = self.due.reference.then(|| pack::reference(&self.states));
+        let deformed = self.due.deformed.then(|| pack::deformed(&self.states));
+        let pieces = topology.into_iter().chain(reference.into_iter().flatten());
+        pieces.chain(deformed.into_iter().flatten()).map(|piece| {
+            let buffer: &'static Buffer = match piece.buffer {
+                WarpBuffer::Frames => &ELEMENT_MAPS,
+                WarpBuffer::Neighbours => &ADJACENCY,
+                WarpBuffer::Starts => &CELL_STARTS,
+                WarpBuffer::Lists => &CELL_ELEMENTS,
+            };
+            (buffer, piece)
+        })
+    }
+
+    /// Marks all pieces as written.
+    pub fn is_uploaded(&mut self) {
+        (self.due, self.topology_due) = (Moved::default(), false);
+    }
+
+    pub fn params(&self) -> &WarpParams {
+        &self.params
     }
 }

@@ -55,7 +55,7 @@ impl Beam {
 }
 
 /// Ground-truth layer at the pixels of a frame, for training models.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layer {
     /// Label value of the volume: 0 outside the sector and where nothing is labelled; in a completed body 201 fat, 202 soft tissue, 204 skin
@@ -78,6 +78,18 @@ pub enum Layer {
 }
 
 impl Layer {
+    /// Every layer.
+    pub const ALL: [Self; 8] = [
+        Self::LabelValue,
+        Self::LabelIndex,
+        Self::Sector,
+        Self::Beyond,
+        Self::Displacement,
+        Self::Depth,
+        Self::Needle,
+        Self::Loss,
+    ];
+
     /// Name used in file names.
     pub fn name(self) -> &'static str {
         match self {

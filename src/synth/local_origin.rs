@@ -27,7 +27,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use super::layers::Beam;
 use super::{FrameState, NeedleShaft};
 use crate::mechanics::mesh::TetMesh;
-use crate::volume::{InvalidVolume, LabelVolume};
+use crate::volume::{LabelVolume, VolumeError};
 
 /// Largest coordinate of a volume's centre without translation, mm. Below it, single precision resolves 2^-12 mm: stored and summed,
 /// a coordinate has at most this error, which is a tenth of a sample of 0.0024 mm, finer than 8,192 samples over 20 mm. Patients and
@@ -84,7 +84,7 @@ impl LocalOrigin {
     }
 
     /// Volume in local coordinates; it shares the voxels.
-    pub(super) fn volume(&self, world: &Arc<LabelVolume>) -> Result<Arc<LabelVolume>, InvalidVolume> {
+    pub(super) fn volume(&self, world: &Arc<LabelVolume>) -> Result<Arc<LabelVolume>, VolumeError> {
         if self.is_world() {
             return Ok(Arc::clone(world));
         }

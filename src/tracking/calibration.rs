@@ -6,14 +6,11 @@
 //! columns and the rows, so a calibration and the pixel of the array's centre give the transducer in the marker's frame
 //! ([`Calibration`]).
 
-use std::io;
-use std::path::PathBuf;
-
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-use super::matrix::{self, NotRigid};
-use super::probe::{ImageGrid, InvalidGrid};
-use crate::{read, text};
+use super::TrackingError;
+use super::matrix;
+use super::probe::ImageGrid;
 
 /// Largest deviation of image axes from perpendicular, rad: the worst calibration among the configurations of PlusLibData
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.
@@ -24,81 +21,6 @@ const PIXEL_SHARE: f64 = 0.05;
 
 /// Range of pixel sizes in a calibration, mm.
 const PIXEL_MM: [f64; 2] = [1e-4, 100.0];
-
-/// Why a calibration is invalid.
-#[derive(Debug, thiserror::Error)]
-pub enum CalibrationError {
-    /// The file cannot be read as text.
-    #[error("cannot read `{}`: {source}", path.display())]
-    Read {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: io::Error,
-    },
-    /// The file is not XML.
-    #[error("`{}`: found {found}; expected a PLUS configuration (XML)", path.display())]
-    NoXml {
-        /// Path of the file.
-        path: PathBuf,
-        /// First characters of the file.
-        found: String,
-    },
-    /// The XML is not well-formed, or has contents that no configuration has.
-    #[error("`{}`, line {line}, column {column}: {}", path.display(), text::clipped(found, text::MESSAGE))]
-    Xml {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line number, from 1.
-        line: u32,
-        /// Column number, from 1.
-        column: u32,
-        /// Description of what was found and expected.
-        found: String,
-    },
-    /// A transform that the file does not define.
-    #[error("`{}` defines no transform from `{from}` to `{to}`; it has {}", path.display(), text::clipped(has, text::MESSAGE))]
-    NoTransform {
-        /// Path of the file.
-        path: PathBuf,
-        /// Name of the source frame.
-        from: String,
-        /// Name of the target frame.
-        to: String,
-        /// Available transforms.
-        has: String,
-    },
-    /// An image-to-probe matrix with an implausible pixel size.
-    #[error("image-to-probe calibration: image axis {axis} is {found} mm a pixel; expected {:e} to {}", PIXEL_MM[0], PIXEL_MM[1])]
-    PixelSize {
-        /// Axis: 0 for columns, 1 for rows.
-        axis: usize,
-        /// Length of the column of the matrix.
-        found: f64,
-    },
-    /// Image axes that are not perpendicular.
-    #[error("image-to-probe calibration: the image axes are {:.2} degrees off square; expected at most {:.2}", found.to_degrees(), SKEW.to_degrees())]
-    Skewed {
-        /// Deviation from perpendicular, rad.
-        found: f64,
-    },
-    /// The pixel at the centre of the array is not finite.
-    #[error("transducer centre pixel {found:?}; expected finite numbers")]
-    Centre {
-        /// Column and row of the pixel.
-        found: [f64; 2],
-    },
-    /// The resulting transform is not rigid.
-    #[error("image-to-probe calibration: {0}")]
-    NotRigid(#[from] NotRigid),
-}
-
-impl CalibrationError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Read { source, .. } if read::is_machine(source))
-    }
-}
 
 /// A calibrated image: the transform of the transducer, and the pixels in its plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -117,9 +39,12 @@ impl Calibration {
     /// Creates a calibration from an image-to-probe matrix (MF orientation, pixels to mm) and the pixel (column, row) of the
     /// centre of the array. The transducer's axes are the image's, orthogonalised symmetrically. The third column of the
     /// matrix is not used, since a planar calibration does not measure it.
-    pub fn new(image_to_probe: &Matrix4<f64>, array_centre_px: [f64; 2]) -> Result<Self, CalibrationError> {
+    pub fn new(image_to_probe: &Matrix4<f64>, array_centre_px: [f64; 2]) -> Result<Self, TrackingError> {
+        let wrong = |text: String| TrackingError::new(format!("image-to-probe calibration: {text}"));
         if !array_centre_px.iter().all(|x| x.is_finite()) {
-            return Err(CalibrationError::Centre { found: array_centre_px });
+            return Err(TrackingError::new(format!(
+                "transducer centre pixel {array_centre_px:?}; expected finite numbers"
+            )));
         }
         let column = |axis| image_to_probe.fixed_view::<3, 1>(0, axis).into_owned();
         let lengths_mm = [0, 1, 2].map(|axis| column(axis).norm());
@@ -127,13 +52,16 @@ impl Calibration {
         for (axis, unit) in axes.iter_mut().enumerate() {
             let found = lengths_mm[axis];
             if !(PIXEL_MM[0]..=PIXEL_MM[1]).contains(&found) {
-                return Err(CalibrationError::PixelSize { axis, found });
+                let expected = format!("expected {:e} to {}", PIXEL_MM[0], PIXEL_MM[1]);
+                return Err(wrong(format!("image axis {axis} is {found} mm a pixel; {expected}")));
             }
             *unit = column(axis) / found;
         }
         let skew = -axes[0].dot(&axes[1]).asin();
         if skew.abs() > SKEW {
-            return Err(CalibrationError::Skewed { found: skew.abs() });
+            let [found, most] = [skew.abs(), SKEW].map(f64::to_degrees);
+            let text = format!("the image axes are {found:.2} degrees off square; expected at most {most:.2}");
+            return Err(wrong(text));
         }
         let [sum, difference] = [axes[0] + axes[1], axes[0] - axes[1]].map(|v| v.normalize());
         let (x, y) = ((sum + difference).normalize(), (sum - difference).normalize());
@@ -144,7 +72,7 @@ impl Calibration {
             transform.fixed_view_mut::<3, 1>(0, column).copy_from(axis);
         }
         Ok(Self {
-            transducer_to_probe: matrix::rigid(&transform)?,
+            transducer_to_probe: matrix::rigid(&transform).map_err(wrong)?,
             steps_mm: [0, 1].map(|axis| [x, y].map(|along| lengths_mm[axis] * axes[axis].dot(&along))),
             lengths_mm,
             skew,
@@ -170,7 +98,7 @@ impl Calibration {
     }
 
     /// Pixel grid of the calibrated image in the transducer's plane.
-    pub fn grid(&self, [width, height]: [usize; 2]) -> Result<ImageGrid, InvalidGrid> {
+    pub fn grid(&self, [width, height]: [usize; 2]) -> Result<ImageGrid, TrackingError> {
         let origin = self.beyond_centre_mm([0.0, 0.0]);
         ImageGrid::skewed(width, height, self.steps_mm, origin)
     }
@@ -339,30 +267,18 @@ mod tests {
     fn calibrations_that_make_no_sense_are_refused() {
         let centre = [0.0, 0.0];
         let flat = Matrix4::zeros();
-        assert!(matches!(
-            Calibration::new(&flat, centre),
-            Err(CalibrationError::PixelSize { axis: 0, .. })
-        ));
+        let refused = |matrix: &Matrix4<f64>, centre, reason: &str| {
+            let error = Calibration::new(matrix, centre).expect_err(reason).to_string();
+            assert!(error.contains(reason), "{error}");
+        };
+        refused(&flat, centre, "image axis 0 is 0 mm a pixel");
         let nan = Matrix4::from_element(f64::NAN);
-        assert!(matches!(
-            Calibration::new(&nan, centre),
-            Err(CalibrationError::PixelSize { .. })
-        ));
+        refused(&nan, centre, "mm a pixel");
         let mut skewed = Matrix4::new_scaling(0.1);
         skewed[(0, 1)] = 0.05;
-        let error = Calibration::new(&skewed, centre).expect_err("skewed").to_string();
-        assert!(
-            error.contains("26.57 degrees off square; expected at most 5.73"),
-            "{error}"
-        );
+        refused(&skewed, centre, "26.57 degrees off square; expected at most 5.73");
         let fine = Matrix4::new_scaling(0.1);
-        assert!(matches!(
-            Calibration::new(&fine, [f64::NAN, 0.0]),
-            Err(CalibrationError::Centre { .. })
-        ));
-        assert!(matches!(
-            Calibration::new(&fine, [1e9, 0.0]),
-            Err(CalibrationError::NotRigid(NotRigid::TooFar { .. }))
-        ));
+        refused(&fine, [f64::NAN, 0.0], "transducer centre pixel");
+        refused(&fine, [1e9, 0.0], "farther than 1e6 mm");
     }
 }

@@ -20,55 +20,16 @@ pub const RIGID_TOLERANCE: f64 = 5e-3;
 /// Largest translation of a rigid transform along an axis, mm: a kilometre, so that later products cannot overflow.
 pub(crate) const FARTHEST_MM: f64 = 1e6;
 
-/// Why a matrix is not a rigid transform.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum NotRigid {
-    /// An entry is NaN or infinite.
-    #[error("row {row}, column {column} is {found}; expected a finite number")]
-    NotFinite {
-        /// Row, from 0.
-        row: usize,
-        /// Column, from 0.
-        column: usize,
-        /// Value of the entry.
-        found: f64,
-    },
-    /// The last row is not 0 0 0 1.
-    #[error("the last row is {found:?}; expected [0, 0, 0, 1]")]
-    LastRow {
-        /// The last row.
-        found: [f64; 4],
-    },
-    /// The determinant is negative: the transform contains a reflection.
-    #[error("the axes are left-handed (determinant {determinant}); expected a rotation, so flip one axis")]
-    Mirrored {
-        /// Determinant of the upper left 3 x 3 part.
-        determinant: f64,
-    },
-    /// The axes are skewed or scaled.
-    #[error(
-        "the axes are off a rotation by {deviation:.2e}; expected at most 5e-3 (is there a scale or a shear in it?)"
-    )]
-    Deviates {
-        /// Largest entry of the difference to the nearest rotation.
-        deviation: f64,
-    },
-    /// The translation is too large.
-    #[error("the position {found:?} mm is farther than 1e6 mm from the origin")]
-    TooFar {
-        /// The translation, mm.
-        found: [f64; 3],
-    },
-}
-
 /// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar decomposition.
-/// An error if that changes an entry by more than [`RIGID_TOLERANCE`].
-pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, NotRigid> {
+/// An error, which says what is wrong, if that changes an entry by more than [`RIGID_TOLERANCE`].
+pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
     for row in 0..4 {
         for column in 0..4 {
             let found = matrix[(row, column)];
             if !found.is_finite() {
-                return Err(NotRigid::NotFinite { row, column, found });
+                return Err(format!(
+                    "row {row}, column {column} is {found}; expected a finite number"
+                ));
             }
         }
     }
@@ -79,11 +40,14 @@ pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, NotRigid> {
         .zip(expected)
         .any(|(found, expected)| (found - expected).abs() > 1e-6)
     {
-        return Err(NotRigid::LastRow { found: last });
+        return Err(format!("the last row is {last:?}; expected [0, 0, 0, 1]"));
     }
     let position = Vector3::from([0, 1, 2].map(|row| matrix[(row, 3)]));
     if position.amax() > FARTHEST_MM {
-        return Err(NotRigid::TooFar { found: position.into() });
+        let found = <[f64; 3]>::from(position);
+        return Err(format!(
+            "the position {found:?} mm is farther than 1e6 mm from the origin"
+        ));
     }
     let axes = matrix.fixed_view::<3, 3>(0, 0).into_owned();
     let rotation = nearest_rotation(&axes)?;
@@ -92,24 +56,28 @@ pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, NotRigid> {
     Ok(rigid)
 }
 
-fn nearest_rotation(axes: &Matrix3<f64>) -> Result<Matrix3<f64>, NotRigid> {
+fn nearest_rotation(axes: &Matrix3<f64>) -> Result<Matrix3<f64>, String> {
+    let deviates = |deviation: f64| {
+        format!(
+            "the axes are off a rotation by {deviation:.2e}; expected at most 5e-3 (is there a scale or a shear in it?)"
+        )
+    };
     if axes.amax() > 1.0 + RIGID_TOLERANCE {
-        return Err(NotRigid::Deviates {
-            deviation: axes.amax() - 1.0,
-        });
+        return Err(deviates(axes.amax() - 1.0));
     }
     let determinant = axes.determinant();
     let svd = axes.svd(true, true);
-    let deviation = |rotation: &Matrix3<f64>| (axes - rotation).amax();
     let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return Err(NotRigid::Deviates { deviation: 1.0 });
+        return Err(deviates(1.0));
     };
     let orthogonal = u * v_t;
-    let deviation = deviation(&orthogonal);
+    let deviation = (axes - orthogonal).amax();
     if deviation > RIGID_TOLERANCE {
-        Err(NotRigid::Deviates { deviation })
+        Err(deviates(deviation))
     } else if determinant < 0.0 {
-        Err(NotRigid::Mirrored { determinant })
+        Err(format!(
+            "the axes are left-handed (determinant {determinant}); expected a rotation, so flip one axis"
+        ))
     } else {
         Ok(orthogonal)
     }
@@ -268,26 +236,27 @@ mod tests {
             matrix[(row, column)] = value;
             matrix
         };
-        assert!(matches!(
-            rigid(&with(1, 2, f64::NAN)),
-            Err(NotRigid::NotFinite { row: 1, column: 2, .. })
-        ));
-        assert!(matches!(
-            rigid(&with(0, 3, f64::INFINITY)),
-            Err(NotRigid::NotFinite { .. })
-        ));
-        assert!(matches!(rigid(&with(3, 0, 0.1)), Err(NotRigid::LastRow { .. })));
-        assert!(matches!(rigid(&with(0, 3, 2e6)), Err(NotRigid::TooFar { .. })));
-        assert!(matches!(rigid(&(turn.scale(0.085))), Err(NotRigid::LastRow { .. })));
-        assert!(matches!(rigid(&Matrix4::zeros()), Err(NotRigid::LastRow { .. })));
+        let refused = |matrix: &Matrix4<f64>, reason: &str| {
+            let error = rigid(matrix).expect_err(reason);
+            assert!(error.contains(reason), "{error}");
+        };
+        refused(
+            &with(1, 2, f64::NAN),
+            "row 1, column 2 is NaN; expected a finite number",
+        );
+        refused(&with(0, 3, f64::INFINITY), "row 0, column 3 is inf");
+        refused(&with(3, 0, 0.1), "the last row is");
+        refused(&with(0, 3, 2e6), "farther than 1e6 mm");
+        refused(&(turn.scale(0.085)), "the last row is");
+        refused(&Matrix4::zeros(), "the last row is");
         let scaled = Matrix4::new_nonuniform_scaling(&Vector3::new(1.0, 0.9, 1.0)) * turn;
-        assert!(matches!(rigid(&scaled), Err(NotRigid::Deviates { .. })));
+        refused(&scaled, "off a rotation by");
         let huge = Matrix4::new_scaling(1e300);
-        assert!(matches!(rigid(&huge), Err(NotRigid::Deviates { .. })));
+        refused(&huge, "off a rotation by");
         let mirrored = Matrix4::new_nonuniform_scaling(&Vector3::new(-1.0, 1.0, 1.0)) * turn;
-        assert!(matches!(rigid(&mirrored), Err(NotRigid::Mirrored { .. })));
+        refused(&mirrored, "left-handed");
         let flat = Matrix4::new_nonuniform_scaling(&Vector3::new(0.0, 1.0, 1.0));
-        assert!(matches!(rigid(&flat), Err(NotRigid::Deviates { .. })));
+        refused(&flat, "off a rotation by");
     }
 
     proptest! {

@@ -1,6 +1,5 @@
 //! Needle geometry: tip, shaft, bending, and the path over time.
 
-mod bending;
 mod path;
 
 pub use crate::mechanics::needle::BendingConstraint;
@@ -9,6 +8,9 @@ pub use path::NeedlePath;
 use nalgebra::{Matrix4, Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use super::error::{TrackingError, within};
+use super::pose::unit;
 
 /// Range of needle diameters, mm: finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula.
 pub const DIAMETER_MM: [f64; 2] = [0.05, 10.0];
@@ -32,74 +34,6 @@ pub struct NeedlePose {
     diameter_mm: f64,
 }
 
-/// Why a needle is invalid.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidNeedle {
-    /// A number outside its range, or not a number.
-    #[error("needle key `{key}` is {found}; expected {low} to {high}")]
-    OutOfRange {
-        /// Key in a needle table.
-        key: &'static str,
-        /// Value given.
-        found: f64,
-        /// Smallest value allowed.
-        low: f64,
-        /// Largest value allowed.
-        high: f64,
-    },
-    /// A point with a coordinate that is not finite or too large.
-    #[error("needle key `{key}` is {found:?}; expected finite numbers of at most 1e6")]
-    Point {
-        /// Key in a needle table.
-        key: &'static str,
-        /// Point given, mm.
-        found: [f64; 3],
-    },
-    /// A direction that is zero or not finite.
-    #[error("needle key `{key}` is {found:?}; expected finite numbers that are not all zero")]
-    Direction {
-        /// Key in a needle table.
-        key: &'static str,
-        /// Vector given.
-        found: [f64; 3],
-    },
-    /// Two neighbouring nodes of the shaft, or the tip and the entry point, coincide.
-    #[error("needle: nodes {first} and {} of the shaft coincide; expected distinct points", first + 1)]
-    Coincident {
-        /// Index of the first of the two, from 0 at the hub.
-        first: usize,
-    },
-    /// A shaft of fewer than two nodes.
-    #[error("needle key `nodes_mm` holds {found} points; expected at least 2, hub first")]
-    TooFewNodes {
-        /// Number of nodes given.
-        found: usize,
-    },
-    /// A shaft of more nodes than a frame can show.
-    #[error("needle key `nodes_mm` holds {found} points; expected at most {MAX_NODES}, hub first: leave some out")]
-    TooManyNodes {
-        /// Number of nodes given.
-        found: usize,
-    },
-    /// Missing or redundant keys for the pose of the needle.
-    #[error("a needle needs either `nodes_mm`, or `tip_mm` with one of `entry_mm` and `direction`; found {found}")]
-    Incomplete {
-        /// Keys found.
-        found: String,
-    },
-}
-
-impl InvalidNeedle {
-    /// Key of the needle table at fault, if there is a single one.
-    pub fn key(&self) -> Option<&'static str> {
-        match self {
-            Self::OutOfRange { key, .. } | Self::Point { key, .. } | Self::Direction { key, .. } => Some(key),
-            Self::TooFewNodes { .. } | Self::TooManyNodes { .. } => Some("nodes_mm"),
-            Self::Coincident { .. } | Self::Incomplete { .. } => None,
-        }
-    }
-}
-
 impl NeedlePose {
     /// A straight needle from its tip, its direction (any length), the length of its shaft and its diameter, mm.
     pub fn straight(
@@ -107,32 +41,41 @@ impl NeedlePose {
         direction: Vector3<f64>,
         length_mm: f64,
         diameter_mm: f64,
-    ) -> Result<Self, InvalidNeedle> {
-        within("length_mm", length_mm, LENGTH_MM)?;
-        let direction = unit("direction", direction)?;
+    ) -> Result<Self, TrackingError> {
+        within("needle", "length_mm", length_mm, LENGTH_MM)?;
+        let direction = unit("needle", "direction", direction)?;
         let tip = point("tip_mm", tip_mm.into())?;
         Self::shaft("tip_mm", vec![tip - direction.scale(length_mm), tip], diameter_mm)
     }
 
     /// A needle with a straight shaft from node to node, hub first and tip last, mm.
-    pub fn bent(nodes_mm: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
+    pub fn bent(nodes_mm: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, TrackingError> {
         Self::shaft("nodes_mm", nodes_mm, diameter_mm)
     }
 
-    fn shaft(key: &'static str, nodes: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
-        within("diameter_mm", diameter_mm, DIAMETER_MM)?;
+    fn shaft(key: &'static str, nodes: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, TrackingError> {
+        within("needle", "diameter_mm", diameter_mm, DIAMETER_MM)?;
         if nodes.len() < 2 {
-            return Err(InvalidNeedle::TooFewNodes { found: nodes.len() });
+            let text = format!(
+                "needle key `nodes_mm` holds {} points; expected at least 2, hub first",
+                nodes.len()
+            );
+            return Err(TrackingError::at("nodes_mm", text));
         }
         if nodes.len() > MAX_NODES {
-            return Err(InvalidNeedle::TooManyNodes { found: nodes.len() });
+            let expected = format!("at most {MAX_NODES}, hub first: leave some out");
+            let text = format!(
+                "needle key `nodes_mm` holds {} points; expected {expected}",
+                nodes.len()
+            );
+            return Err(TrackingError::at("nodes_mm", text));
         }
         for node in &nodes {
             point(key, (*node).into())?;
         }
         let too_close = |pair: &[Point3<f64>]| (pair[1] - pair[0]).norm() < 1e-9;
         match nodes.windows(2).position(too_close) {
-            Some(first) => Err(InvalidNeedle::Coincident { first }),
+            Some(first) => Err(coincident(first)),
             None => Ok(Self { nodes, diameter_mm }),
         }
     }
@@ -181,31 +124,22 @@ impl NeedlePose {
     }
 }
 
-fn within(key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), InvalidNeedle> {
-    if (low..=high).contains(&found) {
-        Ok(())
-    } else {
-        Err(InvalidNeedle::OutOfRange { key, found, low, high })
-    }
+fn coincident(first: usize) -> TrackingError {
+    TrackingError::new(format!(
+        "needle: nodes {first} and {} of the shaft coincide; expected distinct points",
+        first + 1
+    ))
 }
 
-fn point(key: &'static str, found: [f64; 3]) -> Result<Point3<f64>, InvalidNeedle> {
+fn point(key: &'static str, found: [f64; 3]) -> Result<Point3<f64>, TrackingError> {
     if found.iter().all(|x| x.abs() <= FARTHEST_MM) {
         Ok(Point3::from(found))
     } else {
-        Err(InvalidNeedle::Point { key, found })
-    }
-}
-
-fn unit(key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, InvalidNeedle> {
-    let scaled = vector / vector.amax();
-    if scaled.iter().all(|x| x.is_finite()) {
-        Ok(Unit::new_normalize(scaled))
-    } else {
-        Err(InvalidNeedle::Direction {
+        let expected = "expected finite numbers of at most 1e6";
+        Err(TrackingError::at(
             key,
-            found: vector.into(),
-        })
+            format!("needle key `{key}` is {found:?}; {expected}"),
+        ))
     }
 }
 
@@ -235,7 +169,7 @@ pub struct NeedleSpec {
 
 impl NeedleSpec {
     /// Returns the pose of the needle.
-    pub fn pose(&self) -> Result<NeedlePose, InvalidNeedle> {
+    pub fn pose(&self) -> Result<NeedlePose, TrackingError> {
         let diameter = self.diameter_mm.unwrap_or(DEFAULT_DIAMETER_MM);
         let length = self.length_mm.unwrap_or(DEFAULT_LENGTH_MM);
         match (&self.nodes_mm, self.tip_mm, self.entry_mm, self.direction) {
@@ -245,14 +179,17 @@ impl NeedleSpec {
             (None, Some(tip), Some(entry), None) => {
                 let (tip, entry) = (point("tip_mm", tip)?, point("entry_mm", entry)?);
                 if (tip - entry).norm() < 1e-9 {
-                    return Err(InvalidNeedle::Coincident { first: 0 });
+                    return Err(coincident(0));
                 }
                 NeedlePose::straight(tip, tip - entry, length, diameter)
             }
             (None, Some(tip), None, Some(direction)) => {
                 NeedlePose::straight(tip.into(), direction.into(), length, diameter)
             }
-            _ => Err(InvalidNeedle::Incomplete { found: self.keys() }),
+            _ => Err(TrackingError::new(format!(
+                "a needle needs either `nodes_mm`, or `tip_mm` with one of `entry_mm` and `direction`; found {}",
+                self.keys()
+            ))),
         }
     }
 

@@ -8,6 +8,7 @@
 use nalgebra::{Matrix4, Point3, Vector3};
 use rayon::prelude::*;
 
+use super::TrackingError;
 use super::probe::ProbeShape;
 use crate::volume::LabelVolume;
 
@@ -25,18 +26,7 @@ const AIMS: usize = 7;
 const NORMAL_MM: f64 = 10.0;
 
 /// Orientation of the scan plane.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    serde::Serialize,
-    serde::Deserialize,
-    schemars::JsonSchema,
-    clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum ScanPlane {
     /// Across the body: from in front and behind, image columns run towards the patient's left; from the patient's right
@@ -97,55 +87,24 @@ pub struct Placement {
     pub note: String,
 }
 
-/// Why no position was found.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PlacementError {
-    /// The target has no voxels.
-    #[error("the target has no voxels in the volume (label indices {labels:?})")]
-    NoTarget {
-        /// Label indices of the target.
-        labels: Vec<u8>,
-    },
-    /// No ray from the target leaves the body for air.
-    #[error(
-        "no skin is in reach of the target: in every direction the body ends at the edge of the volume. Complete the \
-         body (unlabelled = \"auto\") or give the probe's pose"
-    )]
-    NoSkin,
-    /// Skin is in reach, but no fan from it sees the target.
-    #[error(
-        "the target is hidden: from every place on the skin in reach it lies behind bone or gas or deeper than \
-         {depth_mm} mm. Give the probe's pose, or a larger depth"
-    )]
-    Hidden {
-        /// Imaging depth, mm.
-        depth_mm: f64,
-    },
-    /// The depth is not a positive number.
-    #[error("imaging depth {found} mm; expected a positive number")]
-    Depth {
-        /// Depth given, mm.
-        found: f64,
-    },
-}
-
 /// Places a probe on the skin over the labels `target` (indices), from the front or the side where possible.
 ///
 /// # Errors
-/// [`PlacementError`]: no such voxels, no skin in reach, or a depth that is not positive.
+/// [`TrackingError`]: no such voxels, no skin in reach, or a depth that is not positive.
 pub fn place(
     volume: &LabelVolume,
     target: &[u8],
     meaning: &Meaning<'_>,
     options: &PlacementOptions,
-) -> Result<Placement, PlacementError> {
+) -> Result<Placement, TrackingError> {
     if !(options.depth_mm > 0.0 && options.depth_mm.is_finite()) {
-        return Err(PlacementError::Depth {
-            found: options.depth_mm,
-        });
+        let text = format!("imaging depth {} mm; expected a positive number", options.depth_mm);
+        return Err(TrackingError::at("depth_mm", text));
     }
-    let aims = aims(volume, target).ok_or_else(|| PlacementError::NoTarget {
-        labels: target.to_vec(),
+    let aims = aims(volume, target).ok_or_else(|| {
+        TrackingError::new(format!(
+            "the target has no voxels in the volume (label indices {target:?})"
+        ))
     })?;
     let mut in_target = [false; 256];
     for &label in target {
@@ -162,10 +121,15 @@ pub fn place(
         .into_iter()
         .find_map(|widest| search.best(&aims, widest))
         .ok_or_else(|| match search.finds_skin(&aims) {
-            true => PlacementError::Hidden {
-                depth_mm: options.depth_mm,
-            },
-            false => PlacementError::NoSkin,
+            true => TrackingError::new(format!(
+                "the target is hidden: from every place on the skin in reach it lies behind bone or gas or deeper than \
+                 {} mm. Give the probe's pose, or a larger depth",
+                options.depth_mm
+            )),
+            false => TrackingError::new(
+                "no skin is in reach of the target: in every direction the body ends at the edge of the volume. Complete the \
+                 body (unlabelled = \"auto\") or give the probe's pose",
+            ),
         })
 }
 

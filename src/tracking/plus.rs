@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Matrix4;
-use roxmltree::{Document, Node};
+use roxmltree::{Document, Node, TextPos};
 
-use super::calibration::CalibrationError;
+use super::TrackingError;
 use super::matrix::Rows;
 use super::probe::{ProbeKind, ProbeSpec};
 use super::sequence::{TrackedTransform, ends};
@@ -45,36 +45,26 @@ pub struct PlusConfig {
 impl PlusConfig {
     /// Reads a configuration: the `Transform` elements under `CoordinateDefinitions`, the first `ScanConversion`, and the first
     /// `TransducerCenterPixel`, `NumberOfScanLines` and `ClipRectangleOrigin` anywhere in the file.
-    pub fn read(path: &Path) -> Result<Self, CalibrationError> {
-        let path_of = || path.to_owned();
-        let bytes = read::whole(path, read::XML).map_err(|source| CalibrationError::Read {
-            path: path_of(),
-            source,
-        })?;
+    pub fn read(path: &Path) -> Result<Self, TrackingError> {
+        let no_xml =
+            |found: String| TrackingError::file(path, format!(": found {found}; expected a PLUS configuration (XML)"));
+        let bytes = read::whole(path, read::XML).map_err(|source| TrackingError::read(path, source))?;
         let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start();
         if start.first() != Some(&b'<') {
             let found = String::from_utf8_lossy(&start[..start.len().min(16)]);
-            let found = format!("\"{}\"", text::head(&found, 24));
-            return Err(CalibrationError::NoXml { path: path_of(), found });
+            return Err(no_xml(format!("\"{}\"", text::head(&found, 24))));
         }
-        let text = String::from_utf8(bytes).map_err(|error| CalibrationError::NoXml {
-            path: path_of(),
-            found: format!(
-                "text that is not UTF-8 from byte {} on",
-                error.utf8_error().valid_up_to()
-            ),
+        let text = String::from_utf8(bytes).map_err(|error| {
+            let valid = error.utf8_error().valid_up_to();
+            no_xml(format!("text that is not UTF-8 from byte {valid} on"))
         })?;
         Self::parse(&text, path)
     }
 
     /// Parses a configuration as [`PlusConfig::read`] does, from text; `path` is the file name shown in errors.
-    pub fn parse(text: &str, path: &Path) -> Result<Self, CalibrationError> {
-        let document = Document::parse(text).map_err(|error| CalibrationError::Xml {
-            path: path.to_owned(),
-            line: error.pos().row,
-            column: error.pos().col,
-            found: format!("not well-formed XML: {error}"),
-        })?;
+    pub fn parse(text: &str, path: &Path) -> Result<Self, TrackingError> {
+        let document = Document::parse(text)
+            .map_err(|error| xml_error(path, error.pos(), &format!("not well-formed XML: {error}")))?;
         let root = Element {
             document: &document,
             path,
@@ -118,25 +108,24 @@ impl PlusConfig {
     }
 
     /// Transform from one named frame to another, as defined in the file or as the inverse of a definition.
-    pub fn transform(&self, from: &str, to: &str) -> Result<Matrix4<f64>, CalibrationError> {
+    pub fn transform(&self, from: &str, to: &str) -> Result<Matrix4<f64>, TrackingError> {
         let defined = |from: &str, to: &str| self.transforms.iter().find(|t| t.from == from && t.to == to);
         defined(from, to)
             .map(|transform| transform.matrix)
             .or_else(|| defined(to, from).and_then(|transform| transform.matrix.try_inverse()))
-            .ok_or_else(|| CalibrationError::NoTransform {
-                path: self.path.clone(),
-                from: from.to_owned(),
-                to: to.to_owned(),
-                has: if self.transforms.is_empty() {
-                    "none at all".to_owned()
-                } else {
-                    let names: Vec<_> = self
-                        .transforms
-                        .iter()
-                        .map(|t| format!("{}To{}", t.from, t.to))
-                        .collect();
-                    names.join(", ")
-                },
+            .ok_or_else(|| {
+                let names: Vec<String> = self
+                    .transforms
+                    .iter()
+                    .map(|t| format!("{}To{}", t.from, t.to))
+                    .collect();
+                let names = match names.is_empty() {
+                    true => "none at all".to_owned(),
+                    false => names.join(", "),
+                };
+                let has = text::clipped(&names, text::MESSAGE);
+                let text = format!(" defines no transform from `{from}` to `{to}`; it has {has}");
+                TrackingError::file(&self.path, text)
             })
     }
 
@@ -205,6 +194,11 @@ impl PlusConfig {
     }
 }
 
+fn xml_error(path: &Path, at: TextPos, found: &str) -> TrackingError {
+    let found = text::clipped(found, text::MESSAGE);
+    TrackingError::file(path, format!(", line {}, column {}: {found}", at.row, at.col))
+}
+
 /// An XML element with the context for its errors.
 #[derive(Clone, Copy)]
 struct Element<'a> {
@@ -225,17 +219,11 @@ impl<'a> Element<'a> {
         Some(Self { node, ..self })
     }
 
-    fn fault(self, found: String) -> CalibrationError {
-        let position = self.document.text_pos_at(self.node.range().start);
-        CalibrationError::Xml {
-            path: self.path.to_owned(),
-            line: position.row,
-            column: position.col,
-            found,
-        }
+    fn fault(self, found: String) -> TrackingError {
+        xml_error(self.path, self.document.text_pos_at(self.node.range().start), &found)
     }
 
-    fn numbers<const N: usize>(self, key: &str, expected: &str) -> Result<Option<[f64; N]>, CalibrationError> {
+    fn numbers<const N: usize>(self, key: &str, expected: &str) -> Result<Option<[f64; N]>, TrackingError> {
         let Some(text) = self.node.attribute(key) else {
             return Ok(None);
         };
@@ -247,15 +235,15 @@ impl<'a> Element<'a> {
         }
     }
 
-    fn pair(self, key: &str) -> Result<Option<[f64; 2]>, CalibrationError> {
+    fn pair(self, key: &str) -> Result<Option<[f64; 2]>, TrackingError> {
         self.numbers(key, "two numbers: of columns and of rows")
     }
 
-    fn number(self, key: &str) -> Result<Option<f64>, CalibrationError> {
+    fn number(self, key: &str) -> Result<Option<f64>, TrackingError> {
         Ok(self.numbers::<1>(key, "a number")?.map(|[number]| number))
     }
 
-    fn transform(self) -> Result<NamedTransform, CalibrationError> {
+    fn transform(self) -> Result<NamedTransform, TrackingError> {
         let attribute = |name: &str| {
             let found = || {
                 self.fault(format!(
@@ -274,7 +262,7 @@ impl<'a> Element<'a> {
     }
 
     /// Keys of a probe table stated by a `ScanConversion`, and the number of scanlines.
-    fn probe(self, scan: Option<Self>) -> Result<ProbeSpec, CalibrationError> {
+    fn probe(self, scan: Option<Self>) -> Result<ProbeSpec, TrackingError> {
         let mut spec = ProbeSpec::default();
         for key in ["NumberOfScanLines", "NumberOfScanlines"] {
             if let Some(lines) = self.with(key).map_or(Ok(None), |element| element.number(key))? {
@@ -282,9 +270,8 @@ impl<'a> Element<'a> {
             }
         }
         let Some(scan) = scan else { return Ok(spec) };
-        let between = |start: &str, stop: &str| -> Result<_, CalibrationError> {
-            Ok(scan.number(start)?.zip(scan.number(stop)?))
-        };
+        let between =
+            |start: &str, stop: &str| -> Result<_, TrackingError> { Ok(scan.number(start)?.zip(scan.number(stop)?)) };
         match scan.node.attribute("TransducerGeometry") {
             Some("LINEAR") => {
                 spec.kind = Some(ProbeKind::Linear);
@@ -464,7 +451,10 @@ mod tests {
             assert!(error.to_string().contains(found) && !error.is_machine(), "{error}");
         }
         std::fs::write(&path, b"\xef\xbb\xbf <P/>").expect("file");
-        assert!(!matches!(PlusConfig::read(&path), Err(CalibrationError::NoXml { .. })));
+        let error = PlusConfig::read(&path)
+            .err()
+            .map_or_else(String::new, |error| error.to_string());
+        assert!(!error.contains("expected a PLUS configuration"), "{error}");
     }
 
     #[test]
@@ -476,10 +466,8 @@ mod tests {
             error.contains("line 3, column 3") && error.contains("3 numbers in place of 16"),
             "{error}"
         );
-        assert!(matches!(
-            parse("<P><Q></P>"),
-            Err(CalibrationError::Xml { line: 1, .. })
-        ));
+        let error = parse("<P><Q></P>").expect_err("open").to_string();
+        assert!(error.contains("`c.xml`, line 1, column"), "{error}");
         let nameless = "<P><CoordinateDefinitions><Transform To='B' Matrix='1'/></CoordinateDefinitions></P>";
         assert!(parse(nameless).is_err());
         let empty = parse("<P/>").expect("empty");

@@ -4,7 +4,8 @@ use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::matrix::{self, NotRigid, Rows};
+use super::error::TrackingError;
+use super::matrix::{self, Rows};
 use super::world::World;
 
 /// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the hint
@@ -21,69 +22,11 @@ const PARALLEL_SINE: f64 = 1e-3;
 /// let pose = Pose::from_direction(Point3::new(0.0, -120.0, 40.0), Vector3::y(), Some(Vector3::x()))?;
 /// let ten_deep = pose.probe_to_world().transform_point(&Point3::new(0.0, 10.0, 0.0));
 /// assert!((ten_deep - Point3::new(0.0, -110.0, 40.0)).norm() < 1e-12);
-/// # Ok::<(), insonify::tracking::pose::InvalidPose>(())
+/// # Ok::<(), insonify::tracking::pose::TrackingError>(())
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     probe_to_world: Matrix4<f64>,
-}
-
-/// Why a pose is invalid.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidPose {
-    /// The matrix is not a rigid transform.
-    #[error("pose matrix: {0}")]
-    Matrix(#[from] NotRigid),
-    /// A vector is zero, or holds a NaN or an infinity.
-    #[error("pose key `{key}` is {found:?}; expected finite numbers that are not all zero")]
-    Vector {
-        /// Key in a pose table.
-        key: &'static str,
-        /// Vector given.
-        found: [f64; 3],
-    },
-    /// A position or an angle is NaN or infinite, or a position is too far away.
-    #[error("pose key `{key}` is {found:?}; expected finite numbers of at most 1e6")]
-    Number {
-        /// Key in a pose table.
-        key: &'static str,
-        /// Numbers given.
-        found: Vec<f64>,
-    },
-    /// The lateral hint is parallel to the axial direction.
-    #[error("pose key `lateral` is {lateral:?}, parallel to `direction` {direction:?}; expected a vector across it")]
-    ParallelLateral {
-        /// Lateral hint.
-        lateral: [f64; 3],
-        /// Axial direction.
-        direction: [f64; 3],
-    },
-    /// The quaternion is not of unit length.
-    #[error("quaternion {found:?} (w, x, y, z) has length {length}; expected 1")]
-    Quaternion {
-        /// Quaternion w, x, y, z.
-        found: [f64; 4],
-        /// Norm of the quaternion.
-        length: f64,
-    },
-    /// Neither or both ways of stating a pose.
-    #[error("{found}; expected either `matrix` alone, or `position_mm` with `direction`")]
-    Incomplete {
-        /// Contents of the table.
-        found: &'static str,
-    },
-}
-
-impl InvalidPose {
-    /// Key of the pose table at fault, if there is a single one.
-    pub fn key(&self) -> Option<&'static str> {
-        match self {
-            Self::Matrix(_) => Some("matrix"),
-            Self::Vector { key, .. } | Self::Number { key, .. } => Some(key),
-            Self::ParallelLateral { .. } => Some("lateral"),
-            Self::Quaternion { .. } | Self::Incomplete { .. } => None,
-        }
-    }
 }
 
 impl Pose {
@@ -96,10 +39,14 @@ impl Pose {
 
     /// Creates a pose from a probe-to-world matrix on column vectors, mm. Rotations with errors of up to 5e-3 per entry,
     /// as trackers send them, are orthonormalised.
-    pub fn from_matrix(probe_to_world: &Matrix4<f64>) -> Result<Self, InvalidPose> {
-        Ok(Self {
-            probe_to_world: matrix::rigid(probe_to_world)?,
-        })
+    pub fn from_matrix(probe_to_world: &Matrix4<f64>) -> Result<Self, TrackingError> {
+        Self::of_matrix(probe_to_world).map_err(|text| TrackingError::at("matrix", format!("pose matrix: {text}")))
+    }
+
+    /// Creates a pose as [`Pose::from_matrix`] does; the error says what is wrong with the matrix.
+    pub(super) fn of_matrix(probe_to_world: &Matrix4<f64>) -> Result<Self, String> {
+        let probe_to_world = matrix::rigid(probe_to_world)?;
+        Ok(Self { probe_to_world })
     }
 
     /// Creates a pose from the centre of the array (mm), the axial direction and a lateral hint, which is orthogonalised to
@@ -109,19 +56,21 @@ impl Pose {
         position_mm: Point3<f64>,
         direction: Vector3<f64>,
         lateral: Option<Vector3<f64>>,
-    ) -> Result<Self, InvalidPose> {
-        let axial = unit("direction", direction)?;
+    ) -> Result<Self, TrackingError> {
+        let axial = unit("pose", "direction", direction)?;
         let hint = match lateral {
-            Some(lateral) => unit("lateral", lateral)?.into_inner(),
+            Some(lateral) => unit("pose", "lateral", lateral)?.into_inner(),
             None if axial.x.abs() <= std::f64::consts::FRAC_1_SQRT_2 => Vector3::x(),
             None => -Vector3::z(),
         };
         let across = hint - axial.scale(hint.dot(&axial));
         if across.norm() < PARALLEL_SINE {
-            return Err(InvalidPose::ParallelLateral {
-                lateral: lateral.unwrap_or(hint).into(),
-                direction: direction.into(),
-            });
+            let [lateral, direction] = [lateral.unwrap_or(hint), direction].map(<[f64; 3]>::from);
+            let expected = format!("parallel to `direction` {direction:?}; expected a vector across it");
+            return Err(TrackingError::at(
+                "lateral",
+                format!("pose key `lateral` is {lateral:?}, {expected}"),
+            ));
         }
         let x = across.normalize();
         let axes = Matrix3::from_columns(&[x, axial.into_inner(), x.cross(&axial)]);
@@ -129,26 +78,25 @@ impl Pose {
     }
 
     /// Creates a pose from the centre of the array (mm) and a rotation from the probe frame to the world.
-    pub fn from_rotation(position_mm: Point3<f64>, rotation: &UnitQuaternion<f64>) -> Result<Self, InvalidPose> {
+    pub fn from_rotation(position_mm: Point3<f64>, rotation: &UnitQuaternion<f64>) -> Result<Self, TrackingError> {
         Self::from_axes(position_mm, rotation.to_rotation_matrix().matrix())
     }
 
     /// Creates a pose from the centre of the array (mm) and a quaternion w, x, y, z of norm 1 within a hundredth.
-    pub fn from_quaternion(position_mm: Point3<f64>, wxyz: [f64; 4]) -> Result<Self, InvalidPose> {
+    pub fn from_quaternion(position_mm: Point3<f64>, wxyz: [f64; 4]) -> Result<Self, TrackingError> {
         let quaternion = nalgebra::Quaternion::new(wxyz[0], wxyz[1], wxyz[2], wxyz[3]);
         let length = quaternion.norm();
         if !(0.99..=1.01).contains(&length) {
-            return Err(InvalidPose::Quaternion { found: wxyz, length });
+            return Err(TrackingError::new(format!(
+                "quaternion {wxyz:?} (w, x, y, z) has length {length}; expected 1"
+            )));
         }
         Self::from_rotation(position_mm, &UnitQuaternion::from_quaternion(quaternion))
     }
 
-    fn from_axes(position_mm: Point3<f64>, axes: &Matrix3<f64>) -> Result<Self, InvalidPose> {
+    fn from_axes(position_mm: Point3<f64>, axes: &Matrix3<f64>) -> Result<Self, TrackingError> {
         if !(position_mm.coords.iter().all(|x| x.is_finite()) && position_mm.coords.amax() <= matrix::FARTHEST_MM) {
-            return Err(InvalidPose::Number {
-                key: "position_mm",
-                found: position_mm.coords.as_slice().to_vec(),
-            });
+            return Err(too_large("position_mm", position_mm.coords.as_slice()));
         }
         let mut probe_to_world = axes.to_homogeneous();
         probe_to_world
@@ -159,8 +107,8 @@ impl Pose {
 
     /// Returns the pose moved to `position_mm` and rotated by the smallest angle to the axial direction `direction`: this
     /// keeps the marked side steady along a path that states only directions.
-    pub fn turned_to(&self, position_mm: Point3<f64>, direction: Vector3<f64>) -> Result<Self, InvalidPose> {
-        let axial = unit("direction", direction)?;
+    pub fn turned_to(&self, position_mm: Point3<f64>, direction: Vector3<f64>) -> Result<Self, TrackingError> {
+        let axial = unit("pose", "direction", direction)?;
         let turn = Rotation3::rotation_between(&self.axial(), &axial)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&self.lateral(), std::f64::consts::PI));
         Self::from_axes(position_mm, &(turn.matrix() * self.axes()))
@@ -228,17 +176,27 @@ impl Pose {
     }
 }
 
-fn unit(key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, InvalidPose> {
+/// Direction of a vector; `of` is the table that has the key.
+pub(super) fn unit(of: &str, key: &'static str, vector: Vector3<f64>) -> Result<Unit<Vector3<f64>>, TrackingError> {
     let largest = vector.amax();
     let scaled = vector / largest;
     if scaled.iter().all(|x| x.is_finite()) {
         Ok(Unit::new_normalize(scaled))
     } else {
-        Err(InvalidPose::Vector {
+        let found = <[f64; 3]>::from(vector);
+        let expected = "expected finite numbers that are not all zero";
+        Err(TrackingError::at(
             key,
-            found: vector.into(),
-        })
+            format!("{of} key `{key}` is {found:?}; {expected}"),
+        ))
     }
+}
+
+fn too_large(key: &'static str, found: &[f64]) -> TrackingError {
+    TrackingError::at(
+        key,
+        format!("pose key `{key}` is {found:?}; expected finite numbers of at most 1e6"),
+    )
 }
 
 /// A pose as written in a file: either `matrix`, or `position_mm` and `direction` with optional keys.
@@ -284,7 +242,7 @@ impl PoseSpec {
 
     /// Returns the pose. `previous` is the preceding pose of a path, if any: a direction without `lateral` is then
     /// reached by the smallest rotation from it.
-    pub fn pose(&self, previous: Option<&Pose>) -> Result<Pose, InvalidPose> {
+    pub fn pose(&self, previous: Option<&Pose>) -> Result<Pose, TrackingError> {
         let base = match (&self.matrix, self.position_mm, self.direction) {
             (Some(rows), None, None) if self.lateral.is_none() => Pose::from_matrix(&rows.0)?,
             (None, Some(position), Some(direction)) => {
@@ -295,14 +253,15 @@ impl PoseSpec {
                 }
             }
             (found, position, direction) => {
-                return Err(InvalidPose::Incomplete {
-                    found: match (found, position, direction) {
-                        (Some(_), ..) => "a pose with `matrix` and other keys for the same thing",
-                        (None, None, None) => "a pose without `position_mm` and `direction`",
-                        (None, None, _) => "a pose without `position_mm`",
-                        (None, Some(_), _) => "a pose without `direction`",
-                    },
-                });
+                let found = match (found, position, direction) {
+                    (Some(_), ..) => "a pose with `matrix` and other keys for the same thing",
+                    (None, None, None) => "a pose without `position_mm` and `direction`",
+                    (None, None, _) => "a pose without `position_mm`",
+                    (None, Some(_), _) => "a pose without `direction`",
+                };
+                return Err(TrackingError::new(format!(
+                    "{found}; expected either `matrix` alone, or `position_mm` with `direction`"
+                )));
             }
         };
         let turns = [
@@ -314,10 +273,7 @@ impl PoseSpec {
         for ((key, turn), radians) in turns.into_iter().zip(&mut radians) {
             let degrees = turn.unwrap_or(0.0);
             if !(-matrix::FARTHEST_MM..=matrix::FARTHEST_MM).contains(&degrees) {
-                return Err(InvalidPose::Number {
-                    key,
-                    found: vec![degrees],
-                });
+                return Err(too_large(key, &[degrees]));
             }
             *radians = degrees.to_radians();
         }
@@ -369,22 +325,40 @@ mod tests {
         };
         assert!(matches!(
             make([0.0; 3], [1.0, 0.0, 0.0]),
-            Err(InvalidPose::Vector { key: "direction", .. })
+            Err(TrackingError::Value {
+                key: Some("direction"),
+                ..
+            })
         ));
         assert!(matches!(
             make([f64::NAN, 1.0, 0.0], [1.0, 0.0, 0.0]),
-            Err(InvalidPose::Vector { key: "direction", .. })
+            Err(TrackingError::Value {
+                key: Some("direction"),
+                ..
+            })
         ));
         assert!(matches!(
             make([0.0, 1.0, 0.0], [0.0; 3]),
-            Err(InvalidPose::Vector { key: "lateral", .. })
+            Err(TrackingError::Value {
+                key: Some("lateral"),
+                ..
+            })
         ));
         assert!(matches!(
             make([0.0, 1.0, 0.0], [1e-4, -2.0, 0.0]),
-            Err(InvalidPose::ParallelLateral { .. })
+            Err(TrackingError::Value {
+                key: Some("lateral"),
+                ..
+            })
         ));
         let far = Pose::from_direction(Point3::new(f64::NAN, 0.0, 0.0), Vector3::y(), None);
-        assert!(matches!(far, Err(InvalidPose::Number { key: "position_mm", .. })));
+        assert!(matches!(
+            far,
+            Err(TrackingError::Value {
+                key: Some("position_mm"),
+                ..
+            })
+        ));
     }
 
     #[test]
@@ -403,20 +377,29 @@ mod tests {
     fn tables_say_what_they_lack() {
         let parse = |text: &str| toml::from_str::<PoseSpec>(text).expect("table").pose(None);
         assert!(parse("position_mm = [0, 0, 0]\ndirection = [0, 1, 0]\ntilt_deg = 10").is_ok());
-        assert!(matches!(parse(""), Err(InvalidPose::Incomplete { .. })));
+        assert!(matches!(parse(""), Err(TrackingError::Value { key: None, .. })));
         assert!(matches!(
             parse("position_mm = [0, 0, 0]"),
-            Err(InvalidPose::Incomplete { .. })
+            Err(TrackingError::Value { key: None, .. })
         ));
         let both = "direction = [0, 1, 0]\nmatrix = '1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1'";
-        assert!(matches!(parse(both), Err(InvalidPose::Incomplete { .. })));
+        assert!(matches!(parse(both), Err(TrackingError::Value { key: None, .. })));
         let nan = "matrix = '1 0 0 nan 0 1 0 0 0 0 1 0 0 0 0 1'";
         assert!(matches!(
             parse(nan),
-            Err(InvalidPose::Matrix(NotRigid::NotFinite { row: 0, column: 3, .. }))
+            Err(TrackingError::Value {
+                key: Some("matrix"),
+                ..
+            })
         ));
         let angle = "position_mm = [0, 0, 0]\ndirection = [0, 1, 0]\ntilt_deg = nan";
-        assert!(matches!(parse(angle), Err(InvalidPose::Number { key: "tilt_deg", .. })));
+        assert!(matches!(
+            parse(angle),
+            Err(TrackingError::Value {
+                key: Some("tilt_deg"),
+                ..
+            })
+        ));
         assert!(toml::from_str::<PoseSpec>("positon_mm = [0, 0, 0]").is_err());
     }
 
@@ -426,7 +409,7 @@ mod tests {
         for bad in [[0.0; 4], [f64::NAN, 0.0, 0.0, 0.0], [2.0, 0.0, 0.0, 0.0]] {
             assert!(matches!(
                 Pose::from_quaternion(Point3::origin(), bad),
-                Err(InvalidPose::Quaternion { .. })
+                Err(TrackingError::Value { key: None, .. })
             ));
         }
     }

@@ -8,11 +8,13 @@ mod image_grid;
 mod spec;
 
 pub use beam::{BeamGrid, Bounds, Ray};
-pub use image_grid::{ImageGrid, InvalidGrid, OUTSIDE, scan_map};
+pub use image_grid::{ImageGrid, OUTSIDE, scan_map};
 pub use spec::{ProbeKind, ProbeSpec};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use super::error::{TrackingError, within};
 
 /// Range of scanline depths, mm: the shallowest is a small-animal scan, the deepest exceeds any clinical one.
 pub const DEPTH_MM: [f64; 2] = [0.1, 1000.0];
@@ -87,52 +89,6 @@ pub struct Probe {
     pub samples: u32,
 }
 
-/// Why a probe is invalid.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidProbe {
-    /// A number outside its range, or not a number.
-    #[error("probe key `{key}` is {found}; expected {low} to {high}")]
-    OutOfRange {
-        /// Key in a probe table.
-        key: &'static str,
-        /// Value given.
-        found: f64,
-        /// Smallest value allowed.
-        low: f64,
-        /// Largest value allowed.
-        high: f64,
-    },
-    /// The kind of probe is not stated.
-    #[error("probe key `kind` is missing; expected linear, curvilinear, phased, trus-transverse or trus-sagittal")]
-    NoKind,
-    /// A required key of this kind of probe is missing.
-    #[error("probe key `{key}` is missing; a {kind} probe needs it")]
-    Missing {
-        /// Key in a probe table.
-        key: &'static str,
-        /// Kind of probe.
-        kind: ProbeKind,
-    },
-    /// A key that does not apply to this kind of probe.
-    #[error("probe key `{key}` has no meaning for a {kind} probe; remove it")]
-    Superfluous {
-        /// Key in a probe table.
-        key: &'static str,
-        /// Kind of probe.
-        kind: ProbeKind,
-    },
-}
-
-impl InvalidProbe {
-    /// Key at fault, as written in a probe table.
-    pub fn key(&self) -> &'static str {
-        match self {
-            Self::NoKind => "kind",
-            Self::OutOfRange { key, .. } | Self::Missing { key, .. } | Self::Superfluous { key, .. } => key,
-        }
-    }
-}
-
 impl ProbeShape {
     /// Kind of probe, as named in files.
     pub fn kind(&self) -> ProbeKind {
@@ -146,17 +102,15 @@ impl ProbeShape {
     }
 
     /// Checks every number against its documented range.
-    pub fn validate(&self) -> Result<(), InvalidProbe> {
+    pub fn validate(&self) -> Result<(), TrackingError> {
         match *self {
-            Self::Linear { width_mm } => within("width_mm", width_mm, [1.0, 300.0]),
-            Self::Curvilinear { radius_mm, angle_deg } => {
-                within("radius_mm", radius_mm, [2.0, 200.0]).and_then(|()| within("angle_deg", angle_deg, [1.0, 180.0]))
-            }
-            Self::Phased { angle_deg } => within("angle_deg", angle_deg, [1.0, 120.0]),
-            Self::TrusTransverse { radius_mm, angle_deg } => {
-                within("radius_mm", radius_mm, [2.0, 50.0]).and_then(|()| within("angle_deg", angle_deg, [1.0, 270.0]))
-            }
-            Self::TrusSagittal { length_mm } => within("length_mm", length_mm, [1.0, 300.0]),
+            Self::Linear { width_mm } => within("probe", "width_mm", width_mm, [1.0, 300.0]),
+            Self::Curvilinear { radius_mm, angle_deg } => within("probe", "radius_mm", radius_mm, [2.0, 200.0])
+                .and_then(|()| within("probe", "angle_deg", angle_deg, [1.0, 180.0])),
+            Self::Phased { angle_deg } => within("probe", "angle_deg", angle_deg, [1.0, 120.0]),
+            Self::TrusTransverse { radius_mm, angle_deg } => within("probe", "radius_mm", radius_mm, [2.0, 50.0])
+                .and_then(|()| within("probe", "angle_deg", angle_deg, [1.0, 270.0])),
+            Self::TrusSagittal { length_mm } => within("probe", "length_mm", length_mm, [1.0, 300.0]),
         }
     }
 }
@@ -164,7 +118,7 @@ impl ProbeShape {
 impl Probe {
     /// Creates a probe of `shape` with imaging depth `depth_mm`, the kind's usual frequency and the default grid of 256
     /// scanlines by 512 samples.
-    pub fn new(shape: ProbeShape, depth_mm: f64) -> Result<Self, InvalidProbe> {
+    pub fn new(shape: ProbeShape, depth_mm: f64) -> Result<Self, TrackingError> {
         let probe = Self {
             shape,
             depth_mm,
@@ -178,20 +132,12 @@ impl Probe {
 
     /// Checks every number against its documented range. One scanline and one sample are allowed; a sector without angle
     /// or depth is not.
-    pub fn validate(&self) -> Result<(), InvalidProbe> {
+    pub fn validate(&self) -> Result<(), TrackingError> {
         self.shape.validate()?;
-        within("depth_mm", self.depth_mm, DEPTH_MM)?;
-        within("frequency_mhz", self.frequency_mhz, FREQUENCY_MHZ)?;
-        within("lines", f64::from(self.lines), LINES.map(f64::from))?;
-        within("samples", f64::from(self.samples), SAMPLES.map(f64::from))
-    }
-}
-
-fn within(key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), InvalidProbe> {
-    if (low..=high).contains(&found) {
-        Ok(())
-    } else {
-        Err(InvalidProbe::OutOfRange { key, found, low, high })
+        within("probe", "depth_mm", self.depth_mm, DEPTH_MM)?;
+        within("probe", "frequency_mhz", self.frequency_mhz, FREQUENCY_MHZ)?;
+        within("probe", "lines", f64::from(self.lines), LINES.map(f64::from))?;
+        within("probe", "samples", f64::from(self.samples), SAMPLES.map(f64::from))
     }
 }
 

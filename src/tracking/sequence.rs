@@ -12,11 +12,10 @@ use crate::volume::{VolumeError, read_data, read_header};
 
 mod info;
 mod keys;
-mod orientation;
 
 pub use info::SequenceInfo;
+pub use keys::Orientation;
 pub(crate) use keys::ends;
-pub use orientation::Orientation;
 
 /// A transform of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]

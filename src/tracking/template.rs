@@ -20,8 +20,7 @@ pub struct Template {
 }
 
 /// A hole name that the template does not have.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the hole is \"{found}\"; expected {expected}")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownHole {
     /// Name given.
     pub found: String,

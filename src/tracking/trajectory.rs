@@ -3,17 +3,16 @@
 mod csv_path;
 mod tracked;
 
-pub use csv_path::CsvError;
 pub use tracked::{SkipReason, Skipped, TrackedFrame};
 
 use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::matrix::{NotRigid, Rows};
-use super::pose::{InvalidPose, Pose, PoseSpec};
+use super::TrackingError;
+use super::matrix::Rows;
+use super::pose::{Pose, PoseSpec};
 use super::world::World;
-use crate::read;
 
 /// Interpolation of positions between keyframes. Rotations follow the shortest arc at constant speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -57,66 +56,6 @@ pub struct Trajectory {
     repeated: usize,
 }
 
-/// Why a trajectory is invalid.
-#[derive(Debug, thiserror::Error)]
-pub enum TrajectoryError {
-    /// There are no poses.
-    #[error("a trajectory without poses; expected at least one")]
-    Empty,
-    /// A time is not finite or out of range.
-    #[error("keyframe {index}: `time_s` is {found}; expected a finite number of at most 1e9")]
-    Time {
-        /// Index of the keyframe, from 0.
-        index: usize,
-        /// Time found, s.
-        found: f64,
-    },
-    /// Times decrease or repeat.
-    #[error("keyframe {index}: `time_s` is {found}; expected more than {previous}, the time before it")]
-    Order {
-        /// Index of the keyframe, from 0.
-        index: usize,
-        /// Time of the keyframe, s.
-        found: f64,
-        /// Time of the previous keyframe, s.
-        previous: f64,
-    },
-    /// A keyframe's pose is invalid.
-    #[error("keyframe {index}: {source}")]
-    Pose {
-        /// Index of the keyframe, from 0.
-        index: usize,
-        /// Cause of the error.
-        source: InvalidPose,
-    },
-    /// A CSV path cannot be read.
-    #[error(transparent)]
-    Csv(#[from] CsvError),
-    /// A transform that places the tracked frames is not rigid.
-    #[error("{which} transform: {source}")]
-    Transform {
-        /// Name of the transform.
-        which: &'static str,
-        /// Cause of the error.
-        source: NotRigid,
-    },
-    /// A tracked sequence in which no frame has a valid pose.
-    #[error("none of {frames} frames has a valid pose; the first: {first}")]
-    NoValidPose {
-        /// Number of frames in the sequence.
-        frames: usize,
-        /// Reason for skipping the first one.
-        first: SkipReason,
-    },
-}
-
-impl TrajectoryError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Csv(CsvError::Read { source, .. }) if read::is_machine(source))
-    }
-}
-
 /// Largest time, s.
 const LATEST_S: f64 = 1e9;
 
@@ -139,14 +78,14 @@ impl Trajectory {
     pub fn from_keys(
         keys: impl IntoIterator<Item = (f64, Pose)>,
         interpolation: Interpolation,
-    ) -> Result<Self, TrajectoryError> {
+    ) -> Result<Self, TrackingError> {
         let mut checked: Vec<Key> = Vec::new();
         for (source, (time_s, pose)) in keys.into_iter().enumerate() {
             check_time(source, time_s, checked.last().map(|key| key.time_s))?;
             checked.push(Key { time_s, pose, source });
         }
         if checked.is_empty() {
-            return Err(TrajectoryError::Empty);
+            return Err(empty());
         }
         Ok(Self {
             keys: checked,
@@ -162,14 +101,14 @@ impl Trajectory {
         keyframes: &[KeyframeSpec],
         world: World,
         interpolation: Interpolation,
-    ) -> Result<Self, TrajectoryError> {
+    ) -> Result<Self, TrackingError> {
         let mut keys: Vec<(f64, Pose)> = Vec::with_capacity(keyframes.len());
         for (index, keyframe) in keyframes.iter().enumerate() {
             let pose = keyframe
                 .pose()
                 .in_lps(world)
                 .pose(keys.last().map(|(_, pose)| pose))
-                .map_err(|source| TrajectoryError::Pose { index, source })?;
+                .map_err(|error| error.of_keyframe(index))?;
             keys.push((keyframe.time_s, pose));
         }
         Self::from_keys(keys, interpolation)
@@ -247,18 +186,22 @@ impl Trajectory {
     }
 }
 
-fn check_time(index: usize, time_s: f64, previous: Option<f64>) -> Result<(), TrajectoryError> {
+fn check_time(index: usize, time_s: f64, previous: Option<f64>) -> Result<(), TrackingError> {
+    let wrong = |expected| {
+        let text = format!("`time_s` is {time_s}; expected {expected}");
+        Err(TrackingError::at("time_s", text).of_keyframe(index))
+    };
     if !(-LATEST_S..=LATEST_S).contains(&time_s) {
-        return Err(TrajectoryError::Time { index, found: time_s });
+        return wrong("a finite number of at most 1e9".to_owned());
     }
     match previous {
-        Some(previous) if time_s <= previous => Err(TrajectoryError::Order {
-            index,
-            found: time_s,
-            previous,
-        }),
+        Some(previous) if time_s <= previous => wrong(format!("more than {previous}, the time before it")),
         _ => Ok(()),
     }
+}
+
+fn empty() -> TrackingError {
+    TrackingError::new("a trajectory without poses; expected at least one")
 }
 
 /// A timed pose as written in a file: [`PoseSpec`] with a time.
@@ -387,16 +330,24 @@ mod tests {
             let keys: Vec<_> = times.iter().map(|&t| (t, Pose::identity())).collect();
             Trajectory::from_keys(keys, Interpolation::Linear)
         };
-        assert!(matches!(make(&[]), Err(TrajectoryError::Empty)));
+        assert!(matches!(make(&[]), Err(TrackingError::Value { .. })));
         assert!(matches!(
             make(&[0.0, f64::NAN]),
-            Err(TrajectoryError::Time { index: 1, .. })
+            Err(TrackingError::Keyframe {
+                index: 1,
+                key: Some("time_s"),
+                ..
+            })
         ));
         assert!(matches!(
             make(&[0.0, 1.0, 1.0]),
-            Err(TrajectoryError::Order { index: 2, .. })
+            Err(TrackingError::Keyframe {
+                index: 2,
+                key: Some("time_s"),
+                ..
+            })
         ));
-        assert!(matches!(make(&[1e10]), Err(TrajectoryError::Time { index: 0, .. })));
+        assert!(matches!(make(&[1e10]), Err(TrackingError::Keyframe { index: 0, .. })));
     }
 
     #[test]
@@ -415,7 +366,7 @@ mod tests {
         let broken: Path = toml::from_str("keyframes = [{ time_s = 0, direction = [0, 1, 0] }]").expect("toml");
         let error =
             Trajectory::from_keyframes(&broken.keyframes, World::Lps, Interpolation::Linear).expect_err("incomplete");
-        assert!(matches!(error, TrajectoryError::Pose { index: 0, .. }), "{error}");
+        assert!(matches!(error, TrackingError::Keyframe { index: 0, .. }), "{error}");
     }
 
     proptest! {

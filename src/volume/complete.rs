@@ -12,7 +12,7 @@ use rayon::prelude::*;
 
 use nalgebra::Point3;
 
-use super::{InvalidVolume, Label, LabelVolume};
+use super::{Label, LabelVolume, VolumeError};
 use crate::random::noise::Noise;
 use crate::text::some_of;
 use crate::tissue::{known, totalsegmentator};
@@ -59,18 +59,7 @@ const BODY_VALUES: [i64; 3] = [201, 202, 204];
 const BODY_SHARE: f64 = 1.0 / 3.0;
 
 /// Treatment of unlabelled voxels.
-#[derive(
-    Clone,
-    Copy,
-    Debug,
-    Default,
-    PartialEq,
-    Eq,
-    serde::Serialize,
-    serde::Deserialize,
-    schemars::JsonSchema,
-    clap::ValueEnum,
-)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Unlabelled {
     /// A body is closed around the labelled anatomy, unless the volume already has one.
@@ -108,11 +97,17 @@ impl Default for CompleteOptions {
 }
 
 impl CompleteOptions {
-    fn check(&self) -> Result<(), CompletionError> {
-        let layers = [("muscle", self.muscle_mm), ("fat", self.fat_mm), ("skin", self.skin_mm)];
-        for (layer, found) in layers {
+    fn check(&self) -> Result<(), VolumeError> {
+        let layers = [
+            ("muscle_mm", self.muscle_mm),
+            ("fat_mm", self.fat_mm),
+            ("skin_mm", self.skin_mm),
+        ];
+        for (key, found) in layers {
             if !(0.0..=THICKEST_MM).contains(&found) {
-                return Err(CompletionError::Thickness { layer, found });
+                let layer = key.trim_end_matches("_mm");
+                let text = format!("{layer} thickness {found} mm; expected 0 to {THICKEST_MM} mm");
+                return Err(VolumeError::option(key, text));
             }
         }
         Ok(())
@@ -150,25 +145,6 @@ pub struct Completed {
 /// Minimum extent of a volume along an axis for closing a body around it, mm.
 const SMALLEST_MM: f64 = 0.5;
 
-/// Why a volume cannot be completed.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum CompletionError {
-    /// A layer's thickness is out of range.
-    #[error("{layer} thickness {found} mm; expected 0 to {THICKEST_MM} mm")]
-    Thickness {
-        /// Name of the layer: `muscle`, `fat` or `skin`.
-        layer: &'static str,
-        /// Requested thickness, mm.
-        found: f64,
-    },
-    /// The CT does not cover the labels; the fraction of the labelled voxels that it covers.
-    #[error("the CT covers {:.0} % of the labelled voxels; expected the CT that was segmented, at its own place", 100.0 * .0)]
-    Elsewhere(f64),
-    /// The labels of the body do not fit into the volume.
-    #[error(transparent)]
-    Volume(#[from] InvalidVolume),
-}
-
 /// Whether a volume has an explicit body: labels named skin, fat or body, or the values that `--save-labels` gives them.
 pub fn has_body(volume: &LabelVolume) -> bool {
     let mut names = volume.labels().iter().skip(1).filter_map(|label| label.name.as_deref());
@@ -196,8 +172,8 @@ pub(crate) fn is_body(name: &str) -> bool {
 /// unchanged.
 ///
 /// # Errors
-/// [`CompletionError`] if a thickness is out of range, or the labels of the body exceed 256 labels.
-pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Completed, CompletionError> {
+/// [`VolumeError`] if a thickness is out of range, or the labels of the body exceed 256 labels.
+pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Completed, VolumeError> {
     options.check()?;
     let unchanged = |note: &str| Completed {
         volume: volume.clone(),
@@ -230,15 +206,49 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
     };
     let mut labels = volume.labels().to_vec();
     let body = LAYERS.map(|name| label(&mut labels, name));
-    if labels.len() > 256 {
-        return Err(InvalidVolume::TooManyLabels(labels.len()).into());
-    }
+    VolumeError::check_labels(labels.len())?;
     let mut voxels = volume.voxels().to_vec();
+    let counts = draw_layers(volume, &outline, options, skin_mm, &body, &mut voxels);
+    let filled = Filled {
+        soft_tissue: counts[0],
+        muscle: counts[1] + counts[2],
+        fat: counts[3],
+        skin: counts[4],
+    };
+    let warning = shell(volume.labels());
+    let [_, muscle, middle, ..] = body;
+    let undivided = voxels.iter().map(|&label| if label == middle { muscle } else { label });
+    let undivided = LabelVolume::new(
+        volume.size(),
+        undivided.collect(),
+        labels.clone(),
+        *volume.index_to_world(),
+    )?;
+    let mut volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    volume.set_undivided(undivided);
+    let note = note(&volume, options, skin_mm, &filled, &outline, &body);
+    Ok(Completed {
+        volume,
+        filled,
+        note,
+        warning,
+    })
+}
+
+/// Draws the layers of a body into the unlabelled voxels, and counts them.
+fn draw_layers(
+    volume: &LabelVolume,
+    outline: &Outline,
+    options: &CompleteOptions,
+    skin_mm: f64,
+    body: &[u8; 5],
+    voxels: &mut [u8],
+) -> [u64; 5] {
     let [nx, ny, _] = volume.size();
     let to_world = volume.index_to_world();
     let [fat_noise, muscle_noise] = [23, 24].map(|stream| Noise::new(0, stream, UNEVEN_MM));
     let deepest = -(1.0 + UNEVEN) * options.muscle_mm - UNEVEN * options.fat_mm;
-    let counts = voxels
+    voxels
         .par_chunks_mut(nx)
         .enumerate()
         .map(|(row, line)| {
@@ -271,31 +281,7 @@ pub fn complete(volume: &LabelVolume, options: &CompleteOptions) -> Result<Compl
             });
             count
         })
-        .reduce(|| [0; 5], |a, b| [0, 1, 2, 3, 4].map(|i| a[i] + b[i]));
-    let filled = Filled {
-        soft_tissue: counts[0],
-        muscle: counts[1] + counts[2],
-        fat: counts[3],
-        skin: counts[4],
-    };
-    let warning = shell(volume.labels());
-    let [_, muscle, middle, ..] = body;
-    let undivided = voxels.iter().map(|&label| if label == middle { muscle } else { label });
-    let undivided = LabelVolume::new(
-        volume.size(),
-        undivided.collect(),
-        labels.clone(),
-        *volume.index_to_world(),
-    )?;
-    let mut volume = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
-    volume.set_undivided(undivided);
-    let note = note(&volume, options, skin_mm, &filled, &outline, &body);
-    Ok(Completed {
-        volume,
-        filled,
-        note,
-        warning,
-    })
+        .reduce(|| [0; 5], |a, b| [0, 1, 2, 3, 4].map(|i| a[i] + b[i]))
 }
 
 /// Note about a body that was closed around labels.
@@ -364,12 +350,10 @@ fn unusual_values(labels: &[Label], body: &[u8]) -> String {
 }
 
 /// Fills every unlabelled voxel as soft tissue.
-fn everywhere(volume: &LabelVolume) -> Result<Completed, CompletionError> {
+fn everywhere(volume: &LabelVolume) -> Result<Completed, VolumeError> {
     let mut labels = volume.labels().to_vec();
     let soft = label(&mut labels, LAYERS[0]);
-    if labels.len() > 256 {
-        return Err(InvalidVolume::TooManyLabels(labels.len()).into());
-    }
+    VolumeError::check_labels(labels.len())?;
     let mut voxels = volume.voxels().to_vec();
     let soft_tissue = voxels
         .par_iter_mut()

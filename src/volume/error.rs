@@ -4,8 +4,8 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::InvalidVolume;
-use crate::output::atomic::WriteError;
+use crate::memory::TooLarge;
+use crate::output::OutputError;
 use crate::{read, text};
 
 /// Position of an error in a file.
@@ -38,7 +38,7 @@ impl fmt::Display for At {
     }
 }
 
-/// Why an image file cannot be read or written.
+/// Why an image cannot be read, made, completed or written.
 #[derive(Debug, thiserror::Error)]
 pub enum VolumeError {
     /// The file cannot be read.
@@ -104,11 +104,25 @@ pub enum VolumeError {
         /// Path of the file.
         path: PathBuf,
         /// Cause of the error.
-        cause: InvalidVolume,
+        cause: Box<VolumeError>,
     },
+    /// More distinct labels than a byte can index.
+    #[error("at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
+    TooManyLabels(usize),
+    /// An option, or a part of a volume or texture, is invalid.
+    #[error("{text}")]
+    Value {
+        /// Name of the option, if it is one.
+        key: Option<&'static str>,
+        /// What was found and expected.
+        text: String,
+    },
+    /// More memory is needed than is available.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
     /// The file cannot be written.
     #[error(transparent)]
-    Write(#[from] WriteError),
+    Write(#[from] OutputError),
 }
 
 impl VolumeError {
@@ -116,10 +130,46 @@ impl VolumeError {
     /// that is missing, forbidden or not a file.
     pub fn is_machine(&self) -> bool {
         match self {
-            Self::Write(_) => true,
+            Self::Write(_) | Self::Memory(_) => true,
             Self::Read { cause, .. } | Self::Data { cause, .. } => read::is_machine(cause),
             _ => false,
         }
+    }
+
+    /// Name of the option at fault, if it is one.
+    pub(crate) fn key(&self) -> Option<&'static str> {
+        match self {
+            Self::Value { key, .. } => *key,
+            _ => None,
+        }
+    }
+
+    pub(crate) fn new(text: impl Into<String>) -> Self {
+        let (key, text) = (None, text.into());
+        Self::Value { key, text }
+    }
+
+    pub(crate) fn option(key: &'static str, text: String) -> Self {
+        let key = Some(key);
+        Self::Value { key, text }
+    }
+
+    pub(super) fn wrong_count(found: usize, expected: usize) -> Self {
+        Self::new(format!("{found} voxels for a size that needs {expected}"))
+    }
+
+    /// An error if there are more labels than a byte can index.
+    pub(crate) fn check_labels(labels: usize) -> Result<(), Self> {
+        match labels > 256 {
+            true => Err(Self::TooManyLabels(labels)),
+            false => Ok(()),
+        }
+    }
+
+    /// The error as one of a file.
+    pub(crate) fn in_file(self, path: &Path) -> Self {
+        let (path, cause) = (path.to_owned(), Box::new(self));
+        Self::Volume { path, cause }
     }
 
     pub(crate) fn read(path: &Path, cause: io::Error) -> Self {

@@ -1,13 +1,12 @@
 //! Conversion of image numbers to a compact label volume.
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::path::Path;
 
 use super::data::{self, Push};
 use super::element::{ByteOrder, Sample, Scale, label_of, with_sample};
 use super::error::VolumeError;
 use super::header::Header;
-use super::{InvalidVolume, Label, LabelVolume, Loaded, segments};
+use super::{Label, LabelVolume, Loaded, names};
 
 /// Layer and value of a label in the file. The background is layer 0, value 0.
 type Stored = (usize, i64);
@@ -111,7 +110,7 @@ fn volume_from(
     mut header: Header,
     read: impl FnOnce(&mut Header, usize, Push<u8>) -> Result<Vec<u8>, VolumeError>,
 ) -> Result<Loaded, VolumeError> {
-    let named = segments::from_keys(&header.key_values);
+    let named = names::segments(&header.key_values);
     let layered = header.axes.len() == 4 && header.axes[0].direction.is_none() && !named.is_empty();
     let stacked = layered.then(|| header.axes.remove(0));
     // Data errors take precedence: they may be the cause of header errors.
@@ -126,14 +125,10 @@ fn volume_from(
         scale: header.scale,
         overlaps: 0,
     };
-    let invalid = |path: &Path, cause| VolumeError::Volume {
-        path: path.to_owned(),
-        cause,
-    };
     let path = header.path.clone();
     let mut voxels = with_sample!(header.element()?, T => read(&mut header, layers * T::BYTES, &mut |bytes, voxels| {
         stacks.push::<T>(bytes, voxels).map_err(|unfit| match unfit {
-            Unfit::TooMany => invalid(&path, InvalidVolume::TooManyLabels(stacks.index.stored.len())),
+            Unfit::TooMany => VolumeError::TooManyLabels(stacks.index.stored.len()).in_file(&path),
             Unfit::Fraction(value) => {
                 let (voxel, [x, y, _]) = (voxels.len(), size);
                 VolumeError::Fractional {
@@ -155,9 +150,7 @@ fn volume_from(
         stacks.index.number(label);
     }
     let stored = &stacks.index.stored;
-    if stored.len() > 256 {
-        return Err(invalid(&path, InvalidVolume::TooManyLabels(stored.len())));
-    }
+    VolumeError::check_labels(stored.len()).map_err(|error| error.in_file(&path))?;
     if stacks.overlaps > 0 {
         let overlaps = stacks.overlaps;
         warnings.push(format!(
@@ -184,7 +177,7 @@ fn volume_from(
     }
     warnings.extend(grey_image(&voxels, grid.size[0], &labels));
     let volume =
-        LabelVolume::new(grid.size, voxels, labels, grid.index_to_world).map_err(|cause| invalid(&path, cause))?;
+        LabelVolume::new(grid.size, voxels, labels, grid.index_to_world).map_err(|error| error.in_file(&path))?;
     Ok(Loaded { volume, warnings })
 }
 

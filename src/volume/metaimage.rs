@@ -278,5 +278,4 @@ fn element(field: &Field) -> Result<Option<Element>, VolumeError> {
 }
 
 #[cfg(test)]
-#[path = "metaimage_tests.rs"]
 mod tests;

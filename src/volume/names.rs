@@ -1,6 +1,7 @@
-//! Label names as user-defined keys `LabelName_<value>`.
+//! Names of labels in files: as user-defined keys `LabelName_<value>`, as segments of 3D Slicer, and as a table in XML.
 
 use std::collections::BTreeMap;
+use std::fmt::Write;
 
 const PREFIX: &str = "LabelName_";
 
@@ -15,4 +16,155 @@ pub(crate) fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String
         .iter()
         .filter_map(|(key, name)| Some((key.strip_prefix(PREFIX)?.parse().ok()?, name.clone())))
         .collect()
+}
+
+// Segments of a `.seg.nrrd` of 3D Slicer: names by layer and value.
+
+/// A segment.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Segment {
+    pub(crate) name: Option<String>,
+    /// Value within its layer; 1 if not stated.
+    pub(crate) value: Option<i64>,
+    /// Layer; 0 if not stated.
+    pub(crate) layer: usize,
+}
+
+/// Parses the segments among the keys of a file, in file order, by layer and value. If two share both, the first
+/// counts.
+pub(crate) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64), Option<String>> {
+    let mut by_number: BTreeMap<usize, Segment> = BTreeMap::new();
+    for (key, value) in key_values {
+        let Some((number, what)) = key.strip_prefix("Segment").and_then(|rest| rest.split_once('_')) else {
+            continue;
+        };
+        let Ok(number) = number.parse() else {
+            continue;
+        };
+        let segment = by_number.entry(number).or_default();
+        match what {
+            "Name" => segment.name = Some(value.clone()),
+            "ID" if segment.name.is_none() => segment.name = Some(value.clone()),
+            "LabelValue" => segment.value = value.trim().parse().ok(),
+            "Layer" => segment.layer = value.trim().parse().unwrap_or(0),
+            _ => {}
+        }
+    }
+    let mut by_place = BTreeMap::new();
+    for segment in by_number.into_values() {
+        let value = segment.value.unwrap_or(1);
+        by_place.entry((segment.layer, value)).or_insert(segment.name);
+    }
+    by_place
+}
+
+// XML label table of Connectome Workbench (Caret) and TotalSegmentator in a NIfTI header extension.
+
+/// Extension code of Caret's XML (`nifti1_io.h`: `NIFTI_ECODE_CARET`).
+pub(crate) const EXTENSION_CODE: i32 = 30;
+
+/// Names by label value: the text of every `<Label Key="..">`.
+pub(crate) fn label_names(xml: &str) -> BTreeMap<i64, String> {
+    let mut names = BTreeMap::new();
+    let mut rest = xml;
+    while let Some(start) = rest.find("<Label ") {
+        rest = &rest[start + "<Label ".len()..];
+        let Some((attributes, after)) = rest.split_once('>') else {
+            break;
+        };
+        if attributes.ends_with('/') {
+            rest = after;
+            continue;
+        }
+        let Some((text, after)) = after.split_once("</Label>") else {
+            break;
+        };
+        let key = attributes
+            .split_once("Key=\"")
+            .and_then(|(_, value)| value.split_once('"'))
+            .and_then(|(value, _)| value.trim().parse().ok());
+        let name = plain(text.trim());
+        if let (Some(key), false) = (key, name.is_empty()) {
+            names.insert(key, name);
+        }
+        rest = after;
+    }
+    names
+}
+
+/// Text content without CDATA wrapping, or with its entities resolved.
+fn plain(text: &str) -> String {
+    match text
+        .strip_prefix("<![CDATA[")
+        .and_then(|inner| inner.strip_suffix("]]>"))
+    {
+        Some(inner) => inner.replace("]]]]><![CDATA[>", "]]>"),
+        None => text
+            .replace("&lt;", "<")
+            .replace("&gt;", ">")
+            .replace("&quot;", "\"")
+            .replace("&apos;", "'")
+            .replace("&amp;", "&"),
+    }
+}
+
+/// Label table as XML, for writing.
+pub(crate) fn table<'a>(names: impl Iterator<Item = (i64, &'a str)>) -> String {
+    let mut xml = String::from(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<CaretExtension>\n<VolumeInformation Index=\"0\">\n<LabelTable>\n",
+    );
+    for (value, name) in names {
+        let name = name.replace("]]>", "]]]]><![CDATA[>");
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            xml,
+            "<Label Key=\"{value}\" Red=\"1\" Green=\"1\" Blue=\"1\" Alpha=\"1\"><![CDATA[{name}]]></Label>"
+        );
+    }
+    xml.push_str(
+        "</LabelTable>\n<VolumeType><![CDATA[Label]]></VolumeType>\n</VolumeInformation>\n</CaretExtension>\n",
+    );
+    xml
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn keys_become_segments() {
+        let keys = [
+            ("Segment0_ID", "Segment_1"),
+            ("Segment0_Name", "ribs: all"),
+            ("Segment0_LabelValue", "7"),
+            ("Segment1_ID", "only_id"),
+            ("Segment1_Layer", "2"),
+            ("Segmentation_Foo", "x"),
+            ("Segment2_Layer", "2"),
+        ];
+        let read = segments(&keys.map(|(key, value)| (key.to_owned(), value.to_owned())));
+        let expected = [
+            ((0, 7), Some("ribs: all".to_owned())),
+            ((2, 1), Some("only_id".to_owned())),
+        ];
+        assert_eq!(read, BTreeMap::from(expected));
+    }
+
+    #[test]
+    fn names_come_back_from_the_table() {
+        let names = [(1, "liver"), (-4, "a < b & \"c\""), (9, "odd ]]> name")];
+        let read = label_names(&table(names.into_iter()));
+        assert_eq!(
+            read,
+            BTreeMap::from(names.map(|(value, name)| (value, name.to_owned())))
+        );
+    }
+
+    #[test]
+    fn entities_and_broken_tables() {
+        assert_eq!(label_names("<Label Key=\"2\">a &amp;lt; b</Label>")[&2], "a &lt; b");
+        assert!(label_names("<Label Key=\"2\"").is_empty());
+        assert!(label_names("<Label Key=\"two\">x</Label>").is_empty());
+        assert!(label_names("<Label Key=\"2\">no end").is_empty());
+    }
 }

@@ -9,10 +9,10 @@ use flate2::bufread::GzDecoder;
 use nalgebra::{Matrix3x4, Quaternion, UnitQuaternion, Vector3};
 use nifti::{Endianness, NiftiHeader};
 
+use super::data;
 use super::element::{ByteOrder, Element, Scale};
 use super::error::{At, VolumeError, quoted};
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
-use super::{caret, data};
 use crate::read;
 
 /// Size of the header proper, bytes (`nifti1.h`: `sizeof_hdr`).
@@ -69,35 +69,7 @@ fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: Volu
 pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> Result<Header, VolumeError> {
     let mut start = Vec::with_capacity(EXTENSIONS_START);
     take(path, &mut reader, EXTENSIONS_START as u64, &mut start)?;
-    if [540i32.to_le_bytes(), 540i32.to_be_bytes()]
-        .iter()
-        .any(|size| start.starts_with(size))
-    {
-        let instead = "NIfTI-1, NRRD and MetaImage are read";
-        return Err(VolumeError::unsupported(path, At::Byte(0), "NIfTI-2", instead));
-    }
-    if start.len() < HEADER_BYTES {
-        let found = format!("the end of the file after {} bytes", start.len());
-        let expected = format!("a NIfTI-1 header of {HEADER_BYTES} bytes");
-        return Err(VolumeError::malformed(
-            path,
-            At::Byte(start.len() as u64),
-            found,
-            expected,
-        ));
-    }
-    if !is_header(&start) {
-        let found = quoted(&String::from_utf8_lossy(&start[..16]));
-        let expected = "a NIfTI-1 header (of files gzipped as a whole, only NIfTI-1 is read)";
-        return Err(VolumeError::malformed(path, At::Byte(0), found, expected));
-    }
-    let magic = &start[344..HEADER_BYTES];
-    let attached = magic == b"n+1\0";
-    if !attached && magic != b"ni1\0" {
-        let found = format!("magic {:?}", String::from_utf8_lossy(magic).trim_end_matches('\0'));
-        let expected = "\"n+1\" or \"ni1\" (an Analyze 7.5 header has none)";
-        return Err(VolumeError::malformed(path, AT_MAGIC, found, expected));
-    }
+    let attached = is_attached(path, &start)?;
     let raw = NiftiHeader::from_reader(&start[..HEADER_BYTES])
         .map_err(|cause| VolumeError::malformed(path, At::Byte(0), cause.to_string(), "a NIfTI-1 header"))?;
     if raw.sizeof_hdr != HEADER_BYTES as i32 {
@@ -147,6 +119,40 @@ pub(crate) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> R
         names,
         warnings,
     })
+}
+
+/// Whether the data follow the header in the same file; an error if it is no header of NIfTI-1.
+fn is_attached(path: &Path, start: &[u8]) -> Result<bool, VolumeError> {
+    if [540i32.to_le_bytes(), 540i32.to_be_bytes()]
+        .iter()
+        .any(|size| start.starts_with(size))
+    {
+        let instead = "NIfTI-1, NRRD and MetaImage are read";
+        return Err(VolumeError::unsupported(path, At::Byte(0), "NIfTI-2", instead));
+    }
+    if start.len() < HEADER_BYTES {
+        let found = format!("the end of the file after {} bytes", start.len());
+        let expected = format!("a NIfTI-1 header of {HEADER_BYTES} bytes");
+        return Err(VolumeError::malformed(
+            path,
+            At::Byte(start.len() as u64),
+            found,
+            expected,
+        ));
+    }
+    if !is_header(start) {
+        let found = quoted(&String::from_utf8_lossy(&start[..16]));
+        let expected = "a NIfTI-1 header (of files gzipped as a whole, only NIfTI-1 is read)";
+        return Err(VolumeError::malformed(path, At::Byte(0), found, expected));
+    }
+    let magic = &start[344..HEADER_BYTES];
+    let attached = magic == b"n+1\0";
+    if !attached && magic != b"ni1\0" {
+        let found = format!("magic {:?}", String::from_utf8_lossy(magic).trim_end_matches('\0'));
+        let expected = "\"n+1\" or \"ni1\" (an Analyze 7.5 header has none)";
+        return Err(VolumeError::malformed(path, AT_MAGIC, found, expected));
+    }
+    Ok(attached)
 }
 
 fn take(path: &Path, reader: &mut impl Read, length: u64, out: &mut Vec<u8>) -> Result<(), VolumeError> {
@@ -330,12 +336,13 @@ fn label_names(mut bytes: &[u8], endianness: Endianness, warnings: &mut Vec<Stri
             break;
         }
         // Some writers give their XML the code of a plain comment, so it is identified by its content.
-        names.append(&mut caret::label_names(&String::from_utf8_lossy(&bytes[8..length])));
+        names.append(&mut super::names::label_names(&String::from_utf8_lossy(
+            &bytes[8..length],
+        )));
         bytes = &bytes[length..];
     }
     names
 }
 
 #[cfg(test)]
-#[path = "nifti_tests.rs"]
 mod tests;

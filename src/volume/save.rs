@@ -10,8 +10,8 @@ use flate2::write::{GzEncoder, ZlibEncoder};
 
 use super::element::Element;
 use super::error::{At, VolumeError};
-use super::{Label, LabelVolume, caret, names, nifti};
-use crate::output::atomic;
+use super::{Label, LabelVolume, names, nifti};
+use crate::output::{OutputError, atomic};
 
 /// Number of voxels encoded at a time.
 const CHUNK: usize = 64 << 10;
@@ -193,7 +193,7 @@ fn save_metaimage(volume: &LabelVolume, path: &Path) -> Result<(), VolumeError> 
     let mut packed = ZlibEncoder::new(Vec::new(), Compression::default());
     let packed = write_voxels(volume, element, &mut packed)
         .and_then(|()| packed.finish())
-        .map_err(|cause| atomic::WriteError::new(path, cause))?;
+        .map_err(|cause| OutputError::write(path, cause))?;
     let world = volume.index_to_world();
     let spacing = volume.spacing_mm();
     let cosines: Vec<String> = (0..9)
@@ -230,11 +230,11 @@ fn save_nifti(volume: &LabelVolume, path: &Path, gzipped: bool) -> Result<(), Vo
         })?
         .to_vec();
     if named(volume).next().is_some() {
-        let xml = caret::table(named(volume));
+        let xml = names::table(named(volume));
         let length = (xml.len() + 8).next_multiple_of(16);
         start[nifti::HEADER_BYTES] = 1;
         start.extend_from_slice(&(length as i32).to_le_bytes());
-        start.extend_from_slice(&caret::EXTENSION_CODE.to_le_bytes());
+        start.extend_from_slice(&names::EXTENSION_CODE.to_le_bytes());
         start.extend_from_slice(xml.as_bytes());
         start.resize(nifti::EXTENSIONS_START + length, 0);
     }
@@ -299,5 +299,4 @@ fn nifti_header(volume: &LabelVolume, element: Element) -> Option<[u8; nifti::EX
 }
 
 #[cfg(test)]
-#[path = "save_tests.rs"]
 mod tests;

@@ -15,7 +15,7 @@ mod vessels;
 use nalgebra::{Matrix3, Point3, Vector3};
 use rayon::prelude::*;
 
-use super::{InvalidVolume, Label, LabelVolume};
+use super::{Label, LabelVolume, VolumeError};
 use crate::random::noise::Noise;
 use crate::tissue::known;
 use organ::Organ;
@@ -61,8 +61,8 @@ struct Drawing<'a> {
 /// Draws structures into the organs of a completed volume.
 ///
 /// # Errors
-/// [`InvalidVolume::TooManyLabels`] if 256 labels do not suffice.
-pub fn add(volume: &LabelVolume) -> Result<Structured, InvalidVolume> {
+/// [`VolumeError::TooManyLabels`] if 256 labels do not suffice.
+pub fn add(volume: &LabelVolume) -> Result<Structured, VolumeError> {
     let mut drawing = Drawing {
         volume,
         voxels: volume.voxels().to_vec(),

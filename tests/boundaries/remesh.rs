@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use insonify::gpu::Access;
-use insonify::remesh_gpu::passes::{ALL, Params, SHADER};
 use insonify::remesh_gpu::tiles::SIDE;
+use insonify::remesh_gpu::tiles::{ALL, Params, SHADER};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 
-use crate::shaders::block_of;
+use super::shaders::block_of;
 
 fn parse() -> (Module, ModuleInfo) {
     let module =

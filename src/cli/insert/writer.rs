@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
-use crate::output::atomic::WriteError;
+use crate::output::OutputError;
 use crate::output::gif::Preview;
 use crate::output::{numbered, png};
+use crate::report::plot::SIZE;
 use crate::scenario::record::{PLOTS, Record};
 use crate::scenario::run::{Deformed, Moment, Observer, Requests, Step};
 use crate::scenario::{Scenario, Summary};
-use crate::study::plot::SIZE;
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -63,7 +63,7 @@ struct Rendering<'a> {
 impl<'a> Writer<'a> {
     pub fn new(scenario: &'a Scenario, folder: &Path, asked: Requests) -> Result<Self, Failure> {
         let path = folder.join("steps.csv");
-        let wrong = |cause| WriteError::new(&path, cause);
+        let wrong = |cause| OutputError::write(&path, cause);
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
         let record = Record::new(scenario);
         record.head(&mut steps).map_err(wrong)?;
@@ -119,7 +119,7 @@ impl<'a> Writer<'a> {
     pub fn finish(mut self, title: &str, summary: &Summary, report: &impl Serialize) -> Result<(), Failure> {
         self.bar.finish_and_clear();
         let path = self.folder.join("steps.csv");
-        self.steps.flush().map_err(|cause| WriteError::new(&path, cause))?;
+        self.steps.flush().map_err(|cause| OutputError::write(&path, cause))?;
         if let Some(frames) = self.frames {
             frames.output.map_or(Ok(()), Output::finish)?;
             frames.preview.map_or(Ok(()), Preview::finish)?;
@@ -177,7 +177,7 @@ impl Observer for Writer<'_> {
     fn step(&mut self, step: &Step<'_>) -> Result<(), Failure> {
         self.record
             .step(step, &mut self.steps)
-            .map_err(|cause| WriteError::new(&self.folder.join("steps.csv"), cause))?;
+            .map_err(|cause| OutputError::write(&self.folder.join("steps.csv"), cause))?;
         self.bar
             .set_position(terminal::SHARES * step.number / self.scenario.timing.steps);
         Ok(())
@@ -211,6 +211,6 @@ impl Observer for Writer<'_> {
 
 /// Creates a folder if it is missing.
 fn make(folder: &Path) -> Result<PathBuf, Failure> {
-    fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
+    fs::create_dir_all(folder).map_err(|cause| OutputError::write(folder, cause))?;
     Ok(folder.to_owned())
 }

@@ -10,6 +10,7 @@ use clap::Args;
 
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
+use crate::cli::variants::variants;
 use report::Report;
 
 const NOTES: &str = "\
@@ -25,7 +26,7 @@ pub struct Info {
     #[arg(value_name = "FILE")]
     file: PathBuf,
     /// Length unit of the coordinates
-    #[arg(long, value_enum, default_value = "mm")]
+    #[arg(long, value_parser = variants::<Unit>(), default_value = "mm")]
     unit: Unit,
     /// Cell array with the region numbers (of Gmsh: `gmsh:physical` or `gmsh:geometrical`); by default the first of
     /// `region`, `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds`

@@ -18,6 +18,7 @@ use crate::cli::failure::Failure;
 use crate::cli::input::NamesArg;
 use crate::cli::output::Force;
 use crate::cli::terminal;
+use crate::cli::variants::variants;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -52,7 +53,7 @@ pub struct Make {
     #[command(flatten)]
     names: NamesArg,
     /// A built-in phantom in place of a file
-    #[arg(long, value_name = "NAME", value_enum)]
+    #[arg(long, value_name = "NAME", value_parser = variants::<Phantom>())]
     phantom: Option<Phantom>,
     /// Maximum number of nodes; the mesh has nearly as many
     #[arg(long, value_name = "N")]

@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use crate::quality::{Costs, Picked, grid, pick};
+use crate::report::statistics::Spread;
 use crate::scenario::Scenario;
 use crate::scene::Scene;
-use crate::study::spread::Spread;
 use crate::synth::FrameState;
 use nalgebra::Matrix4;
 

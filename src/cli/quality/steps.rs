@@ -126,7 +126,9 @@ fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, F
     let found = watched(|progress| {
         progress("trying an insertion", 0.0);
         let scenario = file.resolve(folder, |_| {})?;
-        Ok::<_, Failure>(scenario.trial(budget_ms, PATIENCE, |share| progress("trying an insertion", share))?)
+        let mut model = scenario.model(|_, _| {})?;
+        let told = |share| progress("trying an insertion", share);
+        Ok::<_, Failure>(scenario.trial(model.as_mut(), budget_ms, PATIENCE, told)?)
     })?;
     let Trial {
         steps,

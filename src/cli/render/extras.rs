@@ -10,12 +10,12 @@ use crate::synth::layers::Layer;
 use crate::tracking::needle::NeedlePose;
 use crate::tracking::pose::Pose;
 use clap::Args;
-use clap::ValueEnum;
 use clap::builder::{PossibleValue, PossibleValuesParser};
 use serde_json::json;
 
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
+use crate::cli::variants::{named, names};
 
 /// Former names of layers, and their replacements.
 const EARLIER: [(&str, Layer); 2] = [("labels", Layer::LabelValue), ("shadowed", Layer::Loss)];
@@ -38,9 +38,8 @@ pub struct Extras {
 }
 
 fn layer_names() -> PossibleValuesParser {
-    let layers = Layer::value_variants().iter();
     let earlier = EARLIER.iter().map(|(name, _)| PossibleValue::new(*name).hide(true));
-    PossibleValuesParser::new(layers.filter_map(ValueEnum::to_possible_value).chain(earlier))
+    PossibleValuesParser::new(names::<Layer>().into_iter().chain(earlier))
 }
 
 impl Extras {
@@ -49,7 +48,7 @@ impl Extras {
         let mut layers = Vec::new();
         for name in &self.names {
             let earlier = EARLIER.iter().find(|(earlier, _)| earlier == name);
-            let layer = earlier.map(|(_, layer)| *layer).or(Layer::from_str(name, false).ok());
+            let layer = earlier.map(|(_, layer)| *layer).or(named(name));
             layers.extend(layer.filter(|layer| !layers.contains(layer)));
         }
         layers

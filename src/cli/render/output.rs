@@ -5,9 +5,9 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::output::atomic::{self, WriteError};
 use crate::output::sequence::{FrameInfo, SequenceWriter, transforms};
 use crate::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
+use crate::output::{OutputError, atomic};
 use crate::output::{overlay, png};
 use crate::scene::Scene;
 use crate::synth::layers::Layer;
@@ -70,7 +70,7 @@ impl<'a> Output<'a> {
             _ => None,
         };
         if let Some(folder) = folder {
-            fs::create_dir_all(folder).map_err(|cause| WriteError::new(folder, cause))?;
+            fs::create_dir_all(folder).map_err(|cause| OutputError::write(folder, cause))?;
         }
         let (mut images, mut masks) = (None, Vec::new());
         if let Target::Sequence(path, _) = &target {

@@ -6,7 +6,6 @@ use crate::output::folder::{Folder, MANIFEST};
 use crate::output::png;
 use crate::output::sidecar::Sidecar;
 use crate::synth::layers::Layer;
-use clap::ValueEnum;
 
 use super::extras::Extras;
 use super::output::PARAMETERS;
@@ -37,7 +36,7 @@ impl Place {
         };
         let layers_beside = match target {
             Target::Folder(_) => &[],
-            _ => Layer::value_variants(),
+            _ => &Layer::ALL[..],
         };
         for layer in layers_beside {
             sort(png::layer_path(&path, layer.name()), layers.contains(layer));

@@ -30,7 +30,7 @@ pub const DISPLACEMENT: &str = "displacement";
 const BYTES_PER_ELEMENT: u64 = 256;
 
 /// Unit of length of the coordinates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Unit {
     /// A millimetre.

@@ -1,7 +1,7 @@
 use super::*;
 
 /// Simulates a command that writes these files with `mark` as contents.
-fn run(target: &Path, mark: &str, files: &[&str], force: bool) -> Result<(), PlaceError> {
+fn run(target: &Path, mark: &str, files: &[&str], force: bool) -> Result<(), OutputError> {
     let folder = Folder::open(target, "render", &["frame_", "plots/a.svg"], &[], force)?;
     for name in files {
         let path = folder.path().join(name);
@@ -39,7 +39,7 @@ fn a_run_replaces_the_run_before_and_nothing_else() {
     fs::write(target.join("frame_0009.png"), "mine").unwrap();
     let refused = run(&target, "3", &["frame_0000.png"], false).unwrap_err();
     assert!(
-        matches!(&refused, PlaceError::Taken { path } if path.ends_with("frame_0009.png")) && !refused.is_machine(),
+        matches!(&refused, OutputError::Taken { path } if path.ends_with("frame_0009.png")) && !refused.is_machine(),
         "{refused}"
     );
     run(&target, "3", &["frame_0009.png"], true).unwrap();
@@ -73,7 +73,7 @@ fn a_run_that_cannot_be_installed_is_kept() {
     // Created by someone else during the run.
     fs::write(root.path().join("b"), "mine").unwrap();
     let error = folder.install().unwrap_err();
-    let PlaceError::Kept { path, moved: 0, .. } = &error else {
+    let OutputError::Kept { path, moved: 0, .. } = &error else {
         panic!("{error}")
     };
     assert!(
@@ -93,7 +93,7 @@ fn lists_that_are_not_ours_and_names_that_lead_out_are_not_followed() {
     for text in ["my own", "{\"files\": []}", "\u{0}"] {
         fs::write(target.join(MANIFEST), text).unwrap();
         let refused = run(&target, "1", &["a"], false);
-        assert!(matches!(refused, Err(PlaceError::Taken { .. })), "{refused:?}");
+        assert!(matches!(refused, Err(OutputError::Taken { .. })), "{refused:?}");
     }
     let absolute = root.path().join("precious");
     #[cfg(unix)]
@@ -118,7 +118,7 @@ fn inputs_of_a_run_are_not_replaced() {
     let open = |names: &[&str], input: &str, force| {
         Folder::open(root.path(), "render", names, &[root.path().join(input)], force).map(drop)
     };
-    assert!(matches!(open(&[], "mesh_0.vtu", false), Err(PlaceError::Input { .. })));
+    assert!(matches!(open(&[], "mesh_0.vtu", false), Err(OutputError::Input { .. })));
     open(&[], "mesh_0.vtu", true).unwrap();
     fs::write(root.path().join("mine.vtu"), "mine").unwrap();
     open(&["other.vtu"], "mine.vtu", false).unwrap();

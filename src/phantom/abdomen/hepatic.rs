@@ -2,7 +2,7 @@
 
 use super::l;
 use super::wall::{CAVITY_MM, diaphragm, skin_depth};
-use super::{Noise, Over, Painting, Point, Uneven, kidney};
+use super::{Noise, Over, Painting, Point, Uneven};
 use crate::phantom::geometry::{Bounds, Ellipsoid, Shape, Solid, Tube, path, smooth_max};
 use crate::phantom::vessels::Growth;
 
@@ -26,7 +26,7 @@ fn liver(p: &Point) -> f64 {
         smooth_max(smooth_max(from_behind, far_back, 14.0), from_left, 14.0),
         14.0,
     );
-    smooth_max(lobe, 5.0 - kidney::OUTLINE.distance(p), 4.0)
+    smooth_max(lobe, 5.0 - super::KIDNEY.distance(p), 4.0)
 }
 
 /// Adds the liver and its structures, then the great vessels.
@@ -101,6 +101,64 @@ fn gallbladder() -> Vec<Tube> {
     )
 }
 
+fn hepatic_trunks() -> [Vec<Tube>; 3] {
+    [
+        path(
+            &[
+                ([-22.0, 14.0, 66.0], 7.0),
+                ([-48.0, 14.0, 60.0], 6.0),
+                ([-74.0, 16.0, 44.0], 5.2),
+            ],
+            3,
+        ),
+        path(
+            &[
+                ([-22.0, 10.0, 66.0], 6.5),
+                ([-36.0, -8.0, 58.0], 5.6),
+                ([-50.0, -22.0, 42.0], 5.0),
+            ],
+            3,
+        ),
+        path(
+            &[
+                ([-18.0, 8.0, 64.0], 5.5),
+                ([-4.0, -14.0, 56.0], 4.8),
+                ([10.0, -30.0, 48.0], 4.2),
+            ],
+            3,
+        ),
+    ]
+}
+
+fn portal_trunks() -> [Vec<Tube>; 3] {
+    [
+        path(
+            &[
+                ([-46.0, 1.0, 20.0], 5.6),
+                ([-62.0, 6.0, 22.0], 5.0),
+                ([-78.0, 12.0, 16.0], 4.4),
+            ],
+            3,
+        ),
+        path(
+            &[
+                ([-46.0, 1.0, 20.0], 5.0),
+                ([-58.0, -12.0, 10.0], 4.6),
+                ([-72.0, -30.0, 4.0], 4.2),
+            ],
+            3,
+        ),
+        path(
+            &[
+                ([-44.0, 1.0, 18.0], 4.8),
+                ([-24.0, -12.0, 28.0], 4.4),
+                ([-2.0, -20.0, 36.0], 4.0),
+            ],
+            3,
+        ),
+    ]
+}
+
 /// Venous trees of the liver.
 struct Trees {
     hepatic: Vec<Tube>,
@@ -109,32 +167,7 @@ struct Trees {
 
 impl Trees {
     fn grow(seed: u64, organ: &dyn Fn(&Point) -> f64, lesion: &Tube, gallbladder: &[Tube]) -> Self {
-        let hepatic_trunks = [
-            path(
-                &[
-                    ([-22.0, 14.0, 66.0], 7.0),
-                    ([-48.0, 14.0, 60.0], 6.0),
-                    ([-74.0, 16.0, 44.0], 5.2),
-                ],
-                3,
-            ),
-            path(
-                &[
-                    ([-22.0, 10.0, 66.0], 6.5),
-                    ([-36.0, -8.0, 58.0], 5.6),
-                    ([-50.0, -22.0, 42.0], 5.0),
-                ],
-                3,
-            ),
-            path(
-                &[
-                    ([-18.0, 8.0, 64.0], 5.5),
-                    ([-4.0, -14.0, 56.0], 4.8),
-                    ([10.0, -30.0, 48.0], 4.2),
-                ],
-                3,
-            ),
-        ];
+        let (hepatic_trunks, portal_trunks) = (hepatic_trunks(), portal_trunks());
         let main_portal = path(
             &[
                 ([-2.0, 8.0, -28.0], 6.5),
@@ -144,32 +177,6 @@ impl Trees {
             ],
             4,
         );
-        let portal_trunks = [
-            path(
-                &[
-                    ([-46.0, 1.0, 20.0], 5.6),
-                    ([-62.0, 6.0, 22.0], 5.0),
-                    ([-78.0, 12.0, 16.0], 4.4),
-                ],
-                3,
-            ),
-            path(
-                &[
-                    ([-46.0, 1.0, 20.0], 5.0),
-                    ([-58.0, -12.0, 10.0], 4.6),
-                    ([-72.0, -30.0, 4.0], 4.2),
-                ],
-                3,
-            ),
-            path(
-                &[
-                    ([-44.0, 1.0, 18.0], 4.8),
-                    ([-24.0, -12.0, 28.0], 4.4),
-                    ([-2.0, -20.0, 36.0], 4.0),
-                ],
-                3,
-            ),
-        ];
         let mut avoid = vec![*lesion];
         avoid.extend(gallbladder);
         avoid.extend(hepatic_trunks.iter().flatten());

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3, Translation3, Unit, UnitQuaternion, Vector3};
 
 use crate::mechanics::insertion::{Outcome, Wrench};
-use crate::simulator::{Damper, Guided, Haptic, HoldOptions, HoleError, LateralHold, Options, TwoPoints};
+use crate::simulator::{Damper, Guided, Haptic, HoldOptions, LateralHold, Options, SimulatorError, TwoPoints};
 use crate::tracking::template::Template;
 
 use super::{Fake, instruments, patient};
@@ -233,7 +233,7 @@ fn a_hole_is_chosen_outside_alone() {
     };
     assert_eq!(
         guided.choose("C2", &outcome),
-        Err(HoleError::Inserted { inserted_mm: 12.5 })
+        Err(SimulatorError::Inserted { inserted_mm: 12.5 })
     );
     assert_eq!(guided.hole_mm(), Point3::new(10.0, 20.0, -50.0));
     outcome.inserted_mm = 0.0;

@@ -10,7 +10,7 @@ use crate::mechanics::insertion::{Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::scene::SceneFile;
 use crate::simulator::seeds::Seeds;
-use crate::simulator::{Haptic, InvalidImaging, Simulator};
+use crate::simulator::{Haptic, Simulator};
 use crate::study::parity::Case;
 use crate::synth::{Backend, FrameState, Synthesizer};
 
@@ -129,7 +129,9 @@ fn another_mesh_is_refused() {
     let (synthesizer, _, mesh) = scene(true);
     let found = mesh.as_ref().map_or(0, |mesh| mesh.elements().len());
     let refused = Simulator::new(Box::new(Fake::default()), synthesizer, 1.27, patient());
-    assert_eq!(refused.err(), Some(InvalidImaging::Elements { found, expected: 0 }));
+    let text = refused.err().map(|error| error.to_string());
+    let expected = format!("the imaged mesh has {found} elements; expected the 0 of the tissue model");
+    assert_eq!(text, Some(expected));
     let (synthesizer, ..) = scene(true);
     let refused = Simulator::new(
         Box::new(Fake {
@@ -140,7 +142,11 @@ fn another_mesh_is_refused() {
         0.0,
         patient(),
     );
-    assert_eq!(refused.err(), Some(InvalidImaging::Diameter { found: 0.0 }));
+    let text = refused.err().map(|error| error.to_string());
+    assert_eq!(
+        text.as_deref(),
+        Some("`needle_diameter_mm` is 0; expected a finite number above 0")
+    );
 }
 
 #[test]

@@ -4,7 +4,6 @@ use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use clap::ValueEnum;
 use image::{ImageFormat, ImageReader, Limits};
 
 use crate::output::sidecar::Sidecar;
@@ -72,7 +71,7 @@ fn has_ending(path: &Path, ending: &str) -> bool {
 /// Lists the PNG files of a folder by name, without layers and overviews.
 fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
-    let beside: Vec<String> = Layer::value_variants()
+    let beside: Vec<String> = Layer::ALL
         .iter()
         .map(|layer| format!("_{}", layer.name()))
         .chain(["_overview".to_owned()])

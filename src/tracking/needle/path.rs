@@ -2,9 +2,11 @@
 
 use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 
-use super::{BendingConstraint, InvalidNeedle, NeedlePose, unit};
-use crate::tracking::pose::{InvalidPose, Pose};
-use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory, TrajectoryError};
+use super::{BendingConstraint, NeedlePose};
+use crate::tracking::TrackingError;
+use crate::tracking::error::within;
+use crate::tracking::pose::{Pose, unit};
+use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory};
 
 /// A moving needle: the path of its tip, whose frame has the y axis along the needle, and its constant properties.
 ///
@@ -27,7 +29,7 @@ struct Entry {
 
 impl NeedlePath {
     /// Creates a straight needle of a length and diameter (mm) whose tip follows a trajectory.
-    pub fn new(tip: Trajectory, length_mm: f64, diameter_mm: f64) -> Result<Self, InvalidNeedle> {
+    pub fn new(tip: Trajectory, length_mm: f64, diameter_mm: f64) -> Result<Self, TrackingError> {
         NeedlePose::straight(Point3::origin(), Vector3::y(), length_mm, diameter_mm)?;
         Ok(Self {
             tip,
@@ -43,12 +45,12 @@ impl NeedlePath {
         constraint: BendingConstraint,
         entry_mm: Point3<f64>,
         entry_direction: Vector3<f64>,
-    ) -> Result<Self, InvalidNeedle> {
+    ) -> Result<Self, TrackingError> {
         constraint.validate()?;
         self.entry = Some(Entry {
             constraint,
             point: super::point("entry_mm", entry_mm.into())?,
-            direction: unit("entry_direction", entry_direction)?,
+            direction: unit("needle", "entry_direction", entry_direction)?,
         });
         Ok(self)
     }
@@ -57,14 +59,14 @@ impl NeedlePath {
     pub fn tip_trajectory(
         keys: &[(f64, Point3<f64>, Vector3<f64>)],
         interpolation: Interpolation,
-    ) -> Result<Trajectory, TrajectoryError> {
+    ) -> Result<Trajectory, TrackingError> {
         let mut poses: Vec<(f64, Pose)> = Vec::with_capacity(keys.len());
         for (index, &(time_s, tip, direction)) in keys.iter().enumerate() {
-            let pose: Result<Pose, InvalidPose> = match poses.last() {
+            let pose: Result<Pose, TrackingError> = match poses.last() {
                 Some((_, previous)) => previous.turned_to(tip, direction),
                 None => Pose::from_direction(tip, direction, None),
             };
-            poses.push((time_s, pose.map_err(|source| TrajectoryError::Pose { index, source })?));
+            poses.push((time_s, pose.map_err(|error| error.of_keyframe(index))?));
         }
         Trajectory::from_keys(poses, interpolation)
     }
@@ -78,13 +80,11 @@ impl NeedlePath {
         shaft_axis: Vector3<f64>,
         tracker_to_world: &Matrix4<f64>,
         interpolation: Interpolation,
-    ) -> Result<Trajectory, TrajectoryError> {
-        let axis = Unit::try_new(shaft_axis, 1e-9).ok_or(TrajectoryError::Pose {
-            index: 0,
-            source: InvalidPose::Vector {
-                key: "shaft_axis",
-                found: shaft_axis.into(),
-            },
+    ) -> Result<Trajectory, TrackingError> {
+        let axis = Unit::try_new(shaft_axis, 1e-9).ok_or_else(|| {
+            let found = <[f64; 3]>::from(shaft_axis);
+            let expected = "expected finite numbers that are not all zero";
+            TrackingError::at("shaft_axis", format!("pose key `shaft_axis` is {found:?}; {expected}")).of_keyframe(0)
         })?;
         let turn = Rotation3::rotation_between(&Vector3::y(), &axis)
             .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
@@ -112,6 +112,36 @@ impl NeedlePath {
         match &self.entry {
             Some(entry) => entry.constraint.constrain(&measured, entry.point, &entry.direction),
             None => measured,
+        }
+    }
+}
+
+// Bending constraint of a tracked needle.
+
+impl BendingConstraint {
+    /// Checks every number against its documented range.
+    pub fn validate(&self) -> Result<(), TrackingError> {
+        let mut numbers = self.ranges().into_iter();
+        numbers.try_for_each(|(key, found, range)| within("needle", key, found, range))
+    }
+
+    /// Returns the constrained shape of a needle whose straight measured pose enters at `entry_mm`: from the measured hub to
+    /// the entry point, then along the constrained direction for the remaining length. A needle too short to reach the entry
+    /// point, or with its hub on it, is left as measured.
+    pub fn constrain(
+        &self,
+        measured: &NeedlePose,
+        entry_mm: Point3<f64>,
+        entry_direction: &Unit<Vector3<f64>>,
+    ) -> NeedlePose {
+        let outside = (entry_mm - measured.hub_mm()).norm();
+        let inserted = measured.length_mm() - outside;
+        let direction = self.direction(entry_direction, &measured.direction(), inserted);
+        let nodes = vec![measured.hub_mm(), entry_mm, entry_mm + direction.scale(inserted)];
+        if inserted > 0.0 {
+            NeedlePose::bent(nodes, measured.diameter_mm()).unwrap_or_else(|_| measured.clone())
+        } else {
+            measured.clone()
         }
     }
 }
@@ -149,7 +179,14 @@ mod tests {
             assert!((needle.tip_mm() - Point3::new(15.0, 0.0, 0.0)).norm() < 1e-12);
         }
         let zero = NeedlePath::tip_from_tracked(&frames, &shift, Vector3::zeros(), &shift, Interpolation::Linear);
-        assert!(matches!(zero, Err(TrajectoryError::Pose { .. })));
+        assert!(matches!(
+            zero,
+            Err(TrackingError::Keyframe {
+                index: 0,
+                key: Some("shaft_axis"),
+                ..
+            })
+        ));
     }
 
     #[test]
@@ -167,7 +204,10 @@ mod tests {
         let still = Trajectory::fixed(Pose::identity());
         assert!(matches!(
             NeedlePath::new(still.clone(), f64::NAN, 1.0),
-            Err(InvalidNeedle::OutOfRange { key: "length_mm", .. })
+            Err(TrackingError::Value {
+                key: Some("length_mm"),
+                ..
+            })
         ));
         let path = NeedlePath::new(still, 100.0, 1.0).expect("needle");
         let nowhere = path.constrained(
@@ -175,8 +215,37 @@ mod tests {
             Point3::new(f64::NAN, 0.0, 0.0),
             Vector3::y(),
         );
-        assert!(matches!(nowhere, Err(InvalidNeedle::Point { key: "entry_mm", .. })));
+        assert!(matches!(
+            nowhere,
+            Err(TrackingError::Value {
+                key: Some("entry_mm"),
+                ..
+            })
+        ));
         let nan = [(0.0, Point3::origin(), Vector3::new(f64::NAN, 0.0, 0.0))];
         assert!(NeedlePath::tip_trajectory(&nan, Interpolation::Linear).is_err());
+    }
+
+    #[test]
+    fn the_constrained_shaft_passes_the_entry_point_and_keeps_its_length() {
+        let constraint = BendingConstraint::default();
+        let measured = NeedlePose::straight(Point3::new(40.0, 100.0, 0.0), Vector3::new(0.4, 1.0, 0.0), 200.0, 1.0);
+        let measured = measured.expect("needle");
+        let entry = Point3::new(0.0, 0.0, 0.0);
+        let bent = constraint.constrain(&measured, entry, &Vector3::y_axis());
+        assert_eq!(bent.nodes_mm().len(), 3);
+        assert_eq!((bent.hub_mm(), bent.nodes_mm()[1]), (measured.hub_mm(), entry));
+        assert!((bent.length_mm() - 200.0).abs() < 1e-9);
+        let far = constraint.constrain(&measured, Point3::new(0.0, 500.0, 0.0), &Vector3::y_axis());
+        assert_eq!(far, measured);
+    }
+
+    #[test]
+    fn ranges_are_checked() {
+        let read = |text: &str| toml::from_str::<BendingConstraint>(text).expect(text);
+        assert_eq!(read(""), BendingConstraint::default());
+        assert!(read("max_weight = 1.5").validate().is_err());
+        assert!(read("delta_mm = nan").validate().is_err());
+        assert!(toml::from_str::<BendingConstraint>("alpha = 60").is_err());
     }
 }

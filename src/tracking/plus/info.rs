@@ -7,7 +7,8 @@ use serde::Serialize;
 
 use super::PlusConfig;
 use crate::text;
-use crate::tracking::calibration::{Calibration, CalibrationError};
+use crate::tracking::TrackingError;
+use crate::tracking::calibration::Calibration;
 use crate::tracking::matrix::Rows;
 use crate::tracking::probe::ProbeSpec;
 
@@ -61,7 +62,7 @@ impl PlusInfo {
     ///
     /// # Errors
     /// The errors of [`PlusConfig::read`].
-    pub fn read(path: &Path) -> Result<Self, CalibrationError> {
+    pub fn read(path: &Path) -> Result<Self, TrackingError> {
         let plus = PlusConfig::read(path)?;
         let (size, centre) = (plus.image_size, plus.array_centre_px());
         let mut warnings: Vec<String> = plus.two_centres().into_iter().collect();

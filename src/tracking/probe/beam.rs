@@ -1,6 +1,7 @@
 //! Beam space, scanlines by samples, and its mapping to and from the probe's plane.
 
-use super::{InvalidProbe, Probe, ProbeShape};
+use super::{Probe, ProbeShape};
+use crate::tracking::TrackingError;
 
 /// A scanline in the probe's x,y plane, mm.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,7 +51,7 @@ pub struct BeamGrid {
 
 impl BeamGrid {
     /// Lays out the scanlines of a valid probe: edge to edge inclusive, unmarked side first.
-    pub fn new(probe: &Probe) -> Result<Self, InvalidProbe> {
+    pub fn new(probe: &Probe) -> Result<Self, TrackingError> {
         probe.validate()?;
         let fan = |radius: f64, angle_deg: f64| Layout::Fan {
             radius,
@@ -241,6 +242,8 @@ mod tests {
 
     use super::super::tests::one_of_each;
     use super::*;
+    use crate::tracking::TrackingError;
+    use crate::tracking::TrackingError;
 
     #[test]
     fn the_middle_of_the_array_is_the_origin_and_rays_run_outwards() {

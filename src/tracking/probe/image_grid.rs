@@ -6,6 +6,7 @@ use nalgebra::Matrix4;
 use rayon::prelude::*;
 
 use super::{BeamGrid, Bounds};
+use crate::tracking::TrackingError;
 
 /// Value in [`scan_map`] for a pixel outside the sector. Inside it the line coordinate is never negative.
 pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
@@ -24,34 +25,10 @@ pub struct ImageGrid {
     origin_mm: [f64; 2],
 }
 
-/// Why an image grid is invalid.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidGrid {
-    /// The frame has no or too many pixels.
-    #[error("image size {width}x{height}; expected 1 to 16384 pixels a side")]
-    Size {
-        /// Requested width, pixels.
-        width: usize,
-        /// Requested height, pixels.
-        height: usize,
-    },
-    /// The margin leaves no room for the sector.
-    #[error("margin {0}; expected 0 to 0.45 of the image on each side")]
-    Margin(f64),
-    /// The pixels have zero size, or their position is not finite.
-    #[error("pixels in steps of {steps_mm:?} mm at origin {origin_mm:?} mm; expected finite numbers that span a plane")]
-    Place {
-        /// Steps of a column and of a row, mm.
-        steps_mm: [[f64; 2]; 2],
-        /// Centre of pixel (0, 0), mm.
-        origin_mm: [f64; 2],
-    },
-}
-
 impl ImageGrid {
     /// Creates a grid of `width` by `height` pixels of size `pixel_mm` whose pixel (0, 0) is centred at `origin_mm` in the
     /// probe's plane.
-    pub fn new(width: usize, height: usize, pixel_mm: f64, origin_mm: [f64; 2]) -> Result<Self, InvalidGrid> {
+    pub fn new(width: usize, height: usize, pixel_mm: f64, origin_mm: [f64; 2]) -> Result<Self, TrackingError> {
         Self::skewed(width, height, [[pixel_mm, 0.0], [0.0, pixel_mm]], origin_mm)
     }
 
@@ -62,9 +39,15 @@ impl ImageGrid {
         height: usize,
         steps_mm: [[f64; 2]; 2],
         origin_mm: [f64; 2],
-    ) -> Result<Self, InvalidGrid> {
+    ) -> Result<Self, TrackingError> {
         if !((1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height)) {
-            return Err(InvalidGrid::Size { width, height });
+            let key = if (1..=MAX_SIDE).contains(&height) {
+                "width"
+            } else {
+                "height"
+            };
+            let text = format!("image size {width}x{height}; expected 1 to 16384 pixels a side");
+            return Err(TrackingError::at(key, text));
         }
         let grid = Self {
             width,
@@ -74,16 +57,19 @@ impl ImageGrid {
         };
         let area = grid.area_mm2();
         if !(area.is_finite() && area > 0.0 && origin_mm.iter().all(|x| x.is_finite())) {
-            return Err(InvalidGrid::Place { steps_mm, origin_mm });
+            return Err(TrackingError::new(format!(
+                "pixels in steps of {steps_mm:?} mm at origin {origin_mm:?} mm; expected finite numbers that span a plane"
+            )));
         }
         Ok(grid)
     }
 
     /// Creates the largest view of the complete sector: centred laterally, its near edge at the top as on scanners, with
     /// a `margin` (fraction of the width and of the height, 0 to 0.45) on each side.
-    pub fn fit(beam: &BeamGrid, width: usize, height: usize, margin: f64) -> Result<Self, InvalidGrid> {
+    pub fn fit(beam: &BeamGrid, width: usize, height: usize, margin: f64) -> Result<Self, TrackingError> {
         if !(0.0..=0.45).contains(&margin) {
-            return Err(InvalidGrid::Margin(margin));
+            let text = format!("margin {margin}; expected 0 to 0.45 of the image on each side");
+            return Err(TrackingError::at("margin", text));
         }
         let Bounds { min, max } = beam.bounds_mm();
         let room = [width, height].map(|pixels| pixels as f64 * (1.0 - 2.0 * margin));
@@ -254,7 +240,7 @@ mod tests {
         let point = grid.image_to_probe() * nalgebra::Vector4::new(3.0, 5.0, 0.0, 1.0);
         assert!((point.x - x).abs() < 1e-12 && (point.y - y).abs() < 1e-12);
         let flat = ImageGrid::skewed(8, 6, [[0.2, 0.1], [0.4, 0.2]], [0.0; 2]);
-        assert!(matches!(flat, Err(InvalidGrid::Place { .. })));
+        assert!(matches!(flat, Err(TrackingError::Value { key: None, .. })));
     }
 
     #[test]
@@ -262,20 +248,35 @@ mod tests {
         let beam = BeamGrid::new(&one_of_each()[0]).expect("beam");
         assert!(matches!(
             ImageGrid::fit(&beam, 0, 5, 0.0),
-            Err(InvalidGrid::Size { .. })
+            Err(TrackingError::Value {
+                key: Some("width" | "height"),
+                ..
+            })
         ));
         assert!(matches!(
             ImageGrid::fit(&beam, 5, usize::MAX, 0.0),
-            Err(InvalidGrid::Size { .. })
+            Err(TrackingError::Value {
+                key: Some("width" | "height"),
+                ..
+            })
         ));
-        assert!(matches!(ImageGrid::fit(&beam, 5, 5, 0.5), Err(InvalidGrid::Margin(_))));
+        assert!(matches!(
+            ImageGrid::fit(&beam, 5, 5, 0.5),
+            Err(TrackingError::Value {
+                key: Some("margin"),
+                ..
+            })
+        ));
         assert!(matches!(
             ImageGrid::fit(&beam, 5, 5, f64::NAN),
-            Err(InvalidGrid::Margin(_))
+            Err(TrackingError::Value {
+                key: Some("margin"),
+                ..
+            })
         ));
         assert!(matches!(
             ImageGrid::new(5, 5, 0.0, [0.0; 2]),
-            Err(InvalidGrid::Place { .. })
+            Err(TrackingError::Value { key: None, .. })
         ));
     }
 

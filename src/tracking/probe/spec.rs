@@ -5,7 +5,8 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{InvalidProbe, Probe, ProbeShape};
+use super::{Probe, ProbeShape};
+use crate::tracking::TrackingError;
 
 /// Default number of scanlines.
 pub(super) const DEFAULT_LINES: u32 = 256;
@@ -110,8 +111,8 @@ impl ProbeSpec {
         (self, taken)
     }
 
-    fn shape(&self, kind: ProbeKind) -> Result<ProbeShape, InvalidProbe> {
-        let needed = |key, value: Option<f64>| value.ok_or(InvalidProbe::Missing { key, kind });
+    fn shape(&self, kind: ProbeKind) -> Result<ProbeShape, TrackingError> {
+        let needed = |key, value: Option<f64>| value.ok_or_else(|| missing(key, kind));
         let shape = match kind {
             ProbeKind::Linear => ProbeShape::Linear {
                 width_mm: needed("width_mm", self.width_mm)?,
@@ -139,7 +140,10 @@ impl ProbeSpec {
             ("length_mm", self.length_mm, used.length_mm),
         ];
         match given.iter().find(|(_, given, used)| given.is_some() && used.is_none()) {
-            Some(&(key, ..)) => Err(InvalidProbe::Superfluous { key, kind }),
+            Some(&(key, ..)) => {
+                let text = format!("probe key `{key}` has no meaning for a {kind} probe; remove it");
+                Err(TrackingError::at(key, text))
+            }
             None => Ok(shape),
         }
     }
@@ -162,15 +166,21 @@ impl ProbeSpec {
     }
 }
 
-impl TryFrom<ProbeSpec> for Probe {
-    type Error = InvalidProbe;
+fn missing(key: &'static str, kind: ProbeKind) -> TrackingError {
+    TrackingError::at(key, format!("probe key `{key}` is missing; a {kind} probe needs it"))
+}
 
-    fn try_from(spec: ProbeSpec) -> Result<Self, InvalidProbe> {
-        let kind = spec.kind.ok_or(InvalidProbe::NoKind)?;
-        let key = "depth_mm";
+impl TryFrom<ProbeSpec> for Probe {
+    type Error = TrackingError;
+
+    fn try_from(spec: ProbeSpec) -> Result<Self, TrackingError> {
+        let kind = spec.kind.ok_or_else(|| {
+            let expected = "expected linear, curvilinear, phased, trus-transverse or trus-sagittal";
+            TrackingError::at("kind", format!("probe key `kind` is missing; {expected}"))
+        })?;
         let probe = Self {
             shape: spec.shape(kind)?,
-            depth_mm: spec.depth_mm.ok_or(InvalidProbe::Missing { key, kind })?,
+            depth_mm: spec.depth_mm.ok_or_else(|| missing("depth_mm", kind))?,
             frequency_mhz: spec.frequency_mhz.unwrap_or(kind.usual_frequency_mhz()),
             lines: spec.lines.unwrap_or(DEFAULT_LINES),
             samples: spec.samples.unwrap_or(DEFAULT_SAMPLES),

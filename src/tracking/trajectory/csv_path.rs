@@ -1,14 +1,15 @@
 //! Paths in CSV files: one timed pose per row.
 
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::{Matrix4, Vector3};
 
-use super::{Interpolation, Key, Trajectory, TrajectoryError, check_time};
+use super::{Interpolation, Key, Trajectory, check_time};
 use crate::read;
 use crate::text::head;
-use crate::tracking::pose::{InvalidPose, Pose};
+use crate::tracking::TrackingError;
+use crate::tracking::pose::Pose;
 use crate::tracking::world::World;
 
 /// Maximum length of a quoted name or cell, columns.
@@ -23,73 +24,6 @@ const MATRIX: [&str; 16] = [
 
 /// Accepted columns of a path, for error messages.
 const EXPECTED: &str = "time_s with x_mm, y_mm, z_mm and either qw, qx, qy, qz or dx, dy, dz (and lx, ly, lz), or time_s with m00 to m33 row by row";
-
-/// Why a CSV path cannot be read. Lines count from 1.
-#[derive(Debug, thiserror::Error)]
-pub enum CsvError {
-    /// The file cannot be opened or read.
-    #[error("cannot read `{}`: {source}", path.display())]
-    Read {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the operating system.
-        source: std::io::Error,
-    },
-    /// The text is not a CSV table: a row of another length, or bytes that are not UTF-8.
-    #[error("`{}`, line {line}: {found}", path.display())]
-    Table {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line number.
-        line: u64,
-        /// Description of what was found and expected.
-        found: String,
-    },
-    /// An unknown or duplicate column.
-    #[error("`{}`, line 1: column `{column}` is {problem}; expected {EXPECTED}", path.display())]
-    Column {
-        /// Path of the file.
-        path: PathBuf,
-        /// Name of the column in the header.
-        column: String,
-        /// `unknown`, `given twice` or `missing`.
-        problem: &'static str,
-    },
-    /// A cell that is not a finite number.
-    #[error("`{}`, line {line}, column `{column}`: found `{found}`; expected a finite number", path.display())]
-    Number {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line number.
-        line: u64,
-        /// Name of the column.
-        column: &'static str,
-        /// Text of the cell.
-        found: String,
-    },
-    /// A row whose numbers form no valid pose.
-    #[error("`{}`, line {line}: {source}", path.display())]
-    Pose {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line number.
-        line: u64,
-        /// Cause of the error.
-        source: InvalidPose,
-    },
-    /// A row whose time is not after that of the previous row.
-    #[error("`{}`, line {line}: `time_s` is {found}; expected a time after {previous}", path.display())]
-    Order {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line number.
-        line: u64,
-        /// Time of the row, s.
-        found: f64,
-        /// Time of the previous row, s (minus infinity for the first row, whose time is then out of range).
-        previous: f64,
-    },
-}
 
 #[derive(Clone, Copy)]
 enum Orientation {
@@ -110,11 +44,8 @@ impl Trajectory {
     /// with a quaternion `qw`, `qx`, `qy`, `qz` or an axial direction `dx`, `dy`, `dz` (and a lateral hint `lx`, `ly`, `lz`),
     /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes of `world`. Without a hint each row is
     /// reached by the smallest rotation from the previous one. Lines that start with `#` are comments.
-    pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrajectoryError> {
-        let bytes = read::whole(path, read::CSV).map_err(|source| CsvError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
+    pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrackingError> {
+        let bytes = read::whole(path, read::CSV).map_err(|source| TrackingError::read(path, source))?;
         Self::from_csv_reader(&bytes[..], path, world, interpolation)
     }
 
@@ -124,7 +55,7 @@ impl Trajectory {
         path: &Path,
         world: World,
         interpolation: Interpolation,
-    ) -> Result<Self, TrajectoryError> {
+    ) -> Result<Self, TrackingError> {
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .comment(Some(b'#'))
@@ -137,13 +68,10 @@ impl Trajectory {
             let previous = keys.last();
             let (time_s, pose) = columns.read(&record, line, path, world, previous.map(|key| &key.pose))?;
             if check_time(row, time_s, previous.map(|key| key.time_s)).is_err() {
-                return Err(CsvError::Order {
-                    path: path.to_owned(),
-                    line,
-                    found: time_s,
-                    previous: previous.map_or(f64::NEG_INFINITY, |key| key.time_s),
-                }
-                .into());
+                // The time of the first row is out of range.
+                let previous = previous.map_or(f64::NEG_INFINITY, |key| key.time_s);
+                let text = format!(", line {line}: `time_s` is {time_s}; expected a time after {previous}");
+                return Err(TrackingError::file(path, text));
             }
             keys.push(Key {
                 time_s,
@@ -152,12 +80,8 @@ impl Trajectory {
             });
         }
         if keys.is_empty() {
-            return Err(CsvError::Table {
-                path: path.to_owned(),
-                line: 1,
-                found: "no rows after the header; expected at least one pose".into(),
-            }
-            .into());
+            let text = ", line 1: no rows after the header; expected at least one pose";
+            return Err(TrackingError::file(path, text));
         }
         Ok(Self {
             keys,
@@ -169,11 +93,13 @@ impl Trajectory {
 }
 
 impl Columns {
-    fn from_header(header: &csv::StringRecord, path: &Path) -> Result<Self, CsvError> {
-        let problem = |column: &str, problem| CsvError::Column {
-            path: path.to_owned(),
-            column: head(column, FOUND),
-            problem,
+    fn from_header(header: &csv::StringRecord, path: &Path) -> Result<Self, TrackingError> {
+        let problem = |column: &str, problem| {
+            let column = head(column, FOUND);
+            TrackingError::file(
+                path,
+                format!(", line 1: column `{column}` is {problem}; expected {EXPECTED}"),
+            )
         };
         let known = || {
             POSITION
@@ -223,21 +149,20 @@ impl Columns {
         path: &Path,
         world: World,
         previous: Option<&Pose>,
-    ) -> Result<(f64, Pose), CsvError> {
+    ) -> Result<(f64, Pose), TrackingError> {
         let number = |column: &'static str| {
             let place = self.places.iter().find(|(name, _)| *name == column);
             let cell = place.and_then(|&(_, place)| record.get(place)).unwrap_or_default();
             match cell.parse::<f64>() {
                 Ok(number) if number.is_finite() => Ok(number),
-                _ => Err(CsvError::Number {
-                    path: path.to_owned(),
-                    line,
-                    column,
-                    found: head(cell, FOUND),
-                }),
+                _ => {
+                    let found = head(cell, FOUND);
+                    let text = format!(", line {line}, column `{column}`: found `{found}`; expected a finite number");
+                    Err(TrackingError::file(path, text))
+                }
             }
         };
-        let three = |names: [&'static str; 3]| -> Result<[f64; 3], CsvError> {
+        let three = |names: [&'static str; 3]| -> Result<[f64; 3], TrackingError> {
             Ok([number(names[0])?, number(names[1])?, number(names[2])?])
         };
         let vector = |names| three(names).map(|stated| Vector3::from(world.vector(stated)));
@@ -264,16 +189,12 @@ impl Columns {
                 Pose::from_matrix(&world.transform(matrix))
             }
         };
-        pose.map(|pose| (time_s, pose)).map_err(|source| CsvError::Pose {
-            path: path.to_owned(),
-            line,
-            source,
-        })
+        pose.map(|pose| (time_s, pose))
+            .map_err(|error| TrackingError::file(path, format!(", line {line}: {error}")))
     }
 }
 
-fn table_error(path: &Path, error: csv::Error) -> CsvError {
-    let path = path.to_owned();
+fn table_error(path: &Path, error: csv::Error) -> TrackingError {
     let line = error.position().map_or(1, csv::Position::line);
     let found = match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
@@ -283,8 +204,8 @@ fn table_error(path: &Path, error: csv::Error) -> CsvError {
         _ => error.to_string(),
     };
     match error.into_kind() {
-        csv::ErrorKind::Io(source) => CsvError::Read { path, source },
-        _ => CsvError::Table { path, line, found },
+        csv::ErrorKind::Io(source) => TrackingError::read(path, source),
+        _ => TrackingError::file(path, format!(", line {line}: {found}")),
     }
 }
 
@@ -295,7 +216,7 @@ mod tests {
 
     use super::*;
 
-    fn parse(text: &str) -> Result<Trajectory, TrajectoryError> {
+    fn parse(text: &str) -> Result<Trajectory, TrackingError> {
         Trajectory::from_csv_reader(
             text.as_bytes(),
             Path::new("path.csv"),
@@ -368,7 +289,7 @@ mod tests {
     fn a_missing_file_is_named() {
         let error = Trajectory::from_csv(Path::new("/nowhere/sweep.csv"), World::Lps, Interpolation::Linear)
             .expect_err("missing");
-        assert!(matches!(error, TrajectoryError::Csv(CsvError::Read { .. })));
+        assert!(matches!(error, TrackingError::Read { .. }));
         assert!(error.to_string().contains("/nowhere/sweep.csv"));
     }
 

@@ -6,10 +6,10 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::{CompleteOptions, Completed, CompletionError, Filled, LEAST_MM, Outline, label};
+use super::{CompleteOptions, Completed, Filled, LEAST_MM, Outline, label};
 use crate::tissue::known;
 use crate::volume::distance::Grid;
-use crate::volume::{InvalidVolume, LabelVolume, ScalarImage};
+use crate::volume::{Label, LabelVolume, ScalarImage, VolumeError};
 
 /// Upper limits of gas, fat and soft tissue, HU; denser voxels are bone.
 const LIMITS_HU: [f32; 3] = [-300.0, -30.0, 150.0];
@@ -42,13 +42,9 @@ const CLASSES: [&str; 8] = [
 /// [`CompleteOptions::skin_mm`] skin; gas in labels of bowel becomes gas, and voxels much brighter than the rest of a liver become its vessels.
 ///
 /// # Errors
-/// [`CompletionError`] if the CT does not cover the labels, a thickness is out of range, or 256 labels do not
+/// [`VolumeError`] if the CT does not cover the labels, a thickness is out of range, or 256 labels do not
 /// suffice.
-pub fn with_ct(
-    volume: &LabelVolume,
-    ct: &ScalarImage,
-    options: &CompleteOptions,
-) -> Result<Completed, CompletionError> {
+pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions) -> Result<Completed, VolumeError> {
     options.check()?;
     let (size, spacing) = (volume.size(), volume.spacing_mm());
     let [nx, ny, _] = size;
@@ -60,18 +56,9 @@ pub fn with_ct(
     );
     let share = covered as f64 / all.max(1) as f64;
     if share < COVERED {
-        return Err(CompletionError::Elsewhere(share));
+        return Err(elsewhere(share));
     }
-    let mut smooth = Grid {
-        size,
-        spacing,
-        values: grey
-            .iter()
-            .map(|hu| if hu.is_finite() { *hu } else { -1000.0 })
-            .collect(),
-    };
-    (0..3).for_each(|axis| smooth.convolve(axis, &[2.0, 1.0]));
-    let smooth = smooth.values;
+    let smooth = smoothed(size, spacing, &grey);
 
     let tissue = |at: u8| known(volume.labels()[usize::from(at)].name.as_deref()?).map(|(tissue, _)| tissue);
     let indices = (0..=255u8).take(volume.labels().len());
@@ -92,9 +79,7 @@ pub fn with_ct(
 
     let mut labels = volume.labels().to_vec();
     let class = CLASSES.map(|name| label(&mut labels, name));
-    if labels.len() > 256 {
-        return Err(InvalidVolume::TooManyLabels(labels.len()).into());
-    }
+    VolumeError::check_labels(labels.len())?;
     let [soft, muscle, fat, deep_fat, skin, gas, bone, vein] = class;
     let liver = |at: u8| is_tissue(at, &["liver"]);
     let bright = median(&liver).map(|hu| hu + VESSELS_HU);
@@ -109,7 +94,7 @@ pub fn with_ct(
     let reach = options.skin_mm.max(thinnest) + 1e-3;
     let mut voxels = volume.voxels().to_vec();
     let Some(outline) = Outline::around(volume, LEAST_MM) else {
-        return Err(CompletionError::Elsewhere(0.0));
+        return Err(elsewhere(0.0));
     };
     voxels.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {
         let place = |i: usize| row * nx + i;
@@ -147,20 +132,7 @@ pub fn with_ct(
         fat: count(fat) + count(deep_fat),
         skin: count(skin),
     };
-    let told: Vec<String> = CLASSES
-        .iter()
-        .zip(class)
-        .filter(|(_, at)| count(*at) > 0)
-        .map(|(name, at)| format!("{name} ({}) {}", labels[usize::from(at)].value, count(at)))
-        .collect();
-    let mut note = format!(
-        "filled by the CT, below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \
-         bone, the outermost {reach:.1} mm as skin; voxels: {}",
-        LIMITS_HU[0],
-        LIMITS_HU[1],
-        LIMITS_HU[2],
-        told.join(", ")
-    );
+    let mut note = note(&labels, class, &counts, reach);
     if bright.is_some() && !has_vessels {
         note.push_str("; the liver shows no vessels");
     }
@@ -170,6 +142,46 @@ pub fn with_ct(
         note,
         warning,
     })
+}
+
+/// Note about a body that was filled by a CT, with the voxels of each class.
+fn note(labels: &[Label], class: [u8; 8], counts: &[u64; 256], reach: f64) -> String {
+    let told: Vec<String> = CLASSES
+        .iter()
+        .zip(class)
+        .filter(|(_, at)| counts[usize::from(*at)] > 0)
+        .map(|(name, at)| format!("{name} ({}) {}", labels[usize::from(at)].value, counts[usize::from(at)]))
+        .collect();
+    format!(
+        "filled by the CT, below {} HU as gas, to {} as fat, to {} as muscle near the outline of the labels and soft tissue elsewhere, above as \
+         bone, the outermost {reach:.1} mm as skin; voxels: {}",
+        LIMITS_HU[0],
+        LIMITS_HU[1],
+        LIMITS_HU[2],
+        told.join(", ")
+    )
+}
+
+/// Grey values of voxels, smoothed over three of them; air where there is no CT.
+fn smoothed(size: [usize; 3], spacing: [f64; 3], grey: &[f32]) -> Vec<f32> {
+    let mut smooth = Grid {
+        size,
+        spacing,
+        values: grey
+            .iter()
+            .map(|hu| if hu.is_finite() { *hu } else { -1000.0 })
+            .collect(),
+    };
+    (0..3).for_each(|axis| smooth.convolve(axis, &[2.0, 1.0]));
+    smooth.values
+}
+
+/// Error of a CT that covers only this share of the labelled voxels.
+fn elsewhere(share: f64) -> VolumeError {
+    let covered = 100.0 * share;
+    let expected = "the CT that was segmented, at its own place";
+    let text = format!("the CT covers {covered:.0} % of the labelled voxels; expected {expected}");
+    VolumeError::option("ct", text)
 }
 
 /// Grey values of the nearest voxels of a CT; not finite outside it.
@@ -246,5 +258,4 @@ fn flooded(size: [usize; 3], seeds: impl Iterator<Item = bool>, open: impl Fn(us
 }
 
 #[cfg(test)]
-#[path = "ct_tests.rs"]
 mod tests;

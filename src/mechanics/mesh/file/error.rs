@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::mechanics::mesh::InvalidMesh;
 use crate::memory::TooLarge;
-use crate::output::atomic::WriteError;
+use crate::output::OutputError;
 use crate::{read, text};
 
 /// Reason why a mesh file cannot be read or written.
@@ -20,7 +20,7 @@ pub enum MeshFileError {
     },
     /// The file cannot be written.
     #[error(transparent)]
-    Write(#[from] WriteError),
+    Write(#[from] OutputError),
     /// The contents violate the format.
     #[error("{}: line {line} (byte {offset}): found {found}; expected {expected}", path.display())]
     Syntax {

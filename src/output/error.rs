@@ -1,0 +1,111 @@
+//! Errors of output files.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::staged;
+
+/// Why an output cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum OutputError {
+    /// The system refuses to write a file.
+    #[error("{}: cannot be written: {cause}", path.display())]
+    Write {
+        /// Path of the requested file.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+    /// A name, or contents that do not fit the file.
+    #[error("{}: {text}", path.display())]
+    Contents {
+        /// Path of the requested file.
+        path: PathBuf,
+        /// What was found and expected.
+        text: String,
+    },
+    /// A folder cannot be created.
+    #[error("{}: no folder can be made there: {cause}", path.display())]
+    Folder {
+        /// Path of the folder.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+    /// The parent folder of a file does not exist.
+    #[error("{}: its folder is not there; make it first, or name another", path.display())]
+    NoFolder {
+        /// Path of the file.
+        path: PathBuf,
+    },
+    /// A folder in place of a file, a file in place of a folder, or something that is neither.
+    #[error("{}: the output must be {expected}", path.display())]
+    Kind {
+        /// The requested path.
+        path: PathBuf,
+        /// What can be written.
+        expected: &'static str,
+    },
+    /// An existing file that this program did not write, or that is of another kind.
+    #[error(
+        "{}: this file is in the way: it is of another kind, or no earlier run into this folder lists it; name another place, or \
+         replace it with --force",
+        path.display()
+    )]
+    Taken {
+        /// Path of the file.
+        path: PathBuf,
+    },
+    /// An existing file that the same run reads.
+    #[error("{}: the output would replace a file that this run reads; name another place, or replace it with --force", path.display())]
+    Input {
+        /// Path of the file.
+        path: PathBuf,
+    },
+    /// Two outputs of one run with the same path.
+    #[error("{}: two outputs have this name; name another place for one of them", path.display())]
+    Twice {
+        /// The path.
+        path: PathBuf,
+    },
+    /// Files that could not be moved to their final places at the end of a run.
+    #[error("{cause}\nThe run is done, and {moved} of its files are in their places; the others are kept in {}", path.display())]
+    Kept {
+        /// Folder that holds the files.
+        path: PathBuf,
+        /// Number of files moved.
+        moved: usize,
+        /// Error that stopped the move.
+        cause: Box<OutputError>,
+    },
+}
+
+impl OutputError {
+    /// Attaches the requested path to a system error.
+    pub fn write(path: &Path, cause: io::Error) -> Self {
+        let path = staged::shown(path);
+        let cause = without_temporary_name(cause);
+        Self::Write { path, cause }
+    }
+
+    pub(super) fn contents(path: &Path, text: String) -> Self {
+        let path = path.to_owned();
+        Self::Contents { path, text }
+    }
+
+    /// Whether the machine is at fault rather than the request.
+    pub fn is_machine(&self) -> bool {
+        matches!(
+            self,
+            Self::Write { .. } | Self::Folder { .. } | Self::NoFolder { .. } | Self::Kept { .. }
+        )
+    }
+}
+
+/// A system error without the name of the temporary file, which no longer exists.
+pub(super) fn without_temporary_name(cause: io::Error) -> io::Error {
+    match cause.to_string().split_once(" at path ") {
+        Some((said, _)) => io::Error::new(cause.kind(), said),
+        None => cause,
+    }
+}

@@ -1,0 +1,116 @@
+//! Errors of probes, poses, needles, paths and calibrations.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use super::trajectory::SkipReason;
+use crate::read;
+
+/// Why a probe, pose, needle, image grid, path, placement or calibration is invalid.
+#[derive(Debug, thiserror::Error)]
+pub enum TrackingError {
+    /// A value is missing, superfluous or out of range.
+    #[error("{text}")]
+    Value {
+        /// Key in the table, if a single one is at fault.
+        key: Option<&'static str>,
+        /// What was found and expected.
+        text: String,
+    },
+    /// A keyframe's time or pose is invalid.
+    #[error("keyframe {index}: {text}")]
+    Keyframe {
+        /// Index of the keyframe, from 0.
+        index: usize,
+        /// Key of the keyframe, if a single one is at fault.
+        key: Option<&'static str>,
+        /// What was found and expected.
+        text: String,
+    },
+    /// A transform that places tracked frames is not rigid.
+    #[error("{which} transform: {text}")]
+    Transform {
+        /// Name of the transform.
+        which: &'static str,
+        /// What was found and expected.
+        text: String,
+    },
+    /// A tracked sequence in which no frame has a valid pose.
+    #[error("none of {frames} frames has a valid pose; the first: {first}")]
+    NoValidPose {
+        /// Number of frames in the sequence.
+        frames: usize,
+        /// Reason for skipping the first one.
+        first: SkipReason,
+    },
+    /// A file cannot be opened or read.
+    #[error("cannot read `{}`: {source}", path.display())]
+    Read {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        source: io::Error,
+    },
+    /// A file holds something else than expected.
+    #[error("`{}`{text}", path.display())]
+    File {
+        /// Path of the file.
+        path: PathBuf,
+        /// Place in the file, and what was found and expected there.
+        text: String,
+    },
+}
+
+impl TrackingError {
+    /// An error of a table as a whole.
+    pub(crate) fn new(text: impl Into<String>) -> Self {
+        let (key, text) = (None, text.into());
+        Self::Value { key, text }
+    }
+
+    /// An error at a key.
+    pub(crate) fn at(key: &'static str, text: impl Into<String>) -> Self {
+        let (key, text) = (Some(key), text.into());
+        Self::Value { key, text }
+    }
+
+    pub(super) fn read(path: &Path, source: io::Error) -> Self {
+        let path = path.to_owned();
+        Self::Read { path, source }
+    }
+
+    pub(super) fn file(path: &Path, text: impl Into<String>) -> Self {
+        let (path, text) = (path.to_owned(), text.into());
+        Self::File { path, text }
+    }
+
+    /// The error as one of a keyframe.
+    pub(super) fn of_keyframe(self, index: usize) -> Self {
+        let (key, text) = (self.key(), self.to_string());
+        Self::Keyframe { index, key, text }
+    }
+
+    /// Key at fault, if there is a single one.
+    pub fn key(&self) -> Option<&'static str> {
+        match self {
+            Self::Value { key, .. } | Self::Keyframe { key, .. } => *key,
+            _ => None,
+        }
+    }
+
+    /// Whether the machine is at fault rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, Self::Read { source, .. } if read::is_machine(source))
+    }
+}
+
+/// An error unless a number lies within its range; `of` is the table that has the key.
+pub(super) fn within(of: &str, key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), TrackingError> {
+    match (low..=high).contains(&found) {
+        true => Ok(()),
+        false => Err(TrackingError::at(
+            key,
+            format!("{of} key `{key}` is {found}; expected {low} to {high}"),
+        )),
+    }
+}

@@ -1,0 +1,7 @@
+//! Rules of the house: who may name whom, what declarations and shaders say of each other, and what a plan holds.
+
+mod names;
+mod parameters;
+mod plans;
+mod remesh;
+mod shaders;
