@@ -3,9 +3,9 @@
 mod frames;
 mod steps;
 
-use crate::quality::Picked;
-use crate::quality::cache::Cache;
-use crate::report::machine::Machine;
+use crate::base::report::machine::Machine;
+use crate::imaging::quality::Picked;
+use crate::imaging::quality::cache::Cache;
 use clap::Args;
 
 use super::failure::Failure;

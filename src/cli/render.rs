@@ -9,9 +9,9 @@ pub mod target;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::quality::Picked;
-use crate::scene::Scene;
-use crate::synth::{FrameState, PassTime, Synthesizer};
+use crate::imaging::quality::Picked;
+use crate::imaging::synth::{FrameState, PassTime, Synthesizer};
+use crate::input::scene::Scene;
 use clap::Args;
 use nalgebra::Matrix4;
 use serde::Serialize;
@@ -105,7 +105,7 @@ impl Render {
         let (scene, picked) = self.input.scene(&self.backend)?;
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
-            crate::volume::save(&scene.anatomy.volume, path)?;
+            crate::anatomy::volume::save(&scene.anatomy.volume, path)?;
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
         self.extras.check(&scene)?;

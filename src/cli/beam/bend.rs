@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::beam_case::{self, CaseFile, Report, plot};
+use crate::input::beam_case::{self, CaseFile, Report, plot};
 use clap::Args;
 
 use crate::cli::failure::Failure;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::beam_case::{CaseFile, Report, plot};
+use crate::input::beam_case::{CaseFile, Report, plot};
 use crate::mechanics::needle::beam::inverse::Wanted;
 use clap::Args;
 use serde_json::json;

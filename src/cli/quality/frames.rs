@@ -2,11 +2,11 @@
 
 use std::time::Instant;
 
-use crate::quality::{Costs, Picked, grid, pick};
-use crate::report::statistics::Spread;
-use crate::scenario::Scenario;
-use crate::scene::Scene;
-use crate::synth::FrameState;
+use crate::base::report::statistics::Spread;
+use crate::imaging::quality::{Costs, Picked, grid, pick};
+use crate::imaging::synth::FrameState;
+use crate::input::scenario::Scenario;
+use crate::input::scene::Scene;
 use nalgebra::Matrix4;
 
 use super::{QualityArgs, tell};

@@ -4,10 +4,10 @@
 use std::path::Path;
 use std::time::Duration;
 
+use crate::imaging::quality::trial::{Tried, pick_tried};
+use crate::imaging::quality::{Picked, QualitySpec};
+use crate::input::scenario::{NeedleModel, NeedleTable, ScenarioFile, TissueModel, Trial};
 use crate::mechanics::tissue::remesh::Level;
-use crate::quality::trial::{Tried, pick_tried};
-use crate::quality::{Picked, QualitySpec};
-use crate::scenario::{NeedleModel, NeedleTable, ScenarioFile, TissueModel, Trial};
 use crate::study::step_costs::{self, Nodes, Situation, StepCosts};
 
 use super::{QualityArgs, tell};

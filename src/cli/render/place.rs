@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::output::folder::{Folder, MANIFEST};
-use crate::output::png;
-use crate::output::sidecar::Sidecar;
-use crate::synth::layers::Layer;
+use crate::base::output::folder::{Folder, MANIFEST};
+use crate::base::output::png;
+use crate::imaging::sidecar::Sidecar;
+use crate::imaging::synth::layers::Layer;
 
 use super::extras::Extras;
 use super::output::PARAMETERS;

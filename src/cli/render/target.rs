@@ -3,7 +3,7 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
-use crate::output::png;
+use crate::base::output::png;
 
 use crate::cli::failure::Failure;
 

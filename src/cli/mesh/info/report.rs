@@ -3,9 +3,9 @@
 use std::fmt;
 use std::path::Path;
 
+use crate::base::text;
 use crate::mechanics::mesh::file::MeshFile;
 use crate::mechanics::mesh::quality::{Quality, Spread};
-use crate::text;
 use serde::Serialize;
 
 /// Contents and quality of a mesh.

@@ -1,0 +1,235 @@
+//! User-written TOML files: parsing, errors that point at a line, and suggestions for misspelt words.
+
+mod fault;
+mod region;
+mod renamed;
+mod source;
+mod suggest;
+
+use std::borrow::Cow;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{DeserializeOwned, Deserializer, Error};
+use serde::{Deserialize, Serialize, Serializer};
+
+pub use fault::Fault;
+pub(crate) use region::{Names, plain};
+pub use region::{NoRegion, RegionName};
+pub use source::Source;
+pub(crate) use suggest::nearest;
+
+use crate::base::read;
+
+/// What is wrong with the text of a file, or with keys and numbers in it.
+#[derive(Debug, thiserror::Error)]
+pub enum InvalidFile {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {cause}", path.display())]
+    Read {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+    /// The file is not UTF-8 text.
+    #[error("{}: byte {byte} is not UTF-8 text", path.display())]
+    NotText {
+        /// Path of the file.
+        path: PathBuf,
+        /// Offset of the first byte that is not UTF-8, from 0.
+        byte: usize,
+    },
+    /// The text is not TOML, or a value has the wrong type.
+    #[error("{0}")]
+    Syntax(String),
+    /// A key that is unknown in its table.
+    #[error("unknown key `{key}`")]
+    UnknownKey {
+        /// The unknown key.
+        key: String,
+        /// Keys known in its table.
+        known: Vec<String>,
+    },
+    /// Keys that contradict each other, or are incomplete.
+    #[error("found {found}; expected {expected}")]
+    Keys {
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// A number outside its range.
+    #[error("found {found}; expected {expected}")]
+    Number {
+        /// The number found.
+        found: f64,
+        /// The expected range.
+        expected: String,
+    },
+}
+
+impl InvalidFile {
+    pub(crate) fn keys(found: impl Into<String>, expected: impl Into<String>) -> Self {
+        let (found, expected) = (found.into(), expected.into());
+        Self::Keys { found, expected }
+    }
+
+    pub(crate) fn number(found: f64, expected: impl Into<String>) -> Self {
+        let expected = expected.into();
+        Self::Number { found, expected }
+    }
+
+    /// Whether the machine is at fault rather than the file: the file exists but cannot be read.
+    pub fn is_machine(&self) -> bool {
+        match self {
+            Self::Read { cause, .. } => read::is_machine(cause),
+            _ => false,
+        }
+    }
+}
+
+/// Gives the type of an input file what all of them have: reading, parsing, and errors at keys. Its text is in the field
+/// `source`.
+macro_rules! input_file {
+    ($file:ty, $wrong:ty) => {
+        impl $file {
+            /// Reads a file.
+            ///
+            /// # Errors
+            /// Those of [`parse`](Self::parse), or that the file cannot be read.
+            pub fn read(path: &std::path::Path) -> Result<Self, $crate::base::document::Fault<$wrong>> {
+                Self::parse(&$crate::base::document::read(path)?, &path.display().to_string())
+            }
+
+            /// Parses the text of a file; `name` is the file name shown in errors.
+            ///
+            /// # Errors
+            /// One that points at a syntax error, an unknown key, or a value of the wrong type.
+            pub fn parse(text: &str, name: &str) -> Result<Self, $crate::base::document::Fault<$wrong>> {
+                let (mut file, source): (Self, _) = $crate::base::document::parse(text, name)?;
+                file.source = Some(source);
+                Ok(file)
+            }
+
+            /// Error at a key of this file.
+            pub(crate) fn fault(
+                &self,
+                key: impl Into<String>,
+                wrong: impl Into<$wrong>,
+            ) -> $crate::base::document::Fault<$wrong> {
+                $crate::base::document::Fault::new(wrong).at_key(key, self.source.as_ref())
+            }
+
+            /// Error of keys that contradict each other or are incomplete.
+            pub(crate) fn wrong_keys(
+                &self,
+                key: impl Into<String>,
+                found: impl Into<String>,
+                expected: impl Into<String>,
+            ) -> $crate::base::document::Fault<$wrong> {
+                self.fault(key, $crate::base::document::InvalidFile::keys(found, expected))
+            }
+        }
+    };
+}
+pub(crate) use input_file;
+
+/// Reads the text of a file.
+pub(crate) fn read<P: From<InvalidFile>>(path: &Path) -> Result<String, Fault<P>> {
+    let bytes = read::whole(path, read::TOML);
+    let path = || path.to_owned();
+    let bytes = bytes.map_err(|cause| Fault::new(InvalidFile::Read { path: path(), cause }))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let byte = error.utf8_error().valid_up_to();
+        Fault::new(InvalidFile::NotText { path: path(), byte })
+    })
+}
+
+/// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
+pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<InvalidFile>>(
+    text: &str,
+    name: &str,
+) -> Result<(T, Arc<Source>), Fault<P>> {
+    let source = Arc::new(Source::new(name, text));
+    match toml::Deserializer::parse(text).and_then(T::deserialize) {
+        Ok(parsed) => Ok((parsed, source)),
+        Err(error) => Err(unreadable::<T, P>(&source, &error)),
+    }
+}
+
+/// Maximum number of parts of a dotted key (`toml`).
+const MOST_PARTS: usize = 79;
+
+/// Finds the first key with more than [`MOST_PARTS`] parts.
+fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
+    let mut start = 0;
+    for line in text.split_inclusive('\n') {
+        let key = line.split(['=', '#', '\n']).next().unwrap_or_default();
+        if key.matches('.').count() >= MOST_PARTS {
+            return Some(start..start + key.trim_end().len());
+        }
+        start += line.len();
+    }
+    None
+}
+
+fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: &toml::de::Error) -> Fault<P> {
+    let message = error.message();
+    let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
+    if message == "recursion limit" {
+        let problem = InvalidFile::Syntax(format!("a key of more than {MOST_PARTS} parts"));
+        return Fault::new(problem).in_text(source, long_key(source.text()));
+    }
+    let Some((key, known)) = suggest::unknown_field(message) else {
+        let help = suggest::unknown_variant(message);
+        return Fault::new(InvalidFile::Syntax(message.trim_end().replace('\n', "; ")))
+            .in_text(source, span)
+            .with_help(help);
+    };
+    let known: Vec<String> = known
+        .iter()
+        .filter(|name| !renamed::is_old(name, &known))
+        .cloned()
+        .collect();
+    let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
+    let help = suggest::for_key(&key, &known, || suggest::home_of::<T>(&key));
+    Fault::new(InvalidFile::UnknownKey { key, known })
+        .in_text(source, place)
+        .with_help(help)
+}
+
+/// Format version of every file that this crate reads: 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Version;
+
+const VERSION: i64 = 1;
+
+impl Serialize for Version {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_i64(VERSION)
+    }
+}
+
+impl<'de> Deserialize<'de> for Version {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match i64::deserialize(deserializer)? {
+            VERSION => Ok(Version),
+            other => Err(D::Error::custom(format_args!(
+                "found version {other} of the format; expected {VERSION}, which is the default"
+            ))),
+        }
+    }
+}
+
+impl JsonSchema for Version {
+    fn schema_name() -> Cow<'static, str> {
+        "Version".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "const": VERSION })
+    }
+}

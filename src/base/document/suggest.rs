@@ -1,0 +1,149 @@
+//! Suggestions for misspelt words and misplaced keys of a file.
+
+use schemars::{JsonSchema, SchemaGenerator};
+use serde_json::Value;
+
+/// Minimum similarity (Jaro-Winkler, 0 to 1) at which a word is suggested: letters swapped, one wrong or an ending left
+/// out.
+const SIMILAR: f64 = 0.8;
+
+/// Returns the candidate most similar to a word, if any is similar enough.
+pub(crate) fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+    // Similarity takes time proportional to the product of the lengths: no key is as long as what a broken file may
+    // contain.
+    let short: String = word.chars().take(60).collect();
+    let scored = candidates.into_iter().map(|candidate| {
+        (
+            strsim::jaro_winkler(&short.to_lowercase(), &candidate.to_lowercase()),
+            candidate,
+        )
+    });
+    scored
+        .filter(|(score, _)| *score >= SIMILAR)
+        .reduce(|best, next| if next.0 > best.0 { next } else { best })
+        .map(|(_, candidate)| candidate)
+}
+
+/// Extracts the key and the known keys from serde's message about an unknown field.
+pub(super) fn unknown_field(message: &str) -> Option<(String, Vec<String>)> {
+    unknown(message, "unknown field `")
+}
+
+/// Suggests a name for serde's message about an unknown variant.
+pub(super) fn unknown_variant(message: &str) -> Option<String> {
+    let (found, known) = unknown(message, "unknown variant `")?;
+    nearest(&found, known.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"))
+}
+
+fn unknown(message: &str, start: &str) -> Option<(String, Vec<String>)> {
+    let rest = message.strip_prefix(start)?;
+    let end = rest.find("`, ")?;
+    let known = rest[end + 3..]
+        .split('`')
+        .skip(1)
+        .step_by(2)
+        .map(str::to_owned)
+        .collect();
+    Some((rest[..end].to_owned(), known))
+}
+
+/// Help for an unknown key: a similar key of the same table, the table where a key of that name belongs, or all
+/// known keys.
+pub(super) fn for_key(key: &str, known: &[String], home: impl FnOnce() -> Option<String>) -> Option<String> {
+    let similar = nearest(key, known.iter().map(String::as_str)).map(|meant| format!("did you mean `{meant}`?"));
+    let all = || (!known.is_empty()).then(|| format!("known here: {}", known.join(", ")));
+    similar.or_else(home).or_else(all)
+}
+
+/// Lists the tables of a file of type `T` that have a key of that name.
+pub(super) fn home_of<T: JsonSchema>(key: &str) -> Option<String> {
+    let schema = SchemaGenerator::default().into_root_schema_for::<T>().to_value();
+    let mut tables = Vec::new();
+    collect(&schema, &schema, [""; 2], key, 0, &mut tables);
+    (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
+}
+
+/// Maximum depth of nested tables.
+const DEEPEST: usize = 3;
+
+fn collect(schema: &Value, at: &Value, [path, header]: [&str; 2], key: &str, depth: usize, found: &mut Vec<String>) {
+    let Some(properties) = at.get("properties").and_then(Value::as_object) else {
+        return;
+    };
+    if !path.is_empty() && properties.contains_key(key) {
+        found.push(header.to_owned());
+    }
+    if depth == DEEPEST {
+        return;
+    }
+    for (name, property) in properties {
+        let inner = if path.is_empty() {
+            name.clone()
+        } else {
+            format!("{path}.{name}")
+        };
+        let (item, header) = match property.get("items") {
+            Some(items) => (items, format!("[[{inner}]]")),
+            None => (property, format!("[{inner}]")),
+        };
+        let options = item
+            .get("anyOf")
+            .and_then(Value::as_array)
+            .map_or(std::slice::from_ref(item), Vec::as_slice);
+        for option in options {
+            let reference = option.get("$ref").and_then(Value::as_str);
+            let target = reference.and_then(|reference| schema.pointer(reference.strip_prefix('#')?));
+            collect(
+                schema,
+                target.unwrap_or(option),
+                [&inner, &header],
+                key,
+                depth + 1,
+                found,
+            );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::input::scene::SceneFile;
+
+    #[test]
+    fn slips_are_recognised_and_strangers_are_not() {
+        let keys = ["depth_mm", "width_mm", "frequency_mhz"];
+        assert_eq!(nearest("depht_mm", keys), Some("depth_mm"));
+        assert_eq!(nearest("frequency", keys), Some("frequency_mhz"));
+        assert_eq!(nearest("Width_mm", keys), Some("width_mm"));
+        assert_eq!(nearest("colour", keys), None);
+    }
+
+    #[test]
+    fn messages_of_serde_are_understood() {
+        let found = unknown_field("unknown field `a`, expected one of `b`, `c`, `d`");
+        assert_eq!(found, Some(("a".into(), vec!["b".into(), "c".into(), "d".into()])));
+        assert_eq!(
+            unknown_field("unknown field `a`, expected `b` or `c`").map(|f| f.1.len()),
+            Some(2)
+        );
+        assert_eq!(unknown_field("missing field `a`"), None);
+    }
+
+    #[test]
+    fn an_unknown_key_is_corrected_or_sent_home_or_told_what_is_known() {
+        let help = |key, home: Option<&str>| for_key(key, &["width".into()], || home.map(str::to_owned));
+        assert_eq!(help("widht", Some("there")).as_deref(), Some("did you mean `width`?"));
+        assert_eq!(help("depth", Some("there")).as_deref(), Some("there"));
+        assert_eq!(help("depth", None).as_deref(), Some("known here: width"));
+    }
+
+    #[test]
+    fn a_key_in_the_wrong_table_is_sent_home() {
+        let home = |key| home_of::<SceneFile>(key).unwrap_or_default();
+        assert_eq!(home("frequency_mhz"), "`frequency_mhz` belongs in [probe]");
+        assert_eq!(home("dynamic_range_db"), "`dynamic_range_db` belongs in [effects.tone]");
+        assert_eq!(home("young_kpa"), "`young_kpa` belongs in [[tissue]]");
+        assert_eq!(home("frobnicate"), "");
+    }
+}

@@ -1,0 +1,99 @@
+//! Serde types of a case file, and its errors.
+
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use crate::base::document::{self, Fault, InvalidFile, Source, Version};
+use crate::mechanics::tissue::viscoelastic::HistoryError;
+use crate::mechanics::tissue::viscoelastic::point::{Loading, Method, Structure};
+
+/// A test of a material: one point in simple shear.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CaseFile {
+    /// Version of the format: 1, which is the default.
+    pub version: Option<Version>,
+    /// Constitutive law.
+    pub law: Law,
+    /// k of the spring-pot, 0 (a spring) to 1 (a dashpot); about 0.1 for liver.
+    pub order: f64,
+    /// Modulus G, above 0: of the spring-pot, kPa s^k; of the Zener body's branch, kPa.
+    pub modulus_kpa: f64,
+    /// Zener: modulus G_inf of the spring in parallel with the branch, kPa, 0 or more.
+    pub modulus_inf_kpa: Option<f64>,
+    /// Zener: relaxation time of the spring-pot in the branch, s, above 0.
+    pub tau_s: Option<f64>,
+    /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain in `solve` and `insert`. Default: no
+    /// stiffening.
+    #[serde(alias = "knee_strain")]
+    pub knee_shear: Option<f64>,
+    /// Stiffening coefficient a in G0 (1 + a (shear - knee_shear)^2), 0 or more. Requires `knee_shear`.
+    pub stiffening: Option<f64>,
+    /// Position of the stiffness relative to the memory; the two differ only beyond the knee.
+    #[serde(default, alias = "structure")]
+    pub memory: Structure,
+    /// Quadrature of the history.
+    #[serde(default)]
+    pub rule: Method,
+    /// Load history.
+    pub history: Loading,
+    /// Source text, for errors that point into it.
+    #[serde(skip)]
+    pub(super) source: Option<Arc<Source>>,
+}
+
+document::input_file!(CaseFile, Wrong);
+
+/// Constitutive law.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Law {
+    /// Spring-pot: modulus_kpa d^k strain / dt^k = stress.
+    SpringPot,
+    /// A spring in parallel with a branch of a spring in series with a spring-pot.
+    Zener,
+}
+
+/// Error of a material test: the cause, the key concerned and its place in the file.
+pub type MaterialCaseError = Fault<Wrong>;
+
+/// Cause of an error of a material test.
+#[derive(Debug, thiserror::Error)]
+pub enum Wrong {
+    /// The file cannot be read or parsed.
+    #[error(transparent)]
+    Text(#[from] InvalidFile),
+    /// The material or its history is invalid.
+    #[error(transparent)]
+    Point(#[from] HistoryError),
+}
+
+impl MaterialCaseError {
+    /// Whether the machine is at fault rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self.problem(), Wrong::Text(error) if error.is_machine())
+    }
+}
+
+impl CaseFile {
+    /// Attaches the key concerned to an error.
+    pub(super) fn blame(&self, error: HistoryError) -> MaterialCaseError {
+        let key = match &error {
+            HistoryError::Number { key, at, .. } => {
+                let key = match *key {
+                    "time_s" | "value" => format!("history.{key}"),
+                    // In a case file the knee refers to the shear strain.
+                    "knee_strain" => "knee_shear".to_owned(),
+                    _ => (*key).to_owned(),
+                };
+                at.map_or(key.clone(), |at| format!("{key}[{at}]"))
+            }
+            HistoryError::Lengths { .. } => "history.value".to_owned(),
+            HistoryError::Overflow { .. } => "history.value".to_owned(),
+            _ => "history.time_s".to_owned(),
+        };
+        MaterialCaseError::new(error).at_key(key, self.source.as_ref())
+    }
+}
