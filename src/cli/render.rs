@@ -3,28 +3,26 @@
 mod coverage;
 pub mod extras;
 pub mod output;
-mod place;
 pub mod target;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::quality::Picked;
-use crate::scene::Scene;
-use crate::synth::{FrameState, PassTime, Synthesizer};
 use clap::Args;
+use extras::Extras;
 use nalgebra::Matrix4;
+use output::{Output, Shot};
 use serde::Serialize;
+use target::{Place, Target};
 
 use super::backend::{BackendArgs, Chosen};
 use super::failure::Failure;
 use super::input::Input;
 use super::output::Force;
 use super::terminal;
-use extras::Extras;
-use output::{Output, Shot};
-use place::Place;
-use target::Target;
+use crate::quality::Picked;
+use crate::scene::Scene;
+use crate::synth::{FrameState, PassTime, Synthesizer};
 
 const EXAMPLES: &str = "\
 Examples:
