@@ -13,18 +13,11 @@ use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
 use crate::output::OutputError;
+use crate::report::plot::PlotError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::simulator::SimulatorError;
 use crate::statics::StaticsError;
-use crate::study::bench::compare::CompareError;
-use crate::study::plot::PlotError;
-use crate::study::puncture::PunctureError;
-use crate::study::tradeoff::RenderError;
-use crate::study::tradeoff::image::ImageError;
-use crate::study::tradeoff::insertion::InsertionStudyError;
-use crate::study::tradeoff::remesh::StudyError;
-use crate::study::tradeoff::tissue::TissueError;
 use crate::synth::SynthError;
 use crate::tracking::TrackingError;
 use crate::volume::VolumeError;
@@ -77,27 +70,6 @@ pub enum Error {
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// A trade-off study failed.
-    #[error(transparent)]
-    Study(#[from] StudyError),
-    /// A study of insertions failed.
-    #[error(transparent)]
-    InsertionStudy(#[from] InsertionStudyError),
-    /// A trade-off study of tissue failed.
-    #[error(transparent)]
-    Tissue(#[from] TissueError),
-    /// A trade-off study of images failed.
-    #[error(transparent)]
-    Image(#[from] ImageError),
-    /// Backends cannot be compared.
-    #[error(transparent)]
-    Compare(#[from] CompareError),
-    /// A puncture cannot be computed.
-    #[error(transparent)]
-    Puncture(#[from] PunctureError),
-    /// The files of a study cannot be written.
-    #[error(transparent)]
-    Render(#[from] RenderError),
     /// A simulator cannot image its model.
     #[error(transparent)]
     Simulator(#[from] SimulatorError),
@@ -127,18 +99,10 @@ impl Error {
             Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
             Self::Synth(SynthError::Memory(_)) => true,
             Self::Calibration(error) => error.is_machine(),
-            Self::Study(error) => error.is_machine(),
-            Self::Image(error) => error.is_machine(),
-            Self::Compare(error) => error.is_machine(),
             Self::Output(error) => error.is_machine(),
-            Self::Render(_) | Self::Plot(_) => true,
+            Self::Plot(_) => true,
             Self::Step(error) => error.is_machine(),
-            Self::InsertionStudy(_)
-            | Self::Beam(_)
-            | Self::Tissue(_)
-            | Self::Puncture(_)
-            | Self::Simulator(_)
-            | Self::Synth(_) => false,
+            Self::Beam(_) | Self::Simulator(_) | Self::Synth(_) => false,
         }
     }
 

@@ -24,6 +24,7 @@
 //! | [`scenario`] | scenario files for needle insertions, and their run |
 //! | [`statics`] | problem files for static problems |
 //! | [`beam_case`] | case files for needles bent at their base |
+//! | [`report`] | tables, pages and plots of all reports |
 //! | [`study`] | benchmarks, stability cases, and inspection of single pixels |
 //! | [`text`] | sanitising of text from files for a terminal |
 //! | [`output`] | PNG, image sequences, sidecars |
@@ -96,6 +97,10 @@ pub mod real;
 mod remesh_gpu;
 #[cfg(feature = "internals")]
 pub mod remesh_gpu;
+#[cfg(not(feature = "internals"))]
+mod report;
+#[cfg(feature = "internals")]
+pub mod report;
 #[cfg(not(feature = "internals"))]
 mod scenario;
 #[cfg(feature = "internals")]

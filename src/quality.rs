@@ -11,7 +11,7 @@
 //! | [`trial`] | trial runs that verify a choice |
 //! | [`cache`] | cache of measured costs |
 //!
-//! Costs of steps are measured by [`crate::study::step_costs`]: nothing here depends on studies or scenes.
+//! Costs of steps are measured by a study: nothing here depends on studies or scenes.
 
 pub mod cache;
 pub mod grid;
@@ -21,6 +21,9 @@ pub mod trial;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+
+use crate::report::number::milliseconds;
+use crate::report::pareto;
 
 /// Time budgets of frames and steps. What a scene leaves open is picked from what it costs on this machine.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -159,17 +162,17 @@ impl Choice {
     fn picked(&self, asked: &str, budget_ms: f64, costs: &Costs, ms: f64, measured: &str) -> Picked {
         let met = ms <= budget_ms;
         let mut why = match met {
-            true => format!("{} of {budget_ms} ms", short(ms)),
+            true => format!("{} of {budget_ms} ms", milliseconds(ms)),
             false => format!(
                 "nothing stays within {budget_ms} ms: this is the cheapest, {} ms",
-                short(ms)
+                milliseconds(ms)
             ),
         };
         if let Some(errors) = costs.errors.as_ref().filter(|_| self.error > 0.0) {
             why += &format!(", off by {:.2} {errors}", self.error);
         }
         if let Some((better, ms)) = &self.better {
-            why += &format!("; the next better, {}, takes {} ms", list(better), short(*ms));
+            why += &format!("; the next better, {}, takes {} ms", list(better), milliseconds(*ms));
         }
         Picked {
             asked: asked.to_owned(),
@@ -223,16 +226,12 @@ fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(
         let found = combinations.iter_mut().find(|it| settings(it) == *known);
         found.into_iter().for_each(|it| it.ms = *ms);
     }
-    let by_error = |a: &&Combination<'_>, b: &&Combination<'_>| a.error.total_cmp(&b.error).then(a.ms.total_cmp(&b.ms));
-    let by_time = |a: &&Combination<'_>, b: &&Combination<'_>| a.ms.total_cmp(&b.ms).then(a.error.total_cmp(&b.error));
-    let within = combinations.iter().filter(|it| it.ms <= budget_ms).min_by(by_error);
-    let taken = within.or_else(|| combinations.iter().min_by(by_time))?;
-    let better = combinations.iter().filter(|it| it.error < taken.error).min_by(by_time);
+    let choice = pareto::choose(&combinations, budget_ms, 1.0, |it| [it.ms, it.error])?;
     Some(Choice {
-        settings: settings(taken),
-        ms: taken.ms,
-        error: taken.error,
-        better: better.map(|better| (settings(better), better.ms)),
+        settings: settings(choice.taken),
+        ms: choice.taken.ms,
+        error: choice.taken.error,
+        better: choice.better.map(|better| (settings(better), better.ms)),
     })
 }
 
@@ -241,9 +240,4 @@ fn list(settings: &[Setting]) -> String {
         .iter()
         .map(|setting| format!("{} = {}", setting.key, setting.value));
     pairs.collect::<Vec<_>>().join(", ")
-}
-
-fn short(ms: f64) -> String {
-    let digits = if ms.abs() < 10.0 { 2 } else { 0 };
-    format!("{ms:.digits$}")
 }

@@ -328,6 +328,24 @@ impl Synthesizer {
         self.beam_after(end)
     }
 
+    /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
+    pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
+        self.begin(state)?;
+        let mut beams = Vec::with_capacity(self.plan.passes.len());
+        for at in 0..self.plan.passes.len() {
+            let (state, passes) = (self.local.of(state), &self.plan.passes[..=at]);
+            match (&mut self.executor, passes) {
+                (Executor::Cpu(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
+                (Executor::CpuF64(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
+                (Executor::Gpu(gpu), [.., behind, last]) => gpu.run_on(behind.pass.name, last.pass.name)?,
+                (Executor::Gpu(gpu), [first]) => gpu.run_until(first.pass.name, &self.tables, state)?,
+                (_, []) => {}
+            }
+            beams.push(self.beam_after(at + 1)?);
+        }
+        Ok(beams)
+    }
+
     fn beam_after(&self, passes: usize) -> Result<layers::Beam, SynthError> {
         let local = match &self.executor {
             Executor::Cpu(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),

@@ -6,7 +6,9 @@ use serde::Serialize;
 
 use super::resolve::Case;
 use crate::mechanics::needle::beam::Shape;
-use crate::study::plot::{Axis, Marker, Plot, Series};
+use crate::report::number::decimal;
+use crate::report::plot::{Axis, Marker, Plot, Series};
+use crate::report::table::{Cell, Table};
 
 /// Number of rows of the shape in the text report.
 const ROWS: usize = 12;
@@ -75,43 +77,30 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let depth = |depth: Option<f64>| {
             depth.map_or("none".to_owned(), |depth| {
-                format!("{:.4} mm below the entry", whole(depth))
+                format!("{} mm below the entry", decimal(depth, 4))
             })
         };
-        writeln!(f, "tip          {:.6} mm", whole(self.tip_mm))?;
+        writeln!(f, "tip          {} mm", decimal(self.tip_mm, 6))?;
         writeln!(f, "RCM          {} (where the base points)", depth(self.rcm_mm))?;
         writeln!(f, "COM          {} (where the needle pivots)", depth(self.com_mm))?;
-        let [force, moment] = self.hold.map(whole);
-        writeln!(f, "base         {force:.6} N, {moment:.6} N mm")?;
+        let [force, moment] = self.hold.map(|it| decimal(it, 6));
+        writeln!(f, "base         {force} N, {moment} N mm")?;
         writeln!(f, "compression  to {:.4} of the tissue's length", self.least_ratio)?;
         writeln!(
             f,
-            "residual     {:.1e}, {} Newton steps",
+            "residual     {:.1e}, {} Newton steps\n",
             self.residual, self.iterations
-        )?;
-        writeln!(
-            f,
-            "\n{:>10} {:>12} {:>12} {:>14}",
-            "x mm", "u mm", "slope", "reaction N/mm"
         )?;
         let last = self.shape.len().saturating_sub(1);
         let every = last.div_ceil(ROWS).max(1);
-        for (_, node) in self
-            .shape
-            .iter()
-            .enumerate()
-            .filter(|(at, _)| at % every == 0 || *at == last)
-        {
-            let [x, u, slope, reaction] = [node.x, node.u, node.slope, node.reaction].map(whole);
-            writeln!(f, "{x:>10.3} {u:>12.6} {slope:>12.6} {reaction:>14.6}")?;
-        }
-        Ok(())
+        let shown = self.shape.iter().enumerate();
+        let shown = shown.filter(|(at, _)| at % every == 0 || *at == last);
+        let rows = shown.map(|(_, Node { x, u, slope, reaction })| {
+            [(*x, 3), (*u, 6), (*slope, 6), (*reaction, 6)].map(|(value, digits)| decimal(value, digits))
+        });
+        let head = ["x mm", "u mm", "slope", "reaction N/mm"].map(Cell::number);
+        f.write_str(&Table::new(head).with(rows).text(" ", &[10, 12, 12, 14]))
     }
-}
-
-/// Rounds to the displayed precision, so that no negative zero appears.
-fn whole(x: f64) -> f64 {
-    (x * 1e6).round() / 1e6 + 0.0
 }
 
 /// Plots the needle in its tissue: its shape, the tangent at its base, and both centres of motion.
@@ -130,45 +119,25 @@ pub fn plot(case: &Case, shape: &Shape) -> Plot {
     let deflections = || needle.iter().map(|point| point[1]);
     let low = deflections().fold(0.0, f64::min);
     let high = deflections().fold(0.0, f64::max);
-    let line = |name: &str, points: Vec<[f64; 2]>, colour| Series {
-        name: name.to_owned(),
-        points,
-        joined: true,
-        marker: Marker::None,
-        colour,
-    };
     let mut series = Vec::new();
     let mut depth = 0.0;
     let boundaries = case.problem.layers.iter().map(|layer| layer.thickness_mm);
     for boundary in std::iter::once(0.0).chain(boundaries) {
         depth += boundary;
-        series.push(line("layers of tissue", vec![[depth, low], [depth, high]], 5));
+        series.push(Series::line("layers of tissue", 5, vec![[depth, low], [depth, high]]));
     }
     let base = &shape.points[0];
     let tip = nodes[nodes.len() - 1];
-    let straight = line("at rest", vec![[base.x_mm, 0.0], [tip, 0.0]], 6);
     let reach = shape.rcm_mm().filter(|rcm| *rcm > base.x_mm).unwrap_or(tip);
     let end = [reach, base.u_mm + base.slope * (reach - base.x_mm)];
     series.extend([
-        straight,
-        line("where the base points", vec![[base.x_mm, base.u_mm], end], 4),
+        Series::line("at rest", 6, vec![[base.x_mm, 0.0], [tip, 0.0]]),
+        Series::line("where the base points", 4, vec![[base.x_mm, base.u_mm], end]),
+        Series::line("needle", 0, needle),
     ]);
-    series.push(line("needle", needle, 0));
     for (name, depth, colour) in [("RCM", shape.rcm_mm(), 1), ("COM", shape.com_mm(), 2)] {
-        series.extend(depth.map(|depth| Series {
-            name: name.to_owned(),
-            points: vec![[depth, 0.0]],
-            joined: false,
-            marker: Marker::Disc,
-            colour,
-        }));
+        series.extend(depth.map(|depth| Series::points(name, colour, Marker::Disc, vec![[depth, 0.0]])));
     }
-    Plot {
-        title: "Needle whose base is moved".to_owned(),
-        x: Axis::linear("depth, mm"),
-        y: Axis::linear("deflection, mm"),
-        series,
-        markers: Vec::new(),
-        front: Vec::new(),
-    }
+    let [x, y] = ["depth, mm", "deflection, mm"].map(Axis::linear);
+    Plot::new("Needle whose base is moved", x, y, series)
 }

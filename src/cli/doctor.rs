@@ -4,7 +4,7 @@ use std::fmt;
 
 use crate::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs};
-use crate::study::machine::Machine;
+use crate::report::machine::Machine;
 use clap::Args;
 use serde::Serialize;
 

@@ -13,11 +13,11 @@ use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
 use crate::output::OutputError;
+use crate::report::plot::PlotError;
 use crate::scenario::ScenarioError;
 use crate::scene::SceneError;
 use crate::statics::StaticsError;
 use crate::study::bench::compare::CompareError;
-use crate::study::plot::PlotError;
 use crate::study::puncture::PunctureError;
 use crate::study::tradeoff::RenderError;
 use crate::study::tradeoff::image::ImageError;
@@ -35,6 +35,12 @@ pub enum Failure {
     /// Error of the library.
     #[error(transparent)]
     Library(Box<crate::error::Error>),
+    /// Error of a study, which the user can correct.
+    #[error(transparent)]
+    Study(Box<dyn std::error::Error + Send + Sync>),
+    /// Error of a study, in which the machine failed.
+    #[error(transparent)]
+    Machine(Box<dyn std::error::Error + Send + Sync>),
     /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
@@ -79,8 +85,8 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Library(error) => error.exit_status(),
-            Self::Usage { .. } => INPUT,
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
+            Self::Usage { .. } | Self::Study(_) => INPUT,
+            Self::Machine(_) | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -90,7 +96,7 @@ impl Diagnostic for Failure {
         match self {
             Self::Library(error) => error.help(),
             Self::Usage { help, .. } => Some(Box::new(help)),
-            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => None,
+            _ => None,
         }
     }
 
@@ -131,25 +137,42 @@ from_library!(
     crate::error::Error,
     BeamCaseError,
     BeamError,
-    CompareError,
     GenerateError,
     GpuError,
-    ImageError,
-    InsertionStudyError,
     MaterialCaseError,
     MeshFileError,
     OutputError,
     PlotError,
     PointsError,
-    PunctureError,
-    RenderError,
     ScenarioError,
     SceneError,
     StaticsError,
     StepError,
-    StudyError,
     SynthError,
-    TissueError,
     TrackingError,
     VolumeError
+);
+
+macro_rules! from_study {
+    ($($error:ty: $machine:expr),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                let machine: fn(&$error) -> bool = $machine;
+                match machine(&error) {
+                    true => Self::Machine(error.into()),
+                    false => Self::Study(error.into()),
+                }
+            }
+        })*
+    };
+}
+
+from_study!(
+    CompareError: CompareError::is_machine,
+    ImageError: ImageError::is_machine,
+    InsertionStudyError: |_| false,
+    PunctureError: |_| false,
+    RenderError: |_| true,
+    StudyError: StudyError::is_machine,
+    TissueError: |_| false
 );

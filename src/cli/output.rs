@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::output::atomic;
 use crate::output::folder::Folder;
 use crate::output::place;
-use crate::study::plot::Plot;
+use crate::report::plot::Plot;
 use clap::Args;
 
 use super::failure::Failure;

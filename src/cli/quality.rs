@@ -14,10 +14,10 @@ use crate::mechanics::tissue::remesh::Level;
 use crate::quality::cache::Cache;
 use crate::quality::trial::{Tried, pick_tried};
 use crate::quality::{Costs, Picked, QualitySpec, grid, pick};
+use crate::report::machine::Machine;
+use crate::report::statistics::Spread;
 use crate::scenario::{LevelName, NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel, Trial};
 use crate::scene::Scene;
-use crate::study::machine::Machine;
-use crate::study::spread::Spread;
 use crate::study::step_costs::{self, Nodes, Situation, StepCosts};
 use crate::synth::FrameState;
 
@@ -266,7 +266,9 @@ fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, F
     let found = watched(|progress| {
         progress("trying an insertion", 0.0);
         let scenario = file.resolve(folder, |_| {})?;
-        Ok::<_, Failure>(scenario.trial(budget_ms, PATIENCE, |share| progress("trying an insertion", share))?)
+        let mut model = scenario.model(|_, _| {})?;
+        let told = |share| progress("trying an insertion", share);
+        Ok::<_, Failure>(scenario.trial(model.as_mut(), budget_ms, PATIENCE, told)?)
     })?;
     let Trial {
         steps,

@@ -5,7 +5,8 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::mechanics::tissue::viscoelastic::point::{Control, Loading, Response};
-use crate::study::plot::{Axis, Marker, Plot, Series};
+use crate::report::plot::{Axis, Marker, Plot, Series};
+use crate::report::table::{Cell, Table};
 
 /// Response of a material, as `insonify material --json` prints it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -77,36 +78,23 @@ impl Report {
                 ("Stress under the given strain", "shear stress, kPa", points)
             }
         };
-        Plot {
-            title: title.to_owned(),
-            x: Axis::linear("time, s"),
-            y: Axis::linear(label),
-            series: vec![Series {
-                name: label.to_owned(),
-                points,
-                joined: true,
-                marker: if self.time_s.len() > MARKED {
-                    Marker::None
-                } else {
-                    Marker::Disc
-                },
-                colour: 0,
-            }],
-            markers: Vec::new(),
-            front: Vec::new(),
+        let mut series = Series::line(label, 0, points);
+        if self.time_s.len() <= MARKED {
+            series.marker = Marker::Disc;
         }
+        Plot::new(title, Axis::linear("time, s"), Axis::linear(label), vec![series])
     }
 }
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{:>14} {:>14} {:>14}", "time s", "strain", "stress kPa")?;
-        for ((time, strain), stress) in self.time_s.iter().zip(&self.strain).zip(&self.stress_kpa) {
-            match stress {
-                Some(stress) => writeln!(f, "{time:>14.6} {strain:>14.6} {stress:>14.6}")?,
-                None => writeln!(f, "{time:>14.6} {strain:>14.6} {:>14}", "infinite")?,
-            }
-        }
+        let rows = self.time_s.iter().zip(&self.strain).zip(&self.stress_kpa);
+        let rows = rows.map(|((time, strain), stress)| {
+            let stress = stress.map_or("infinite".to_owned(), |stress| format!("{stress:.6}"));
+            [format!("{time:.6}"), format!("{strain:.6}"), stress]
+        });
+        let head = ["time s", "strain", "stress kPa"].map(Cell::number);
+        f.write_str(&Table::new(head).with(rows).text(" ", &[14; 3]))?;
         write!(f, "\nsteps between two times {}", self.substeps)?;
         match self.change {
             Some(change) => write!(

@@ -8,7 +8,9 @@ use std::fmt;
 use super::error::MaterialCaseError;
 use super::resolve::Case;
 use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
-use crate::study::plot::{Axis, Marker, Plot, Series};
+use crate::report::plot::{Axis, Marker, Plot, Series};
+use crate::report::statistics;
+use crate::report::table::{Cell, Table};
 
 /// Storage and loss modulus at one frequency.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -186,11 +188,8 @@ fn stiffness(point: &Point) -> Result<Vec<Stiffness>, HistoryError> {
 
 /// Least-squares slope of a straight line through points on logarithmic scales.
 fn slope(points: &[[f64; 2]]) -> f64 {
-    let logs: Vec<[f64; 2]> = points.iter().map(|point| point.map(f64::ln)).collect();
-    let mean = |axis: usize| logs.iter().map(|point| point[axis]).sum::<f64>() / logs.len() as f64;
-    let (x, y) = (mean(0), mean(1));
-    let product = |f: &dyn Fn(&[f64; 2]) -> f64| logs.iter().map(f).sum::<f64>();
-    product(&|p| (p[0] - x) * (p[1] - y)) / product(&|p| (p[0] - x).powi(2))
+    let [x, y] = [0, 1].map(|axis: usize| points.iter().map(|point| point[axis].ln()).collect::<Vec<_>>());
+    statistics::slope(&x, &y)
 }
 
 impl Rheometer {
@@ -219,38 +218,18 @@ impl Rheometer {
 
     /// Plots, each with the stem of its file.
     pub fn plots(&self) -> Vec<(&'static str, Plot)> {
-        let plot = |title: &str, x: Axis, y: Axis, series: Vec<Series>| Plot {
-            title: title.to_owned(),
-            x,
-            y,
-            series,
-            markers: Vec::new(),
-            front: Vec::new(),
-        };
-        let points = |name: &str, colour, points| Series {
-            name: name.to_owned(),
-            points,
-            joined: false,
-            marker: Marker::Disc,
-            colour,
-        };
-        let line = |name: &str, colour, curve| Series {
-            joined: true,
-            marker: Marker::None,
-            ..points(name, colour, curve)
-        };
+        let points = |name: &str, colour, points| Series::points(name, colour, Marker::Disc, points);
         let names = ["G', storage", "G'', loss"];
         let moduli = [0, 1].into_iter().flat_map(|which| {
             [
-                line(names[which], which, self.moduli(which, true)),
+                Series::line(names[which], which, self.moduli(which, true)),
                 points(names[which], which, self.moduli(which, false)),
             ]
         });
-        let creep = self
-            .creep
-            .iter()
-            .enumerate()
-            .map(|(colour, creep)| line(&format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone()));
+        let creep =
+            self.creep.iter().enumerate().map(|(colour, creep)| {
+                Series::line(&format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone())
+            });
         let of = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
         let found = |structure| of(structure).map(|point| [point.strain, point.found_kpa]).collect();
         let mut law: Vec<[f64; 2]> = self
@@ -262,7 +241,7 @@ impl Rheometer {
         vec![
             (
                 "dynamic-moduli",
-                plot(
+                Plot::new(
                     "Dynamic moduli: points from a sine of 3 %, lines from the law",
                     Axis::log("angular frequency, rad/s"),
                     Axis::log("modulus, kPa"),
@@ -271,7 +250,7 @@ impl Rheometer {
             ),
             (
                 "creep",
-                plot(
+                Plot::new(
                     "Creep under a stress that is put on and held",
                     Axis::log("time, s"),
                     Axis::log("shear strain"),
@@ -280,12 +259,12 @@ impl Rheometer {
             ),
             (
                 "stiffness",
-                plot(
+                Plot::new(
                     "Stiffness that creep shows after 100 s",
                     Axis::linear("shear strain"),
                     Axis::linear("G, kPa"),
                     vec![
-                        line("the law", 2, law),
+                        Series::line("the law", 2, law),
                         points("load-integral", 1, found(Structure::LoadIntegral)),
                         Series {
                             marker: Marker::Ring,
@@ -310,31 +289,25 @@ impl fmt::Display for Rheometer {
             "slopes {storage:.4} and {loss:.4}; off the law by {:.1e} at most",
             self.dynamic_error()
         )?;
-        writeln!(f, "\n{:>12} {:>14} {:>14}", "rad/s", "G' kPa", "G'' kPa")?;
-        for dynamic in &self.dynamic {
-            let [storage, loss] = dynamic.found_kpa;
-            writeln!(f, "{:>12.4} {storage:>14.6} {loss:>14.6}", dynamic.frequency)?;
-        }
+        let rows = self.dynamic.iter().map(|dynamic| {
+            let [storage, loss] = dynamic.found_kpa.map(|kpa| format!("{kpa:.6}"));
+            [format!("{:.4}", dynamic.frequency), storage, loss]
+        });
+        let head = ["rad/s", "G' kPa", "G'' kPa"].map(Cell::number);
+        writeln!(f, "\n{}", Table::new(head).with(rows).text(" ", &[12, 14, 14]))?;
         writeln!(
             f,
-            "\ncreep after {HELD_S} s: the stiffness that it shows, and the law's at this strain"
+            "creep after {HELD_S} s: the stiffness that it shows, and the law's at this strain\n"
         )?;
-        writeln!(
-            f,
-            "\n{:>14} {:>12} {:>14} {:>14}",
-            "structure", "strain", "G shown kPa", "G law kPa"
-        )?;
-        for point in &self.stiffness {
+        let rows = self.stiffness.iter().map(|point| {
             let name = match point.structure {
                 Structure::Rate => "rate",
                 Structure::LoadIntegral => "load-integral",
             };
-            writeln!(
-                f,
-                "{name:>14} {:>12.6} {:>14.6} {:>14.6}",
-                point.strain, point.found_kpa, point.law_kpa
-            )?;
-        }
-        Ok(())
+            let [strain, found, law] = [point.strain, point.found_kpa, point.law_kpa].map(|it| format!("{it:.6}"));
+            [name.to_owned(), strain, found, law]
+        });
+        let head = ["structure", "strain", "G shown kPa", "G law kPa"].map(Cell::number);
+        f.write_str(&Table::new(head).with(rows).text(" ", &[14, 12, 14, 14]))
     }
 }

@@ -1,4 +1,5 @@
 use std::collections::{BTreeMap, VecDeque};
+use std::sync::OnceLock;
 
 use nalgebra::Point3;
 
@@ -27,6 +28,13 @@ fn made(kind: Phantom, resolution_mm: f64, seed: u64) -> LabelVolume {
         seed,
     };
     make(kind, &options).unwrap()
+}
+
+/// A phantom at 1 mm with seed 0, made once for all tests.
+fn fine(kind: Phantom) -> &'static LabelVolume {
+    static MADE: [OnceLock<LabelVolume>; KINDS.len()] = [const { OnceLock::new() }; KINDS.len()];
+    let at = KINDS.iter().position(|known| *known == kind).unwrap();
+    MADE[at].get_or_init(|| made(kind, 1.0, 0))
 }
 
 fn millilitres(volume: &LabelVolume) -> BTreeMap<String, f64> {
@@ -175,7 +183,7 @@ fn two_resolutions_agree() {
         (Phantom::LiverVein, &["liver", "vessel"]),
     ];
     for (kind, names) in cases {
-        let (coarse, fine) = (millilitres(&made(kind, 2.0, 5)), millilitres(&made(kind, 1.0, 5)));
+        let (coarse, fine) = (millilitres(&made(kind, 2.0, 0)), millilitres(fine(kind)));
         for name in names {
             let ml = fine[*name];
             // Small parts agree less closely than large ones.
@@ -206,7 +214,7 @@ fn neighbours(volume: &LabelVolume, at: usize, corners: bool) -> impl Iterator<I
 #[test]
 fn the_abdomen_is_whole_at_its_own_resolution() {
     let kind = Phantom::Abdomen;
-    let volume = made(kind, 1.0, 0);
+    let volume = fine(kind);
     let voxels = volume.voxels();
     let (skin, bile, gallbladder) = (
         value(kind, "skin"),
@@ -216,12 +224,12 @@ fn the_abdomen_is_whole_at_its_own_resolution() {
     for (at, &label) in voxels.iter().enumerate() {
         if label != 0 && label != skin {
             assert!(
-                neighbours(&volume, at, false).all(|n| voxels[n] != 0),
+                neighbours(volume, at, false).all(|n| voxels[n] != 0),
                 "{label} touches air at {at}"
             );
         }
         if label == bile {
-            assert!(neighbours(&volume, at, false).all(|n| [bile, gallbladder].contains(&voxels[n])));
+            assert!(neighbours(volume, at, false).all(|n| [bile, gallbladder].contains(&voxels[n])));
         }
     }
     // Vena cava, portal vein, aorta and mesenteric artery: every vessel voxel is connected with one of them.
@@ -245,7 +253,7 @@ fn the_abdomen_is_whole_at_its_own_resolution() {
         queue.push_back(at);
     }
     while let Some(at) = queue.pop_front() {
-        for next in neighbours(&volume, at, true) {
+        for next in neighbours(volume, at, true) {
             if voxels[next] == vessel && !reached[next] {
                 reached[next] = true;
                 queue.push_back(next);
@@ -264,7 +272,7 @@ fn the_abdomen_is_whole_at_its_own_resolution() {
 
 /// Fraction of each label in the fan of a pose, by name.
 fn view(kind: Phantom, radius: f64, half_deg: f64, depth: f64) -> BTreeMap<&'static str, f64> {
-    let volume = made(kind, 1.0, 0);
+    let volume = fine(kind);
     let pose = default_pose(kind);
     let mut shares = BTreeMap::new();
     let (rays, samples) = (61, 120);
@@ -337,7 +345,7 @@ fn default_poses_show_what_they_promise() {
 #[test]
 fn skin_lies_on_the_convex_array_of_the_default_pose() {
     for (kind, half_deg) in [(Phantom::Abdomen, 25.0), (Phantom::Spine, 25.0)] {
-        let volume = made(kind, 1.0, 0);
+        let volume = fine(kind);
         let pose = default_pose(kind);
         for deg in [-1.0, -0.5, 0.0, 0.5, 1.0] {
             let (sin, cos) = f64::to_radians(deg * half_deg).sin_cos();

@@ -1,6 +1,7 @@
 //! Verification of picked settings: costs are measured on a similar problem, and a trial runs the actual one.
 
 use super::{Choice, Costs, Picked, Setting, choose};
+use crate::report::pareto;
 
 /// Maximum number of trials: each takes as long as the problem itself.
 const MOST: usize = 6;
@@ -46,13 +47,12 @@ pub fn pick_tried<E>(
         known.push((choice.settings.clone(), tried.ms));
         all.push((choice, tried));
     }
-    let error = |(choice, _): &&(Choice, Tried)| choice.error;
-    let ms = |(_, tried): &&(Choice, Tried)| tried.ms;
-    let within = all.iter().filter(|it| ms(it) <= budget_ms);
-    let taken = within
-        .min_by(|a, b| error(a).total_cmp(&error(b)))
-        .or_else(|| all.iter().min_by(|a, b| ms(a).total_cmp(&ms(b))));
-    Ok(taken.map(|(choice, tried)| choice.picked(asked, budget_ms, costs, tried.ms, &tried.measured)))
+    let taken = pareto::choose(&all, budget_ms, 1.0, |(choice, tried)| [tried.ms, choice.error]);
+    Ok(taken.map(
+        |pareto::Choice {
+             taken: (choice, tried), ..
+         }| { choice.picked(asked, budget_ms, costs, tried.ms, &tried.measured) },
+    ))
 }
 
 impl Costs {

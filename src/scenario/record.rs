@@ -10,7 +10,7 @@ use std::io::{self, Write};
 use super::resolve::Scenario;
 use super::run::{Moment, Step};
 use super::summary::Summary;
-use crate::study::plot::{Plot, PlotError};
+use crate::report::plot::{Plot, PlotError};
 use crate::synth::Frame;
 use curves::Curves;
 use film::Film;

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::resolve::Scenario;
 use super::run::Step;
 use crate::mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue};
-use crate::study::spread::Times;
+use crate::report::statistics::Times;
 
 /// Maximum number of events kept: a run that never converges reports one per step.
 const MOST_EVENTS: usize = 10_000;

@@ -4,9 +4,8 @@ use std::time::{Duration, Instant};
 
 use super::Scenario;
 use super::run::{Deformed, Moment, Observer, Requests, Step, run};
-use crate::error::Error;
-use crate::mechanics::insertion::StepError;
-use crate::study::spread::percentile;
+use crate::mechanics::insertion::{Model, StepError};
+use crate::report::statistics::percentile;
 
 /// Step times of a trial run. Only steps that remesh count, as they take longest; all steps if there are none.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,13 +23,18 @@ pub struct Trial {
 }
 
 impl Scenario {
-    /// Runs steps from the start until the end of the scenario or until `patience` has elapsed, and counts those that take longer
+    /// Runs steps of a model made by [`Scenario::model`] from the start until the end of the scenario or until `patience` has elapsed, and counts those that take longer
     /// than `limit_ms`. `told` receives the completed fraction, of the steps or of the time, whichever is larger.
     ///
     /// # Errors
-    /// Errors of the model and of a step.
-    pub fn trial(&self, limit_ms: f64, patience: Duration, told: impl FnMut(f64)) -> Result<Trial, Error> {
-        let mut model = self.model(|_, _| {})?;
+    /// Errors of a step.
+    pub fn trial(
+        &self,
+        model: &mut dyn Model,
+        limit_ms: f64,
+        patience: Duration,
+        told: impl FnMut(f64),
+    ) -> Result<Trial, StepError> {
         let mut clock = Clock {
             start: Instant::now(),
             patience,
@@ -39,9 +43,9 @@ impl Scenario {
             remeshing: Vec::new(),
             told,
         };
-        match run(self, model.as_mut(), Requests::default(), &mut clock) {
+        match run(self, model, Requests::default(), &mut clock) {
             Ok(_) | Err(End::Late) => Ok(clock.trial(limit_ms)),
-            Err(End::Failed(error)) => Err(error.into()),
+            Err(End::Failed(error)) => Err(error),
         }
     }
 }

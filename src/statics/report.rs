@@ -8,6 +8,8 @@ use serde::Serialize;
 use super::course::Model;
 use super::resolve::{Problem, Solved};
 use super::run::History;
+use crate::report::number::decimal;
+use crate::report::table::{Cell, Table};
 
 /// Summary of a solved problem, as `insonify solve --json` prints it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -111,49 +113,39 @@ impl fmt::Display for Report {
             "farthest     {:.6} mm, node {}",
             self.max_displacement_mm, self.farthest
         )?;
-        writeln!(f, "\n{:>10} {:>14} {:>14} {:>14}", "held by", "x N", "y N", "z N")?;
-        for (fix, force) in self.reaction_n.iter().enumerate() {
-            row(f, &format!("fix[{fix}]"), force, "")?;
-        }
-        if !self.load_n.is_empty() || self.weight_n.is_some() {
-            writeln!(
-                f,
-                "\n{:>10} {:>14} {:>14} {:>14} {:>14}",
-                "loaded by", "x N", "y N", "z N", "on mm^2"
-            )?;
-        }
-        for (load, (force, area)) in self.load_n.iter().zip(&self.load_area_mm2).enumerate() {
+        let forces = |name: &str| [name, "x N", "y N", "z N", "on mm^2"].map(Cell::number);
+        let fixed = self.reaction_n.iter().enumerate();
+        let fixed = fixed.map(|(fix, force)| row(format!("fix[{fix}]"), force, None));
+        put(f, Table::new(forces("held by").into_iter().take(4)).with(fixed))?;
+        let loads = self.load_n.iter().zip(&self.load_area_mm2).enumerate();
+        let loads = loads.map(|(load, (force, area))| {
             let area = match area {
                 0.0 => "nodes".to_owned(),
                 area => format!("{area:.3}"),
             };
-            row(f, &format!("load[{load}]"), force, &area)?;
-        }
-        if let Some(weight) = &self.weight_n {
-            row(f, "weight", weight, "")?;
-        }
-        if !self.report_nodes.is_empty() {
-            writeln!(f, "\n{:>10} {:>14} {:>14} {:>14}", "node", "x mm", "y mm", "z mm")?;
-            for (node, displacement) in self.report_nodes.iter().zip(&self.displacement_mm) {
-                row(f, &node.to_string(), displacement, "")?;
-            }
-        }
+            row(format!("load[{load}]"), force, Some(area))
+        });
+        let weight = self.weight_n.map(|weight| row("weight".to_owned(), &weight, None));
+        put(f, Table::new(forces("loaded by")).with(loads.chain(weight)))?;
+        let nodes = self.report_nodes.iter().zip(&self.displacement_mm);
+        let nodes = nodes.map(|(node, displacement)| row(node.to_string(), displacement, None));
+        let head = ["node", "x mm", "y mm", "z mm"].map(Cell::number);
+        put(f, Table::new(head).with(nodes))?;
         let phases = ["read", "check", "assembly", "factor", "solve", "total"].iter();
         let phases = phases.filter_map(|name| Some(format!("{name} {:.1}", 1e3 * self.seconds.get(name)?)));
         write!(f, "\nmilliseconds {}", phases.collect::<Vec<_>>().join(", "))
     }
 }
 
-fn row(f: &mut fmt::Formatter<'_>, name: &str, vector: &[f64; 3], more: &str) -> fmt::Result {
-    let [x, y, z] = vector.map(rounded);
-    let more = match more {
-        "" => String::new(),
-        more => format!(" {more:>14}"),
-    };
-    writeln!(f, "{name:>10} {x:>14.6} {y:>14.6} {z:>14.6}{more}")
+/// Writes a table below an empty line, unless it is empty.
+fn put(f: &mut fmt::Formatter<'_>, table: Table) -> fmt::Result {
+    match table.is_empty() {
+        true => Ok(()),
+        false => write!(f, "\n{}", table.text(" ", &[10, 14, 14, 14, 14])),
+    }
 }
 
-/// Rounds to the decimals that are shown, so that no negative zero appears.
-fn rounded(x: f64) -> f64 {
-    (x * 1e6).round() / 1e6 + 0.0
+fn row(name: String, vector: &[f64; 3], more: Option<String>) -> Vec<String> {
+    let cells = std::iter::once(name).chain(vector.map(|x| decimal(x, 6)));
+    cells.chain(more).collect()
 }

@@ -1,11 +1,11 @@
 //! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a 1 mm steel needle in a phantom and in
 //! porcine muscle, beside the values computed here.
 
-use super::machine::Machine;
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
 use crate::mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
+use crate::report::machine::Machine;
 
 /// Length of the tissue before compression, mm. An assumption: Wang et al. 2023 do not state it.
 pub const INITIAL_LENGTH_MM: f64 = 50.0;

@@ -15,7 +15,7 @@ use crate::gpu::Gpu;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
-pub use super::spread::Spread;
+pub use crate::report::statistics::Spread;
 pub use report::{BackendReport, BenchReport, PassSpread, Rung};
 
 /// Duration of a measurement.

@@ -126,15 +126,13 @@ struct Trail {
 }
 
 impl Trail {
-    /// Runs the plan up to each pass in turn.
+    /// Runs the plan pass by pass.
     fn of(synth: &mut Synthesizer, state: &FrameState) -> Result<Self, SynthError> {
         let passes: Vec<&'static str> = synth.plan().passes.iter().map(|planned| planned.pass.name).collect();
         let origin = synth.tables().origin;
-        let beams = passes
-            .iter()
-            .map(|pass| Ok(origin.beam_into_local(synth.render_until(pass, state)?)));
+        let beams = synth.render_each(state)?.into_iter();
         Ok(Self {
-            beams: beams.collect::<Result<_, SynthError>>()?,
+            beams: beams.map(|beam| origin.beam_into_local(beam)).collect(),
             passes,
         })
     }

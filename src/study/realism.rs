@@ -12,8 +12,8 @@ pub mod texture;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::study::spread::percentile;
-use crate::study::statistics::{correlation, mean, std};
+use crate::report::statistics::percentile;
+use crate::report::statistics::{correlation, mean, std};
 use crate::volume::{At, VolumeError};
 pub use measures::{MEASURES, Measure};
 use picture::Picture;

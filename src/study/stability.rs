@@ -33,7 +33,7 @@ pub use record::Record;
 pub use record::Unexpected;
 pub use report::{CaseReport, Report};
 
-use super::machine::Machine;
+use crate::report::machine::Machine;
 
 /// All groups, in display order.
 pub const GROUPS: &[Group] = &[
@@ -80,15 +80,7 @@ fn run_case(group: &str, case: &Case, effort: Effort, progress: &mut dyn FnMut(f
     if let Err(unexpected) = (case.run)(&mut record) {
         record.fail(unexpected);
     }
-    CaseReport {
-        group: group.to_owned(),
-        name: case.name.to_owned(),
-        criterion: case.criterion.to_owned(),
-        covers: case.covers.iter().map(|&cover| cover.to_owned()).collect(),
-        seed: case.seed,
-        seconds: start.elapsed().as_secs_f64(),
-        measures: record.into_measures(),
-    }
+    CaseReport::new(group, case, start.elapsed().as_secs_f64(), record.into_measures())
 }
 
 #[cfg(test)]

@@ -21,7 +21,6 @@ pub mod gather;
 pub mod history;
 pub mod image;
 pub mod insertion;
-mod pareto;
 mod real_time;
 pub mod remesh;
 mod render;
@@ -36,7 +35,7 @@ pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
 pub use real_time::{Beat, InTime, Pace};
 pub use render::RenderError;
 
-use super::machine::Machine;
+use crate::report::machine::Machine;
 
 /// Parameter that distinguishes the rows of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

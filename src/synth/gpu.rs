@@ -284,13 +284,23 @@ impl GpuExecutor {
     /// Runs the steps up to and including a pass; all of them if there is none of that name.
     pub fn run_until(&mut self, pass: &str, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         self.upload(tables, state)?;
-        let end = self
-            .steps
-            .iter()
-            .rposition(|step| step.pass.name == pass)
-            .map_or(self.steps.len(), |at| at + 1);
+        self.run_steps(0, self.end_of(pass))
+    }
+
+    /// Goes on with the frame that [`Self::run_until`] began: from behind a pass up to and including another.
+    pub fn run_on(&mut self, behind: &str, pass: &str) -> Result<(), SynthError> {
+        let start = self.end_of(behind);
+        self.run_steps(start, self.end_of(pass).max(start))
+    }
+
+    fn end_of(&self, pass: &str) -> usize {
+        let last = self.steps.iter().rposition(|step| step.pass.name == pass);
+        last.map_or(self.steps.len(), |at| at + 1)
+    }
+
+    fn run_steps(&mut self, start: usize, end: usize) -> Result<(), SynthError> {
         Ok(self.gpu.submit("part of a frame", |recorder| {
-            recorder.run("part of a frame", dispatches(&self.steps[..end]))
+            recorder.run("part of a frame", dispatches(&self.steps[start..end]))
         })?)
     }
 

@@ -58,6 +58,62 @@ fn the_plan_names_no_gpu() {
     assert_free("plan", &["wgpu", "gpu"]);
 }
 
+/// Lines of a source before its tests that name a module of the crate by one of these paths.
+fn naming_paths(module: &str, paths: &[&str]) -> Vec<String> {
+    let mut found = Vec::new();
+    for path in sources(module) {
+        let is_test = |part: &std::ffi::OsStr| ["tests", "tests.rs"].iter().any(|it| part == *it);
+        if path.iter().any(is_test) {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).expect("a source");
+        let own = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+        for (at, line) in own.lines().enumerate() {
+            let names = |module: &&str| {
+                let begins = format!("crate::{module}");
+                line.match_indices(&begins).any(|(from, _)| {
+                    let next = line[from + begins.len()..].chars().next();
+                    !next.is_some_and(|c| c.is_alphanumeric() || c == '_')
+                })
+            };
+            if paths.iter().any(names) {
+                found.push(format!("{}:{}: {line}", path.display(), at + 1));
+            }
+        }
+    }
+    found
+}
+
+/// Studies measure everything else: only the commands know of them.
+#[test]
+fn only_the_commands_name_studies() {
+    for entry in std::fs::read_dir(root().join("src")).expect("the sources").flatten() {
+        let path = entry.path();
+        let module = path.file_stem().and_then(|stem| stem.to_str()).expect("a name");
+        if !["cli", "study", "lib"].contains(&module) {
+            let found = naming_paths(module, &["study"]);
+            assert!(found.is_empty(), "{module} names studies:\n{}", found.join("\n"));
+        }
+    }
+}
+
+#[test]
+fn what_a_user_writes_and_reports_name_neither_commands_nor_the_top_error() {
+    for module in [
+        "document",
+        "scene",
+        "scenario",
+        "statics",
+        "beam_case",
+        "material_case",
+        "quality",
+        "report",
+    ] {
+        let found = naming_paths(module, &["cli", "error"]);
+        assert!(found.is_empty(), "{module}:\n{}", found.join("\n"));
+    }
+}
+
 #[test]
 fn the_gpu_layer_knows_no_ultrasound() {
     assert_free(

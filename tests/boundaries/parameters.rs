@@ -9,7 +9,7 @@ use insonify::effects::{
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 use serde_json::Value;
 
-use crate::shaders::{block_of, layout, parse, passes};
+use super::shaders::{block_of, layout, parse, passes};
 
 struct Block {
     /// Start of the names of the passes that bind it.

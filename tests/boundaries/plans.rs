@@ -7,7 +7,7 @@ use insonify::plan::Plan;
 use insonify::synth::tables::{Anatomy, Settings, Tables};
 use insonify::synth::{Backend, Synthesizer};
 
-use crate::shaders::tables;
+use super::shaders::tables;
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene;

@@ -9,7 +9,7 @@ use insonify::remesh_gpu::tiles::{ALL, Params, SHADER};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 
-use crate::shaders::block_of;
+use super::shaders::block_of;
 
 fn parse() -> (Module, ModuleInfo) {
     let module =

@@ -10,7 +10,7 @@ use insonify::synth::tables::Tables;
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
 
-use crate::plans::{Scene, everything, scenes};
+use super::plans::{Scene, everything, scenes};
 
 pub fn tables(scene: &Scene) -> Tables {
     Tables::new(scene.anatomy.clone(), scene.settings.clone()).expect("tables")
@@ -235,7 +235,8 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
 #[test]
 fn a_large_grid_unfolds_over_two_dimensions() {
     let mut scene = everything();
-    (scene.settings.probe.lines, scene.settings.probe.samples) = (1024, 8192);
+    // More than 65,535 workgroups of 64.
+    (scene.settings.probe.lines, scene.settings.probe.samples) = (520, 8192);
     let tables = tables(&scene);
     let band = Band { first_row: 0, rows: 1 };
     for effect in REGISTRY {
@@ -249,7 +250,7 @@ fn a_large_grid_unfolds_over_two_dimensions() {
             if pass.name == "warp" || pass.name == "thickness" {
                 let planes = if pass.name == "warp" { tables.planes() as u64 } else { 1 };
                 let covered = u64::from(groups[0]) * u64::from(groups[1]) * 64;
-                assert!(covered >= planes * 1024 * 8192, "{}: {groups:?}", pass.name);
+                assert!(covered >= planes * 520 * 8192, "{}: {groups:?}", pass.name);
             }
         }
     }

@@ -261,33 +261,6 @@ fn the_published_table_is_regenerated() {
     assert!(bench.run("beam table").text().contains("Table I"));
 }
 
-#[test]
-fn choices_are_studied() {
-    let bench = Bench::new();
-    let json = bench.run("tradeoff beam --json -q -o study").json();
-    for (table, rows) in [
-        ("elements", 15),
-        ("friction", 30),
-        ("friction-term", 48),
-        ("models", 72),
-        ("needles", 10),
-    ] {
-        let found = json["tables"][table]["rows"].as_array().expect("rows");
-        assert_eq!(found.len(), rows, "{table}");
-        assert!(found.iter().all(|row| row["flag"].is_null()), "{table}");
-    }
-    let files = bench.files("study");
-    for file in [
-        "beam-elements.svg",
-        "beam-friction.svg",
-        "beam-models-psm.svg",
-        "beam-needles.svg",
-        "models.csv",
-    ] {
-        assert!(files.contains(&file.to_owned()), "{files:?}");
-    }
-}
-
 /// Springs and beam have keys of their own.
 #[test]
 fn a_needle_of_a_scenario_may_be_a_beam() {

@@ -57,10 +57,6 @@ direction = [0, 1, 1]
     bench.write(&format!("{name}.toml"), &scene);
 }
 
-fn sidecar(bench: &Bench, name: &str) -> Sidecar {
-    serde_json::from_slice(&std::fs::read(bench.path(name)).expect("a sidecar")).expect("a sidecar")
-}
-
 fn numbers(value: &Value) -> Vec<f64> {
     let numbers = value.as_array().expect("numbers").iter();
     numbers.map(|x| x.as_f64().expect("a number")).collect()
@@ -107,7 +103,7 @@ fn a_scene_moved_far_away_gives_the_same_frames_and_places_in_the_world() {
         .collect();
     assert_eq!(names.len(), 2, "{files:?}");
     for file in names {
-        let [near, far] = ["near", "far"].map(|name| sidecar(&bench, &format!("{name}/{file}")));
+        let [near, far] = ["near", "far"].map(|name| bench.read::<Sidecar>(&format!("{name}/{file}")));
         let place = |rows: &insonify::tracking::matrix::Rows| [0, 1, 2].map(|row| rows.0[(row, 3)]);
         moved(
             &place(&near.probe_to_world),

@@ -211,7 +211,7 @@ fn ground_truth_goes_beside_the_frame() {
             "render moving.toml --backend cpu --frames 1 -o a.png --layers {layers} --sidecar --overview"
         ))
         .text();
-    let sidecar: Sidecar = serde_json::from_slice(&std::fs::read(bench.path("a.json")).unwrap()).unwrap();
+    let sidecar: Sidecar = bench.read("a.json");
     assert_eq!(sidecar.files.image.as_deref(), Some("a.png"));
     let listed: Vec<&str> = sidecar.files.layers.iter().map(|layer| layer.name.as_str()).collect();
     assert_eq!(listed.join(","), layers);
@@ -314,7 +314,7 @@ fn a_probe_outside_the_volume_gives_a_black_frame_and_a_warning() {
     assert!(warning.contains("nothing of the volume"), "{run:?}");
     assert_eq!(run.stderr.matches(warning).count(), 1, "{run:?}");
     assert!(grey(&bench.path("frame.png")).1.iter().all(|&grey| grey == 0));
-    let sidecar: Sidecar = serde_json::from_slice(&std::fs::read(bench.path("frame.json")).unwrap()).unwrap();
+    let sidecar: Sidecar = bench.read("frame.json");
     assert_eq!(sidecar.warnings, [warning]);
 }
 
@@ -332,9 +332,8 @@ fn a_probe_that_leaves_the_volume_is_told_of_by_frame() {
         told[0].as_str().unwrap().starts_with("2 of 3 frames, first frame 1: "),
         "{told:?}"
     );
-    let sidecar = |name: &str| std::fs::read_to_string(bench.path(name)).unwrap();
-    assert!(sidecar("out/frame_0002.json").contains("wholly outside"));
-    assert!(!sidecar("out/frame_0000.json").contains("field of view"));
+    assert!(bench.text("out/frame_0002.json").contains("wholly outside"));
+    assert!(!bench.text("out/frame_0000.json").contains("field of view"));
 }
 
 #[test]
@@ -346,7 +345,7 @@ fn a_label_file_alone_is_enough() {
     assert!(run.stderr.contains("liver"), "{run:?}");
     assert!(grey(&bench.path("liver.png")).1.iter().any(|&grey| grey > 60));
     std::fs::create_dir(bench.path("scenes")).unwrap();
-    bench.write("scenes/own.toml", SCENE);
+    bench.write("scenes/own.toml", &format!("{SCENE}[effects]\n"));
     bench
         .run("render scenes/own.toml --labels body.nii.gz --backend cpu -o replaced.png")
         .text();
@@ -398,10 +397,7 @@ fn an_overlay_is_drawn_over_the_picture_and_told() {
     assert_eq!(plain.0, marked.0);
     let changed = plain.1.iter().zip(&marked.1).filter(|(a, b)| a != b).count();
     assert!((20..48 * 20).contains(&changed), "{changed} pixels are marked");
-    let told = |name: &str| {
-        let text = std::fs::read_to_string(bench.path(name)).unwrap();
-        serde_json::from_str::<Sidecar>(&text).unwrap().files.overlay
-    };
+    let told = |name: &str| bench.read::<Sidecar>(name).files.overlay;
     assert_eq!([told("plain.json"), told("marked.json")], [false, true]);
     for refused in ["-o a.png --overlay --layers depth", "-o a.mha --overlay"] {
         let run = bench.run(&format!("render scene.toml --backend cpu {refused}"));

@@ -50,7 +50,7 @@ fn bench() -> Bench {
 
 /// The table without the last column, which holds milliseconds.
 fn table(bench: &Bench, folder: &str) -> Vec<String> {
-    let text = fs::read_to_string(bench.path(folder).join("steps.csv")).expect("a table");
+    let text = bench.text(&format!("{folder}/steps.csv"));
     let cut = |line: &str| line.rsplit_once(',').expect("columns").0.to_owned();
     text.lines().map(cut).collect()
 }
@@ -72,8 +72,7 @@ fn a_run_leaves_steps_plots_page_and_summary() {
         .map(|event| event["kind"].as_str().expect("a word"))
         .collect();
     assert_eq!(kinds[0], "surface", "{kinds:?}");
-    let written = fs::read_to_string(bench.path("out/summary.json")).expect("a file");
-    assert_eq!(serde_json::from_str::<Value>(&written).expect("JSON"), summary);
+    assert_eq!(bench.read::<Value>("out/summary.json"), summary);
 
     let table = table(&bench, "out");
     assert_eq!(table.len(), 101);
@@ -94,7 +93,7 @@ fn a_run_leaves_steps_plots_page_and_summary() {
     assert!((last[of("base_force_z_n")] - last[of("world_force_z_n")]).abs() < 1e-12);
     assert!(last[of("base_force_z_n")] < 0.0, "tissue pushes the hand back");
 
-    let page = fs::read_to_string(bench.path("out/index.html")).expect("a page");
+    let page = bench.text("out/index.html");
     assert_eq!(page.matches("<svg").count(), 3);
     assert_eq!(page.matches("<script").count(), 0, "without images there is no slider");
     for outside in ["src=", "href=\"http", "@import", "url("] {
@@ -125,7 +124,7 @@ fn frames_and_meshes_follow_on_request() {
         .run("insert block.toml -o out --frames --vtu 100 --backend cpu -q")
         .text();
     assert_eq!(bench.files("out/frames").len(), 11);
-    let page = fs::read_to_string(bench.path("out/index.html")).expect("a page");
+    let page = bench.text("out/index.html");
     // First and deepest, without a script; the others behind the slider.
     assert_eq!(page.matches("<img src=\"data:image/png").count(), 2);
     assert_eq!(page.matches("data:image/png").count(), 2 + 11);
@@ -197,8 +196,7 @@ fn ground_truth_follows_needle_and_tissue() {
     assert!(greatest(layer("0010", "needle")) > Some(100));
     assert!(greatest(layer("0010", "displacement")) > greatest(layer("0000", "displacement")));
     assert!(layer("0010", "label-value").contains(&1));
-    let text = fs::read_to_string(bench.path("out/frames/frame_0010.json")).expect("a sidecar");
-    let sidecar: Value = serde_json::from_str(&text).expect("JSON");
+    let sidecar: Value = bench.read("out/frames/frame_0010.json");
     let tip = sidecar["needle"]["tip_mm"][2].as_f64().expect("a tip");
     assert!((tip + 20.0).abs() < 0.5, "{tip}");
     assert!((sidecar["time_s"].as_f64().expect("a time") - 0.5).abs() < 0.01);
@@ -356,7 +354,7 @@ fn remeshing_works_on_a_gpu_and_changes_its_level_on_the_way() {
         (&change["from"], &change["to"]),
         (&Value::from("I"), &Value::from("III"))
     );
-    let page = fs::read_to_string(bench.path("out/index.html")).expect("a page");
+    let page = bench.text("out/index.html");
     assert!(page.contains("Changes of level") && page.contains("I to III"));
 
     // In f32 as on the CPU, up to rounding.

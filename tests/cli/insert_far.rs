@@ -1,7 +1,5 @@
 //! `insonify insert` far from the origin of the world: steps and frames are those of the same scenario near it.
 
-use std::fs;
-
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::write_vtu;
 use insonify::phantom::{Phantom, PhantomOptions, make};
@@ -85,7 +83,7 @@ struct Steps {
 
 impl Steps {
     fn read(bench: &Bench, folder: &str) -> Steps {
-        let text = fs::read_to_string(bench.path(folder).join("steps.csv")).expect("a table");
+        let text = bench.text(&format!("{folder}/steps.csv"));
         let mut lines = text.lines().map(|line| line.split(','));
         let names = lines.next().expect("a head").map(str::to_owned).collect();
         let row = |line: std::str::Split<'_, char>| line.map(|cell| cell.parse().expect("a number")).collect();

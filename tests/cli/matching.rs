@@ -16,11 +16,11 @@ volume = { phantom = "two-layer", resolution_mm = 3 }
 kind = "linear"
 width_mm = 38
 depth_mm = 40
-lines = 128
-samples = 256
+lines = 96
+samples = 192
 [image]
-width = 240
-height = 240
+width = 160
+height = 160
 [effects.speckle]
 [effects.tone]
 auto_gain = 0
@@ -40,11 +40,8 @@ fn a_scene_is_written_that_can_be_rendered() {
     );
     let told = bench.run("match real.png -o matched.toml --page page.html");
     assert!(told.text().contains("dynamic_range_db"), "{told:?}");
-    assert_eq!(
-        scene,
-        std::fs::read_to_string(bench.path("matched.toml")).expect("a scene")
-    );
-    let page = std::fs::read_to_string(bench.path("page.html")).expect("a page");
+    assert_eq!(scene, bench.text("matched.toml"));
+    let page = bench.text("page.html");
     assert!(page.contains("Autocorrelation across") && page.ends_with("</body></html>\n"));
     bench.run("render matched.toml --backend cpu -o ours.png").text();
     let report = bench.run("match real.png --json --depth-mm 80").json();
@@ -59,12 +56,12 @@ fn a_scene_is_written_that_can_be_rendered() {
 fn overlays_count_for_nothing() {
     let bench = bench();
     let grey = image::open(bench.path("real.png")).expect("a frame").into_luma8();
-    let marked = RgbImage::from_fn(240, 240, |x, y| match (x / 6 + y / 6) % 9 == 0 && x > 200 {
+    let marked = RgbImage::from_fn(160, 160, |x, y| match (x / 6 + y / 6) % 9 == 0 && x > 130 {
         true => Rgb([0, 255, 40]),
         false => Rgb([grey.get_pixel(x, y)[0]; 3]),
     });
     marked.save(bench.path("marked.png")).expect("written");
-    let [plain, marked] = ["real.png --mm-per-pixel 0.17", "marked.png --mm-per-pixel 0.17"].map(|name| {
+    let [plain, marked] = ["real.png --mm-per-pixel 0.25", "marked.png --mm-per-pixel 0.25"].map(|name| {
         bench.run(&format!("match {name} --json")).json()["figures"][0]["value"]
             .as_f64()
             .expect("a width")

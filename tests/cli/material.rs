@@ -43,7 +43,7 @@ fn a_spring_pot_creeps() {
                 "{rule}: {found}"
             );
         }
-        let plot = std::fs::read_to_string(bench.path("c.svg")).unwrap();
+        let plot = bench.text("c.svg");
         assert!(plot.starts_with("<svg") && plot.contains("shear strain"));
     }
     let table = bench.run("material c.toml");

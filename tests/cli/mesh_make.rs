@@ -91,7 +91,7 @@ fn a_scene_deforms_by_a_generated_mesh() {
     bench
         .run("mesh make --phantom two-layer --nodes 400 -o phantom.vtu")
         .text();
-    let scene = std::fs::read_to_string(bench.path("scene.toml")).expect("a scene");
+    let scene = bench.text("scene.toml");
     bench.write(
         "bent.toml",
         &format!(

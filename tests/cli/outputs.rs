@@ -1,7 +1,6 @@
 //! What is in the way of an output, what a later run replaces, and what an interrupt leaves.
 
 use std::fs;
-use std::path::Path;
 
 use insonify::tracking::sequence::Sequence;
 use serde_json::Value;
@@ -23,10 +22,6 @@ fn bench() -> Bench {
     bench
 }
 
-fn json(path: &Path) -> Value {
-    serde_json::from_slice(&fs::read(path).expect("a file")).expect("JSON")
-}
-
 #[test]
 fn a_folder_has_the_frames_of_one_run() {
     let bench = bench();
@@ -40,7 +35,7 @@ fn a_folder_has_the_frames_of_one_run() {
     let mine = ["frame_0001_notes.txt", "mine.txt"].map(str::to_owned);
     assert_eq!(bench.files("out").len(), 7);
     assert!(mine.iter().chain(&five).all(|file| bench.files("out").contains(file)));
-    let list = json(&bench.path("out/insonify.json"));
+    let list = bench.read::<Value>("out/insonify.json");
     assert_eq!(
         (&list["command"], &list["files"]),
         (&"render".into(), &five.clone().into())
@@ -183,16 +178,16 @@ fn layers_of_a_sequence_are_sequences_with_its_poses() {
             b"type: uint16"
         };
         assert!(text.windows(kind.len()).any(|part| part == kind));
-        let sidecar = json(&bench.path("x/frame_0002.json"));
+        let sidecar = bench.read::<Value>("x/frame_0002.json");
         assert_eq!(
             sidecar["files"]["layers"][0]["path"],
             format!("../x_label-value.{ending}")
         );
     }
     // What frames share is written once.
-    let shared = json(&bench.path("pictures/parameters.json"));
+    let shared = bench.read::<Value>("pictures/parameters.json");
     assert!(shared["labels"].as_array().is_some_and(|labels| !labels.is_empty()));
-    let sidecar = fs::read_to_string(bench.path("pictures/frame_0001.json")).expect("a sidecar");
+    let sidecar = bench.text("pictures/frame_0001.json");
     assert!(
         sidecar.len() < 2500 && sidecar.contains("\"parameters_file\": \"parameters.json\""),
         "{sidecar}"
@@ -236,6 +231,7 @@ fn frames_of_a_scene_where_nothing_moves_are_told_of_once() {
 mod unix {
     use std::ffi::OsStr;
     use std::os::unix::ffi::OsStrExt;
+    use std::path::Path;
     use std::process::{Command, Stdio};
     use std::thread::sleep;
     use std::time::{Duration, Instant};

@@ -2,7 +2,7 @@
 
 use insonify::quality::cache::Cache;
 use insonify::quality::{Dial, Rung};
-use insonify::study::machine::Machine;
+use insonify::report::machine::Machine;
 use insonify::study::step_costs::{LEVEL, StepCosts};
 
 use crate::insert::BLOCK;
@@ -115,7 +115,7 @@ fn a_kept_file_that_no_measurement_gives_is_named_and_measured_anew() {
     bench.write("open.toml", &open(10_000.0));
     let good = plan(&bench, "").json()["quality"]["settings"].clone();
     let name = format!("cache/{}", bench.files("cache")[0]);
-    let kept = std::fs::read_to_string(bench.path(&name)).expect("kept");
+    let kept = bench.text(&name);
     for bad in [
         kept.replace("\"64\"", "\"0\""),
         kept.replace("\"64\"", "\"x\""),

@@ -125,13 +125,13 @@ fn frames_of_this_program_are_measured_and_shown() {
         run.text().contains("autocorrelation FWHM, lateral, mm") && run.text().contains("inside"),
         "{run:?}"
     );
-    let page = std::fs::read_to_string(bench.path("page.html")).expect("a page");
+    let page = bench.text("page.html");
     assert!(page.contains("own.png") && page.ends_with("</body></html>\n"));
     // The same again, byte for byte.
     bench
         .run("realism own.png --against real --real-mm-per-pixel 0.2 -o again.html")
         .text();
-    assert_eq!(page, std::fs::read_to_string(bench.path("again.html")).expect("a page"));
+    assert_eq!(page, bench.text("again.html"));
 }
 
 #[test]

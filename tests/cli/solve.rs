@@ -160,7 +160,7 @@ fn tissue_creeps_over_time() {
         let held = history["reaction_n"][at][0][2].as_f64().unwrap();
         assert!((held + 1e-5).abs() < 1e-11, "{held} at {at}");
     }
-    let table = std::fs::read_to_string(bench.path("out.csv")).unwrap();
+    let table = bench.text("out.csv");
     let mut lines = table.lines();
     let heading = "time_s,iterations,factorisations,residual,node4_x_mm,node4_y_mm,node4_z_mm,node0_x_mm,node0_y_mm,node0_z_mm,\
                    fix0_x_n,fix0_y_n,fix0_z_n";
@@ -488,7 +488,7 @@ fn regions_go_by_name_everywhere() {
     let found = bench.run("solve p.toml --json -o out.vtu").json();
     assert!(found["displacement_mm"][0][2].as_f64().unwrap() > 0.0, "{found}");
     assert_eq!(found["displacement_mm"][1], serde_json::json!([0.0, 0.0, 0.0]));
-    let written = std::fs::read_to_string(bench.path("out.vtu")).unwrap();
+    let written = bench.text("out.vtu");
     for array in ["displacement", "reaction_n", "strain", "stress_kpa", "von_mises_kpa"] {
         assert!(written.contains(&format!("Name=\"{array}\"")), "{array}");
     }
@@ -509,7 +509,7 @@ fn a_failed_run_leaves_an_older_output() {
     bench.write("out.vtu", "older");
     bench.write("p.toml", &PROBLEM.replace("[0, 1, 2]", "[0]"));
     bench.run("solve p.toml -o out.vtu --force").fails(2, &["rotation"]);
-    assert_eq!(std::fs::read_to_string(bench.path("out.vtu")).unwrap(), "older");
+    assert_eq!(bench.text("out.vtu"), "older");
 }
 
 /// A file of the shared data, if it is there.

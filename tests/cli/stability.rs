@@ -21,9 +21,8 @@ fn cases_are_shown_written_and_chosen_by_name() {
         bench.files("here/report"),
         ["index.html", "margins.svg", "report.md", "results.json"]
     );
-    let written = std::fs::read_to_string(bench.path("here/report/results.json")).expect("written");
-    assert_eq!(serde_json::from_str::<serde_json::Value>(&written).expect("JSON"), json);
-    let text = std::fs::read_to_string(bench.path("here/report/report.md")).expect("written");
+    assert_eq!(bench.read::<serde_json::Value>("here/report/results.json"), json);
+    let text = bench.text("here/report/report.md");
     assert!(text.contains("### units: holds") && text.contains("seed 5"), "{text}");
 }
 

@@ -28,10 +28,10 @@ fn a_puncture_is_told_and_written() {
 fn a_measured_force_is_fitted() {
     let bench = Bench::new();
     bench
-        .run("puncture --order 0 --young-kpa 3 --step-mm 1.5 --quiet -o made")
+        .run("puncture --order 0 --young-kpa 3 --step-mm 3 --quiet -o made")
         .text();
     let json = bench
-        .run("puncture --order 0 --step-mm 1.5 --fit made/force.csv --quiet --json")
+        .run("puncture --order 0 --step-mm 3 --fit made/force.csv --quiet --json")
         .json();
     let young = json["fit"]["young_kpa"].as_f64().expect("a modulus");
     assert!((young / 3.0 - 1.0).abs() < 0.02, "{}", json["fit"]);

@@ -65,8 +65,7 @@ fn levels_are_measured_against_the_moved_mesh() {
             "tradeoff-remesh.json",
         ]
     );
-    let written: Value =
-        serde_json::from_slice(&std::fs::read(bench.path("study/tradeoff-remesh.json")).unwrap()).unwrap();
+    let written: Value = bench.read("study/tradeoff-remesh.json");
     assert_eq!(written, json);
 }
 
@@ -113,19 +112,20 @@ fn what_cannot_be_studied_is_refused_with_status_2() {
 fn insertions_are_studied_part_by_part() {
     let bench = Bench::new();
     let run =
-        bench.run("tradeoff insertion --quick --nodes 300 --depth-mm 12 --only links,thinning --quiet --json -o study");
+        bench.run("tradeoff insertion --quick --nodes 300 --depth-mm 12 --only bevel,thinning --quiet --json -o study");
     let json = run.json();
-    assert_eq!(json["tables"]["links"]["rows"].as_array().map(Vec::len), Some(5));
+    assert_eq!(json["tables"]["bevel"]["rows"].as_array().map(Vec::len), Some(5));
     assert_eq!(json["tables"]["thinning"]["rows"].as_array().map(Vec::len), Some(5));
     assert_eq!(
         bench.files("study"),
         [
+            "bevel-depth.csv",
+            "bevel.csv",
             "index.html",
-            "insertion-links.png",
-            "insertion-links.svg",
+            "insertion-bevel.png",
+            "insertion-bevel.svg",
             "insertion-thinning.png",
             "insertion-thinning.svg",
-            "links.csv",
             "thinning.csv",
             "tradeoff-insertion.json",
         ]
@@ -175,8 +175,7 @@ fn all_studies_go_into_one_report() {
     ] {
         assert!(files.contains(&file.to_owned()), "{files:?}");
     }
-    let written: Value =
-        serde_json::from_slice(&std::fs::read(bench.path("here/report/results.json")).unwrap()).unwrap();
+    let written: Value = bench.read("here/report/results.json");
     assert_eq!(written, json);
     let text = bench
         .run("tradeoff --quick --only history --quiet -o report")

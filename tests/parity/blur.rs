@@ -2,8 +2,7 @@
 
 use insonify::effects::blur::Blur;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{check_all, random};
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -16,12 +15,7 @@ fn narrow_and_wide_blurs_on_every_probe_shape() {
                 width_mm: Some(width_mm),
                 growth_mm_cm: Some(growth_mm_cm),
             });
-            cases.push(Case::new(
-                format!("{name}, {width_mm} mm"),
-                scenes::random_anatomy(),
-                settings,
-                scenes::oblique_pose(),
-            ));
+            cases.push(random(format!("{name}, {width_mm} mm"), settings));
         }
     }
     check_all("blur", &cases);

@@ -3,8 +3,16 @@
 pub use insonify::study::parity::Case;
 use insonify::study::parity::check;
 
+use insonify::synth::tables::Settings;
+
+use super::scenes;
 use crate::support::gpu::gpu_or_skip;
 use crate::support::image::assert_within;
+
+/// Labels drawn anew at every voxel, under an oblique probe.
+pub fn random(name: impl Into<String>, settings: Settings) -> Case {
+    Case::new(name, scenes::random_anatomy(), settings, scenes::oblique_pose())
+}
 
 /// Compares the twins with the reference after every pass and at the pixels, for each of the cases.
 pub fn check_all(test: &str, cases: &[Case]) {

@@ -3,8 +3,8 @@
 use insonify::effects::contact::Contact;
 use insonify::effects::thickness::Thickness;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

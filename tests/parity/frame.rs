@@ -3,8 +3,8 @@
 use insonify::gpu::{Gpu, Readback, row_stride};
 use insonify::synth::Synthesizer;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::image::assert_within;
 use crate::support::scene::{self, SHAPES};

@@ -1,7 +1,7 @@
 //! Geometry: probe pose times a point of a ray.
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all, random};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -10,12 +10,7 @@ fn every_probe_shape() {
         .iter()
         .map(|&(name, shape)| {
             let probe = scene::probe(shape, 40.0, 24, 96);
-            Case::new(
-                name,
-                scenes::random_anatomy(),
-                scene::settings(probe, scene::bare()),
-                scenes::oblique_pose(),
-            )
+            random(name, scene::settings(probe, scene::bare()))
         })
         .collect();
     check_all("geometry of every probe shape", &cases);
@@ -28,11 +23,9 @@ fn one_line_one_sample_one_pixel() {
         for (lines, samples) in [(1, 96), (24, 1), (1, 1), (2, 2)] {
             for (width, height) in [(64, 48), (1, 1)] {
                 let probe = scene::probe(shape, 40.0, lines, samples);
-                cases.push(Case::new(
+                cases.push(random(
                     format!("{name} {lines} x {samples}, image {width} x {height}"),
-                    scenes::random_anatomy(),
                     scene::sized(probe, scenes::all_effects(), width, height),
-                    scenes::oblique_pose(),
                 ));
             }
         }

@@ -2,8 +2,8 @@
 
 use insonify::effects::interface::Interface;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all, random};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -17,12 +17,7 @@ fn steps_of_impedance_on_every_probe_shape() {
             ..Default::default()
         });
         settings.effects.speckle = (at % 2 == 0).then(Default::default);
-        cases.push(Case::new(
-            name,
-            scenes::random_anatomy(),
-            settings.clone(),
-            scenes::oblique_pose(),
-        ));
+        cases.push(random(name, settings.clone()));
         cases.push(Case::new(
             format!("{name}, ball"),
             scenes::ball(),

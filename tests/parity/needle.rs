@@ -4,8 +4,8 @@
 use insonify::effects::needle::NeedleEcho;
 use insonify::synth::NeedleShaft;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all, random};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 /// A straight needle through the small probe's plane, in and out of it by angle and offset.
@@ -87,15 +87,7 @@ fn a_needle_along_a_beam_echoes_where_no_direction_counts() {
 fn no_needle_in_this_frame() {
     let mut settings = scene::settings(scene::small_probe(), scenes::all_effects());
     settings.has_needle = true;
-    check_all(
-        "no needle",
-        &[Case::new(
-            "no needle",
-            scenes::random_anatomy(),
-            settings,
-            scenes::oblique_pose(),
-        )],
-    );
+    check_all("no needle", &[random("no needle", settings)]);
 }
 
 #[test]

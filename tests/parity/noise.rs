@@ -2,8 +2,8 @@
 
 use insonify::effects::noise::Noise;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene;
 
 #[test]

@@ -1,20 +1,16 @@
 //! Quantise: to the nearest byte. A grey level known to within a bound may come out as any byte between those of its ends.
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{check_all, random};
+use super::scenes;
 use crate::support::scene;
 
 #[test]
 fn rows_that_are_no_whole_words() {
     let mut cases = Vec::new();
     for width in [1, 2, 3, 5, 255, 256, 258] {
-        let settings = scene::sized(scene::small_probe(), scenes::all_effects(), width, 9);
-        cases.push(Case::new(
-            format!("{width} columns"),
-            scenes::random_anatomy(),
-            settings,
-            scenes::oblique_pose(),
-        ));
+        let probe = scene::probe(scene::SHAPES[1].1, 40.0, 8, 32);
+        let settings = scene::sized(probe, scenes::all_effects(), width, 9);
+        cases.push(random(format!("{width} columns"), settings));
     }
     check_all("words", &cases);
 }

@@ -3,8 +3,8 @@
 use insonify::effects::receiver::Receiver;
 use insonify::effects::shadow::Shadow;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

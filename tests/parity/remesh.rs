@@ -12,7 +12,7 @@ use insonify::mechanics::tissue::remesh::{
 use insonify::mechanics::tissue::symmetric::Symmetric;
 use insonify::remesh_gpu::{DeviceStore, follow, tiles};
 
-use crate::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_move, part, rounding, single};
+use super::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_move, part, rounding, single};
 use crate::support::gpu::gpu_or_skip;
 
 /// Rounding unit of f32.

@@ -1,7 +1,6 @@
 //! Scan conversion: bilinear between four samples, at coordinates that all backends share.
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{check_all, random};
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -11,12 +10,7 @@ fn pixels_of_every_probe_shape_at_odd_sizes() {
         for (width, height) in [(64, 48), (257, 31), (3, 200), (1, 1)] {
             let probe = scene::probe(shape, 40.0, 24, 96);
             let settings = scene::sized(probe, scene::bare(), width, height);
-            cases.push(Case::new(
-                format!("{name} {width} x {height}"),
-                scenes::random_anatomy(),
-                settings,
-                scenes::oblique_pose(),
-            ));
+            cases.push(random(format!("{name} {width} x {height}"), settings));
         }
     }
     check_all("scan conversion", &cases);

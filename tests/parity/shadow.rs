@@ -2,8 +2,8 @@
 
 use insonify::effects::shadow::Shadow;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all, random};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -14,12 +14,7 @@ fn attenuation_and_occlusion_on_every_probe_shape() {
         for samples in [96, 255, 256, 257, 700] {
             let mut settings = scene::settings(scene::probe(shape, 40.0, 5, samples), scene::bare());
             settings.effects.shadow = Some(Default::default());
-            cases.push(Case::new(
-                format!("{name}, {samples} samples"),
-                scenes::random_anatomy(),
-                settings,
-                scenes::oblique_pose(),
-            ));
+            cases.push(random(format!("{name}, {samples} samples"), settings));
         }
     }
     check_all("shadow", &cases);
@@ -35,12 +30,7 @@ fn beams_of_any_width() {
                 beam_mm,
                 ..Shadow::default()
             });
-            cases.push(Case::new(
-                format!("{name}, {beam_mm} mm"),
-                scenes::random_anatomy(),
-                settings,
-                scenes::oblique_pose(),
-            ));
+            cases.push(random(format!("{name}, {beam_mm} mm"), settings));
         }
     }
     check_all("shadow of a beam", &cases);

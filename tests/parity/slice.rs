@@ -6,8 +6,8 @@ use std::collections::BTreeSet;
 use insonify::effects::slice::{Beyond, Boundary};
 use insonify::study::parity::possible_labels;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::gpu::gpu_or_skip;
 use crate::support::scene;
 

@@ -2,8 +2,8 @@
 
 use insonify::effects::speckle::Speckle;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all, random};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -13,7 +13,7 @@ fn speckle_on_every_probe_shape() {
         .map(|&(name, shape)| {
             let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
             settings.effects.speckle = Some(Speckle::default());
-            Case::new(name, scenes::random_anatomy(), settings, scenes::oblique_pose())
+            random(name, settings)
         })
         .collect();
     check_all("speckle", &cases);
@@ -40,12 +40,7 @@ fn short_and_long_point_spreads() {
             focal_zone_mm: Some(9.0),
         });
         let name = format!("{axial} by {lateral} by {elevational} mm");
-        cases.push(Case::new(
-            name,
-            scenes::random_anatomy(),
-            settings,
-            scenes::oblique_pose(),
-        ));
+        cases.push(random(name, settings));
     }
     check_all("point spreads", &cases);
 }

@@ -2,8 +2,7 @@
 
 use insonify::effects::texture::Texture;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{check_all, random};
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -12,12 +11,7 @@ fn solid_textures_on_every_probe_shape() {
     for (name, shape) in SHAPES {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
         settings.effects.texture = Some(Texture { strength: 0.7 });
-        cases.push(Case::new(
-            name,
-            scenes::random_anatomy(),
-            settings,
-            scenes::oblique_pose(),
-        ));
+        cases.push(random(name, settings));
     }
     check_all("textures", &cases);
 }

@@ -4,8 +4,8 @@
 use insonify::effects::slice::Boundary;
 use insonify::effects::thickness::Thickness;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all, random};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -19,12 +19,7 @@ fn thick_planes_of_every_probe_shape() {
         });
         settings.effects.texture = (at % 2 == 0).then(Default::default);
         settings.effects.slice.boundary = [Boundary::Smooth, Boundary::Nearest, Boundary::Vote][at % 3];
-        cases.push(Case::new(
-            name,
-            scenes::random_anatomy(),
-            settings,
-            scenes::oblique_pose(),
-        ));
+        cases.push(random(name, settings));
     }
     check_all("thickness", &cases);
 }

@@ -4,8 +4,7 @@
 use insonify::effects::receiver::Receiver;
 use insonify::effects::tone::{Curve, Tone};
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{check_all, random};
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -55,11 +54,9 @@ fn linear_and_compressed_tones() {
             });
             settings.effects.tone = tone.clone();
             settings.effects.speckle = speckled.then(Default::default);
-            cases.push(Case::new(
+            cases.push(random(
                 format!("{name}, speckle {speckled}, {samples} samples"),
-                scenes::random_anatomy(),
                 settings,
-                scenes::oblique_pose(),
             ));
         }
     }

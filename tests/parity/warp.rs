@@ -5,8 +5,8 @@ use insonify::mechanics::mesh::Displacement;
 use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
 use nalgebra::{Point3, Vector3};
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]

@@ -8,8 +8,8 @@ use insonify::synth::tables::Anatomy;
 use insonify::synth::{Backend, FrameState, SynthError, Synthesizer};
 use nalgebra::Vector3;
 
-use crate::case::{Case, check_all};
-use crate::scenes;
+use super::case::{Case, check_all};
+use super::scenes;
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene::{self, SHAPES};
 

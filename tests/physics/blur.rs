@@ -5,9 +5,9 @@ use insonify::effects::slice::Boundary;
 use insonify::synth::tables::{Anatomy, Settings};
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
-use crate::{beam_after, precisions};
 
 fn settings(shape: ProbeShape, lines: u32) -> Settings {
     let mut settings = scene::settings(scene::probe(shape, 40.0, lines, 80), scene::bare());

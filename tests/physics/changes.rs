@@ -6,9 +6,9 @@ use insonify::gpu::Gpu;
 use insonify::synth::tables::{Settings, Tables};
 use insonify::synth::{Backend, Synthesizer};
 
-use crate::determinism::{everything, frame_of};
+use super::determinism::{everything, frame_of};
+use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};
-use crate::synthesizer;
 
 type Edit = (&'static str, fn(&mut Settings));
 

@@ -5,9 +5,9 @@ use insonify::effects::slice::Beyond;
 use insonify::synth::layers::Layer;
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene;
-use crate::{beam_after, precisions};
 
 const LINES: u32 = 61;
 const SAMPLES: u32 = 160;
@@ -102,7 +102,7 @@ fn the_layer_beyond_marks_what_is_continued() {
     let mut settings = scene::settings(probe, scene::bare());
     for (beyond, expected) in [(Beyond::Void, 0.0), (Beyond::Continue, 19.5 / 60.0)] {
         settings.effects.slice.beyond = beyond;
-        let mut synth = crate::synthesizer(&body, &settings, insonify::synth::Backend::Cpu);
+        let mut synth = super::synthesizer(&body, &settings, insonify::synth::Backend::Cpu);
         let state = scene::straight();
         let beam = synth.render_until("slice", &state).expect("a beam");
         let tables = synth.tables();

@@ -5,9 +5,9 @@ use insonify::mechanics::mesh::Displacement;
 use insonify::synth::tables::{Anatomy, Settings};
 use insonify::synth::{Backend, FrameState, NeedleShaft};
 
+use super::synthesizer;
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::scene;
-use crate::synthesizer;
 
 /// Everything at once: textures, a deforming mesh, a bent needle, noise, a thick plane.
 pub fn everything() -> (Anatomy, Settings, FrameState) {

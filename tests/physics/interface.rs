@@ -4,9 +4,9 @@ use insonify::effects::interface::Interface;
 use insonify::synth::Backend;
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, SILENT};
 use crate::support::scene;
-use crate::{beam_after, precisions};
 
 /// Keeps scanlines off the ties of votes between the voxels on either side of the plane.
 const OFFSET_MM: f64 = 0.08;

@@ -6,9 +6,9 @@ use insonify::synth::tables::Settings;
 use insonify::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use std::f64::consts::PI;
 
+use super::{beam_after, precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
-use crate::{beam_after, precisions, synthesizer};
 
 const DIAMETER_MM: f64 = 1.6;
 

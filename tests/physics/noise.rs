@@ -3,10 +3,10 @@
 use insonify::effects::noise::Noise;
 use insonify::tracking::probe::ProbeShape;
 
+use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
 use crate::support::scene;
 use crate::support::stats::{correlation, mean, std};
-use crate::{precisions, synthesizer};
 
 const SIDE: usize = 200;
 

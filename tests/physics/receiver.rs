@@ -6,10 +6,10 @@ use insonify::synth::Backend;
 use insonify::synth::layers::Beam;
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
 use crate::support::scene;
 use crate::support::stats::{correlation, kolmogorov_smirnov, mean};
-use crate::{beam_after, precisions};
 
 const LINES: u32 = 128;
 const SAMPLES: u32 = 512;

@@ -4,9 +4,9 @@ use insonify::effects::refraction::{F_NUMBER, Refraction, index};
 use insonify::synth::Backend;
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::scene;
-use crate::{beam_after, precisions};
 
 const DEPTH_MM: f64 = 60.0;
 const SAMPLES: u32 = 2400;

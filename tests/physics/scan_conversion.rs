@@ -3,9 +3,9 @@
 use insonify::effects::scan_conversion::bilinear;
 use insonify::effects::tone::{MID_GREY, Tone};
 
+use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene::{self, SHAPES};
-use crate::{precisions, synthesizer};
 
 #[test]
 fn a_constant_has_no_seams() {

@@ -10,9 +10,9 @@ use insonify::synth::{FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM}
 use insonify::tracking::probe::ProbeShape;
 use nalgebra::{Point3, Vector3};
 
+use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
-use crate::{precisions, synthesizer};
 
 const BEAM_MM: f64 = 2.0;
 const DB_MM: f64 = 6.0;

@@ -6,10 +6,10 @@ use insonify::synth::tables::{Anatomy, Settings};
 use insonify::synth::{Backend, NeedleShaft};
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
 use crate::support::stats::{order, rms};
-use crate::{beam_after, precisions};
 
 const DEPTH_MM: f64 = 60.0;
 const MHZ: f64 = 5.0;

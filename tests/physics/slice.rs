@@ -6,9 +6,10 @@ use insonify::synth::Backend;
 use insonify::synth::tables::Anatomy;
 use insonify::tracking::probe::ProbeShape;
 
+use super::beam_after;
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
+use crate::support::scene;
 use crate::support::stats::{order, rms};
-use crate::{beam_after, support::scene};
 
 const WIDTH_MM: f64 = 36.0;
 const DEPTH_MM: f64 = 36.0;

@@ -7,10 +7,10 @@ use insonify::synth::{Backend, FrameState, Synthesizer};
 use insonify::tracking::probe::ProbeShape;
 use nalgebra::{Matrix4, Vector3};
 
+use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
 use crate::support::stats::{correlation, full_width, kolmogorov_smirnov, mean, std};
-use crate::{precisions, synthesizer};
 
 const LINES: usize = 96;
 const SAMPLES: usize = 240;

@@ -5,10 +5,10 @@ use insonify::synth::tables::{Anatomy, Settings};
 use insonify::synth::{Backend, FrameState};
 use insonify::tracking::probe::ProbeShape;
 
+use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
 use crate::support::stats::{correlation, peak};
-use crate::{precisions, synthesizer};
 
 const LINES: usize = 96;
 const SAMPLES: usize = 240;

@@ -3,9 +3,9 @@
 use insonify::effects::thickness::Thickness;
 use insonify::synth::tables::Settings;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
-use crate::{beam_after, precisions};
 
 fn settings(shape: usize, width_mm: f64, planes: u32) -> Settings {
     let mut settings = scene::settings(scene::probe(SHAPES[shape].1, 40.0, 9, 32), scene::bare());

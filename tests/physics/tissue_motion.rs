@@ -11,9 +11,9 @@ use insonify::synth::{Frame, FrameState, Synthesizer};
 use insonify::tracking::probe::ProbeShape;
 use nalgebra::{Matrix3, Vector3};
 
+use super::{precisions, synthesizer};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
 use crate::support::scene;
-use crate::{precisions, synthesizer};
 
 /// Largest difference between what is tracked and what the mechanics say, pixels. The shift that fits best is the mean over
 /// the patch of the displacement, weighted by squared grey gradients. With some 80 independent speckles, or grains of
@@ -153,6 +153,9 @@ impl Mesh<'_> {
 
 /// Grey level between pixels, by cubic convolution (Keys, IEEE Trans. Acoust. Speech Signal Process. 29(6), 1981).
 fn grey(frame: &Frame, x: f64, y: f64) -> f64 {
+    if x.fract() == 0.0 && y.fract() == 0.0 {
+        return f64::from(frame.pixels[y as usize * frame.width + x as usize]);
+    }
     let weights = |t: f64| {
         let (t2, t3) = (t * t, t * t * t);
         [

@@ -7,10 +7,10 @@ use insonify::effects::tone::{MID_GREY, NOISE_GREY, Tone};
 use insonify::synth::Backend;
 use insonify::tracking::probe::ProbeShape;
 
+use super::{beam_after, precisions};
 use crate::support::anatomy::{self, Acoustics, PLAIN};
 use crate::support::scene::{self, SHAPES};
 use crate::support::stats::mean;
-use crate::{beam_after, precisions};
 
 fn echo(db: f64) -> anatomy::Acoustics {
     Acoustics { echo_db: db, ..PLAIN }

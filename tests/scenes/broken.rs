@@ -5,6 +5,8 @@ use std::path::Path;
 use insonify::scene::{DEFAULT, EXAMPLES, SceneFile};
 use proptest::prelude::*;
 
+use super::support::uncommented;
+
 /// Parses and, if that succeeds, resolves with a coarse phantom; shows an error both ways.
 fn survive(text: &str) {
     let scene = SceneFile::parse(text, "broken.toml").and_then(|mut file| {
@@ -57,14 +59,6 @@ const WORDS: &[&str] = &[
     "[nan, 0, 0]",
     "4294967296",
 ];
-
-fn uncommented() -> String {
-    let reveal = |line: &str| match line.strip_prefix('#') {
-        Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
-        _ => line.to_owned(),
-    };
-    DEFAULT.lines().map(reveal).collect::<Vec<_>>().join("\n")
-}
 
 fn texts() -> impl Strategy<Value = String> {
     let mut texts: Vec<String> = EXAMPLES.iter().map(|(_, text)| (*text).to_owned()).collect();

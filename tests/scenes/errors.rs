@@ -3,7 +3,7 @@
 use insonify::scene::{Problem, SceneError};
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 
-use crate::support::{fault, small};
+use super::support::{fault, small};
 
 /// The text that the caret stands under.
 fn marked(error: &SceneError) -> String {

@@ -7,16 +7,7 @@ use insonify::effects::Effects;
 use insonify::scene::{DEFAULT, SceneFile, schema};
 use serde_json::Value;
 
-use crate::support::parse;
-
-/// The default scene with every key that it shows in a comment put in force.
-fn uncommented() -> String {
-    let reveal = |line: &str| match line.strip_prefix('#') {
-        Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
-        _ => line.to_owned(),
-    };
-    DEFAULT.lines().map(reveal).collect::<Vec<_>>().join("\n")
-}
+use super::support::{parse, uncommented};
 
 #[test]
 fn the_default_scene_writes_the_defaults() {
@@ -194,10 +185,10 @@ fn the_schema_accepts_what_the_parser_accepts() {
 
 #[test]
 fn a_resolved_scene_written_down_resolves_to_itself() {
-    let text = crate::support::small("[pose]\ntarget = \"liver\"\nrock_deg = 3\n[effects.tone]\ngain_db = 4\n");
-    let scene = crate::support::resolve(&text).expect("scene");
+    let text = super::support::small("[pose]\ntarget = \"liver\"\nrock_deg = 3\n[effects.tone]\ngain_db = 4\n");
+    let scene = super::support::resolve(&text).expect("scene");
     let written = toml::to_string(&scene.file).expect("toml");
-    let again = crate::support::resolve(&written).unwrap_or_else(|error| panic!("{error}\n{written}"));
+    let again = super::support::resolve(&written).unwrap_or_else(|error| panic!("{error}\n{written}"));
     assert_eq!(scene.settings, again.settings);
     let moved = scene.probe_pose(0, 1).probe_to_world() - again.probe_pose(0, 1).probe_to_world();
     assert!(moved.amax() < 1e-9, "{moved}");

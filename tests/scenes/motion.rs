@@ -3,7 +3,7 @@
 use insonify::synth::FrameState;
 use nalgebra::{Matrix4, Point3, Vector3};
 
-use crate::support::{data, fault, resolve, small};
+use super::support::{data, fault, resolve, small};
 
 const LINE: &str = "[[motion.keyframes]]\ntime_s = 1\nposition_mm = [0, -90, 0]\ndirection = [0, 1, 0]\n[[motion.keyframes]]\ntime_s = 3\nposition_mm = [0, -90, 40]\ndirection = [0, 1, 0]\n";
 
@@ -224,7 +224,7 @@ fn recorded_as(
         ),
         false => text,
     };
-    crate::support::parse(&text).and_then(|file| file.resolve(folder.path()))
+    super::support::parse(&text).and_then(|file| file.resolve(folder.path()))
 }
 
 fn says(all: &[String], parts: &[&str]) -> bool {
@@ -349,7 +349,12 @@ fn a_configuration_fills_in_the_probe() {
 
 #[test]
 fn frames_lie_on_the_recorded_grid() {
-    let scene = recorded("", "plus_config = \"plus.xml\"", "[image]\ngrid = \"recorded\"").expect("scene");
+    let scene = recorded(
+        "",
+        "plus_config = \"plus.xml\"",
+        "[image]\ngrid = \"recorded\"\n[effects]",
+    )
+    .expect("scene");
     assert_eq!((scene.settings.image.width, scene.settings.image.height), (40, 30));
     assert!(!says(&scene.warnings, &["apart"]), "{:?}", scene.warnings);
     let stated = scene.file.image.expect("image");
@@ -358,7 +363,7 @@ fn frames_lie_on_the_recorded_grid() {
     recorded("", "plus_config = \"plus.xml\"", again).expect("the size in use");
     let tilted = ["87.14 degrees apart", "pixels stay", "tilted by 1.43 degrees"];
     assert!(says(&scene.notes, &tilted), "{:?}", scene.notes);
-    let frame = crate::support::render(&scene, &mut crate::support::synthesizer(&scene), 1, 2);
+    let frame = super::support::render(&scene, &mut super::support::synthesizer(&scene), 1, 2);
     assert_eq!((frame.width, frame.height), (40, 30));
     for [column, row] in [[0.0, 0.0], [39.0, 0.0], [20.0, 2.0], [7.0, 29.0]] {
         let found = frame.image_to_world.transform_point(&Point3::new(column, row, 0.0));

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use insonify::effects::Effects;
-use insonify::scene::{Scene, SceneError, SceneFile};
+use insonify::scene::{DEFAULT, Scene, SceneError, SceneFile};
 use insonify::synth::{Backend, Frame, FrameState, Synthesizer};
 use nalgebra::Matrix4;
 
@@ -65,4 +65,13 @@ pub fn data(name: &str) -> Option<PathBuf> {
     }
     println!("SKIPPED: {} is not there", path.display());
     None
+}
+
+/// The default scene with every key that it shows in a comment put in force.
+pub fn uncommented() -> String {
+    let reveal = |line: &str| match line.strip_prefix('#') {
+        Some(rest) if rest.starts_with(|c: char| c.is_ascii_lowercase() || c == '[') => rest.to_owned(),
+        _ => line.to_owned(),
+    };
+    DEFAULT.lines().map(reveal).collect::<Vec<_>>().join("\n")
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use insonify::scene::SceneFile;
 use insonify::volume::complete::Unlabelled;
 
-use crate::support::{data, fault, render, resolve, shrink, small, synthesizer, without_textures};
+use super::support::{data, fault, render, resolve, shrink, small, synthesizer, without_textures};
 
 #[test]
 fn a_label_file_alone_is_a_scene() {

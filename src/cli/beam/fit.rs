@@ -7,7 +7,7 @@ use crate::beam_case::points::{self, PointsError};
 use crate::mechanics::needle::beam::Compression;
 use crate::mechanics::needle::beam::fit::{self, PARTED, Sample};
 use crate::mechanics::needle::beam::material::Law;
-use crate::study::plot::{Axis, Marker, Plot, Series};
+use crate::report::plot::{Axis, Marker, Plot, Series};
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 
@@ -163,35 +163,15 @@ fn json(fit: &fit::Fit, warnings: &[String]) -> Value {
 
 fn plot(samples: &[Sample], fit: &fit::Fit) -> Plot {
     let [low, high] = [(fit.range[0] - BEYOND).max(0.5 * fit.range[0]), fit.range[1].max(1.0)];
-    let mut series = vec![Series {
-        name: "measured".to_owned(),
-        points: samples
-            .iter()
-            .map(|sample| [1.0 - sample.stretch, sample.stress_kpa])
-            .collect(),
-        joined: false,
-        marker: Marker::Ring,
-        colour: 6,
-    }];
+    let measured = samples.iter().map(|it| [1.0 - it.stretch, it.stress_kpa]);
+    let mut series = vec![Series::points("measured", 6, Marker::Ring, measured.collect())];
     for (colour, model) in fit.models.iter().enumerate() {
         let law = Law::new(&model.material, fit.compression);
         let stretches = (0..=FINE).map(|at| low + (high - low) * at as f64 / FINE as f64);
-        series.push(Series {
-            name: model.material.model().to_owned(),
-            points: stretches
-                .map(|stretch| [1.0 - stretch, law.at(stretch).stress_kpa])
-                .collect(),
-            joined: true,
-            marker: Marker::None,
-            colour,
-        });
+        let points = stretches.map(|stretch| [1.0 - stretch, law.at(stretch).stress_kpa]);
+        series.push(Series::line(model.material.model(), colour, points.collect()));
     }
-    Plot {
-        title: format!("Materials fitted to measurements, {}", fit.compression.name()),
-        x: Axis::linear("compression, 1 - stretch"),
-        y: Axis::linear("stress, kPa"),
-        series,
-        markers: Vec::new(),
-        front: Vec::new(),
-    }
+    let title = format!("Materials fitted to measurements, {}", fit.compression.name());
+    let [x, y] = ["compression, 1 - stretch", "stress, kPa"].map(Axis::linear);
+    Plot::new(title, x, y, series)
 }

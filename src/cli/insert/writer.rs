@@ -9,10 +9,10 @@ use crate::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
 use crate::output::OutputError;
 use crate::output::gif::Preview;
 use crate::output::{numbered, png};
+use crate::report::plot::SIZE;
 use crate::scenario::record::{PLOTS, Record};
 use crate::scenario::run::{Deformed, Moment, Observer, Requests, Step};
 use crate::scenario::{Scenario, Summary};
-use crate::study::plot::SIZE;
 use indicatif::ProgressBar;
 use serde::Serialize;
 

@@ -1,8 +1,8 @@
 //! Curves over the steps of a run, thinned to the resolution of a plot while keeping every peak.
 
+use crate::report::plot::{Axis, Marker, Plot, Series};
 use crate::scenario::Scenario;
 use crate::scenario::run::Step;
-use crate::study::plot::{Axis, Marker, Plot, Series};
 
 /// Number of intervals of steps for which a curve keeps minimum and maximum: about one per pixel.
 const STRETCHES: u64 = 800;
@@ -44,13 +44,7 @@ impl Curve {
                 points.push(last);
             }
         }
-        Series {
-            name: name.to_owned(),
-            points,
-            joined: true,
-            marker: Marker::None,
-            colour,
-        }
+        Series::line(name, colour, points)
     }
 }
 
@@ -121,21 +115,11 @@ impl Curves {
                 .iter()
                 .map(|curve| curve.series("distance to the target", 2)),
         );
-        let remeshed = Series {
-            name: "steps that remesh".to_owned(),
-            points: self.remeshed.clone(),
-            joined: false,
-            marker: Marker::Cross,
-            colour: 1,
-        };
-        let haptic = Series {
-            name: "1 ms: haptic rate".to_owned(),
-            points: vec![[0.0, HAPTIC_MS], [self.end_s, HAPTIC_MS]],
-            joined: true,
-            marker: Marker::None,
-            colour: 6,
-        };
+        let remeshed = Series::points("steps that remesh", 1, Marker::Cross, self.remeshed.clone());
+        let limit = vec![[0.0, HAPTIC_MS], [self.end_s, HAPTIC_MS]];
+        let haptic = Series::line("1 ms: haptic rate", 6, limit);
         let times = vec![self.ms.series("all steps", 0), remeshed, haptic];
+        let plot = |title: &str, y, series| Plot::new(title, Axis::linear("simulated time, s"), y, series);
         [
             plot(
                 "Force on the hand (along: positive into the body)",
@@ -145,16 +129,5 @@ impl Curves {
             plot("Tip of the needle", Axis::linear("mm"), tip),
             plot("Time of a step", Axis::log("ms"), times),
         ]
-    }
-}
-
-fn plot(title: &str, y: Axis, series: Vec<Series>) -> Plot {
-    Plot {
-        title: title.to_owned(),
-        x: Axis::linear("simulated time, s"),
-        y,
-        series,
-        markers: Vec::new(),
-        front: Vec::new(),
     }
 }

@@ -1,8 +1,7 @@
 //! Thumbnail frames of a run for its report page.
 
-use image::{GrayImage, ImageError, imageops};
+use image::{GrayImage, imageops};
 
-use crate::study::page;
 use crate::synth::Frame;
 
 /// Maximum number of frames of the slider.
@@ -21,14 +20,15 @@ pub(super) struct Shot {
     /// Depth of the tip, and its distance from the nearest target, mm.
     pub inserted_mm: f64,
     pub target_mm: Option<f64>,
-    picture: GrayImage,
+    pub picture: GrayImage,
 }
 
 /// Frames recorded during a run: the first, the deepest, the nearest to a target, and evenly spaced ones for a slider.
 #[derive(Clone, Debug)]
 pub(super) struct Film {
     every: u64,
-    shots: Vec<Shot>,
+    /// Frames of the slider.
+    pub shots: Vec<Shot>,
     deepest: Option<Shot>,
     nearest: Option<Shot>,
 }
@@ -74,11 +74,6 @@ impl Film {
         }
     }
 
-    /// Frames of the slider.
-    pub fn shots(&self) -> &[Shot] {
-        &self.shots
-    }
-
     /// First and deepest frame and the one nearest to a target, labelled.
     pub fn chosen(&self) -> Vec<(&'static str, &Shot)> {
         let all = [
@@ -100,14 +95,6 @@ impl Shot {
             "frame {}, {:.2} s: tip {:.1} mm deep{target}",
             self.number, self.time_s, self.inserted_mm
         )
-    }
-
-    /// The picture as a data URL.
-    ///
-    /// # Errors
-    /// Errors of the encoder.
-    pub fn address(&self) -> Result<String, ImageError> {
-        page::address(&self.picture)
     }
 }
 
@@ -150,19 +137,12 @@ mod tests {
             let depth = 251.0 - (number as f64 - 251.0).abs();
             film.add(&frame, number, number as f64 * 0.04, depth, Some((depth - 201.0).abs()));
         }
-        assert!(
-            film.shots().len() <= 60 && film.shots().len() > 50,
-            "{}",
-            film.shots().len()
-        );
+        assert!(film.shots.len() <= 60 && film.shots.len() > 50, "{}", film.shots.len());
         let chosen: Vec<_> = film.chosen().iter().map(|(what, shot)| (*what, shot.number)).collect();
         assert_eq!(chosen, [("first", 0), ("deepest", 251), ("closest to the target", 201)]);
-        let shot = &film.shots()[1];
+        let shot = &film.shots[1];
         assert_eq!(shot.picture.dimensions(), (320, 240));
-        assert!(
-            shot.address()
-                .expect("a picture")
-                .starts_with("data:image/png;base64,iVBOR")
-        );
+        let address = crate::report::page::address(&shot.picture).expect("a picture");
+        assert!(address.starts_with("data:image/png;base64,iVBOR"));
     }
 }

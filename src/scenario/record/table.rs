@@ -7,64 +7,24 @@ use nalgebra::Vector3;
 use crate::mechanics::insertion::ProbeContact;
 use crate::scenario::run::Step;
 
-/// Columns before the counts. Their contents are documented in docs/insertion.md.
-const NUMBERS: [&str; 27] = [
-    "time_s",
-    "base_x_mm",
-    "base_y_mm",
-    "base_z_mm",
-    "base_dx",
-    "base_dy",
-    "base_dz",
-    "tip_x_mm",
-    "tip_y_mm",
-    "tip_z_mm",
-    "tip_deflection_mm",
-    "inserted_mm",
-    "base_force_x_n",
-    "base_force_y_n",
-    "base_force_z_n",
-    "base_torque_x_nmm",
-    "base_torque_y_nmm",
-    "base_torque_z_nmm",
-    "world_force_x_n",
-    "world_force_y_n",
-    "world_force_z_n",
-    "probe_force_x_n",
-    "probe_force_y_n",
-    "probe_force_z_n",
-    "probe_torque_x_nmm",
-    "probe_torque_y_nmm",
-    "probe_torque_z_nmm",
-];
+/// Columns before the pose of the probe. Their contents are documented in docs/insertion.md.
+const NUMBERS: &str = "time_s,base_x_mm,base_y_mm,base_z_mm,base_dx,base_dy,base_dz,tip_x_mm,tip_y_mm,tip_z_mm,\
+    tip_deflection_mm,inserted_mm,base_force_x_n,base_force_y_n,base_force_z_n,\
+    base_torque_x_nmm,base_torque_y_nmm,base_torque_z_nmm,world_force_x_n,world_force_y_n,world_force_z_n,\
+    probe_force_x_n,probe_force_y_n,probe_force_z_n,probe_torque_x_nmm,probe_torque_y_nmm,probe_torque_z_nmm";
+/// Columns of the pose of the probe in contact, or of the imaging probe.
+const POSE: &str = "probe_x_mm,probe_y_mm,probe_z_mm,probe_qx,probe_qy,probe_qz,probe_qw";
+/// Columns of the tissue force on each of the two points that drive the probe, if it has them.
+const DRIVEN: &str = "driven_1_force_x_n,driven_1_force_y_n,driven_1_force_z_n,\
+    driven_2_force_x_n,driven_2_force_y_n,driven_2_force_z_n,";
 /// Columns of counts, and the duration of the step.
 const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
-
-/// Columns of the pose of the probe in contact, or of the imaging probe.
-const POSE: [&str; 7] = [
-    "probe_x_mm",
-    "probe_y_mm",
-    "probe_z_mm",
-    "probe_qx",
-    "probe_qy",
-    "probe_qz",
-    "probe_qw",
-];
-/// Columns of the tissue force on each of the two points that drive the probe, if it has them.
-const DRIVEN: [&str; 6] = [
-    "driven_1_force_x_n",
-    "driven_1_force_y_n",
-    "driven_1_force_z_n",
-    "driven_2_force_x_n",
-    "driven_2_force_y_n",
-    "driven_2_force_z_n",
-];
 
 /// Header line.
 pub(super) fn head(probe: Option<&ProbeContact>) -> String {
     let driven = probe.and_then(|probe| probe.driven_at_mm);
-    let driven = if driven.is_some() { &DRIVEN[..] } else { &[] };
-    format!("{},{COUNTS}", [&NUMBERS[..], &POSE, driven].concat().join(","))
+    let driven = if driven.is_some() { DRIVEN } else { "" };
+    format!("{NUMBERS},{POSE},{driven}{COUNTS}")
 }
 
 pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {

@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 use super::{BenchOptions, Clock};
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::mesh::InvalidMesh;
-use crate::study::machine::Machine;
+use crate::report::machine::Machine;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::{Axis, Factor, Figure, Study};
 use crate::synth::tables::{Anatomy, Settings};

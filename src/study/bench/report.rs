@@ -4,8 +4,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::study::machine::Machine;
-use crate::study::spread::Spread;
+use crate::report::machine::Machine;
+use crate::report::statistics::Spread;
 use crate::synth::tables::{Anatomy, Settings};
 
 /// Times of one pass.

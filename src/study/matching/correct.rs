@@ -4,12 +4,12 @@ use super::Side;
 use super::bench::{Bench, DEPTHS, WINDOWS, median};
 use super::model::Model;
 use crate::effects::receiver::Receiver;
+use crate::report::statistics::percentile;
+use crate::report::statistics::{mean, slope, std};
 use crate::study::anatomies::SILENT;
 use crate::study::realism::DARK_WINDOW;
 use crate::study::realism::picture::Picture;
 use crate::study::realism::texture::{Patch, Texture, Window, dark_windows};
-use crate::study::spread::percentile;
-use crate::study::statistics::{mean, slope, std};
 use crate::synth::SynthError;
 
 /// Number of correction rounds for noise and clutter.

@@ -6,9 +6,9 @@ use super::model::{Model, rounded};
 use super::outline::Outline;
 use super::{Figure, ROUNDS, SETTLED, Side, Unidentified};
 use crate::phantom::Phantom;
+use crate::report::statistics::std;
 use crate::scene::{ImageSpec, SceneFile, VolumeSpec};
 use crate::study::realism::texture::{Patch, Texture, Window};
-use crate::study::statistics::std;
 use crate::tracking::probe::{ProbeKind, ProbeSpec};
 
 /// Scatter of the windows' standard deviation above which they hold more than one tissue or no speckle; in fully developed speckle it is

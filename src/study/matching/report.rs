@@ -3,10 +3,12 @@
 use std::fmt;
 
 use super::{Match, Score, Side};
+use crate::report::number::fixed;
+use crate::report::page::Page;
+use crate::report::plot::{Axis, Plot, PlotError, Series};
+use crate::report::table::{Cell, Table};
 use crate::scene::SceneFile;
-use crate::study::page::{Cell, Page, address};
-use crate::study::plot::{Axis, Marker, Plot, PlotError, Series};
-use crate::study::realism::report::{named, number, small};
+use crate::study::realism::report::{named, small};
 use crate::text;
 
 impl Match {
@@ -14,8 +16,8 @@ impl Match {
         let [before, after] = [self.default_score, self.score].map(|Score { windows, sector }| {
             format!(
                 "{} grey levels in windows and {} in the sector",
-                number(windows),
-                number(sector)
+                fixed(windows),
+                fixed(sector)
             )
         });
         let windows: usize = self.real.depths.iter().map(|it| it.windows).sum();
@@ -27,12 +29,12 @@ impl Match {
     }
 
     /// Returns name, value and spread of each figure.
-    fn rows(&self) -> Vec<[String; 3]> {
+    fn table(&self, spread: &str) -> Table {
         let rows = self.figures.iter().map(|it| {
-            let spread = it.spread.map_or("-".to_owned(), number);
+            let spread = it.spread.map_or("-".to_owned(), fixed);
             [format!("{}, {}", it.key, it.unit), it.value.to_string(), spread]
         });
-        rows.collect()
+        Table::new([Cell::from("figure"), Cell::number("value"), Cell::number(spread)]).with(rows)
     }
 
     /// Returns the scene text, headed by comments with the figures found and the parameters not identified.
@@ -61,39 +63,19 @@ impl Match {
         for note in &self.notes {
             page.paragraph("warning", &format!("{note}."));
         }
-        page.put("<div class=\"figures\">");
         let frames = [
             (&self.real, "the real frame"),
             (&self.matched, "a uniform phantom with the figures found"),
             (&self.default, "the same with default effects"),
         ];
-        for (side, what) in frames {
-            if let Some(address) = small(&side.frame).and_then(|it| address(&it).ok()) {
-                page.picture(&address, what);
-            }
-        }
-        page.put("</div>");
-        let number = |words: &str| Cell::Number(words.to_owned());
-        let headings = [
-            Cell::Text("figure".to_owned()),
-            number("value"),
-            number("spread over windows"),
-        ];
-        let cells = |[name, value, spread]: [String; 3]| {
-            ("", vec![Cell::Text(name), Cell::Number(value), Cell::Number(spread)])
-        };
-        page.table(&headings, &self.rows().into_iter().map(cells).collect::<Vec<_>>());
-        page.put("<div class=\"figures\">");
-        for plot in self.plots() {
-            page.figure(&plot.svg_for_page()?, &plot.title);
-        }
-        page.put("</div><h2>What the frame does not tell</h2>");
-        let headings = ["what", "why"].map(|words| Cell::Text(words.to_owned()));
-        let rows = self
-            .unidentified
-            .iter()
-            .map(|it| ("", vec![Cell::Text(it.what.to_owned()), Cell::Text(it.why.clone())]));
-        page.stacked(&headings, &rows.collect::<Vec<_>>());
+        let frames = frames.map(|(side, what)| (small(&side.frame), what.to_owned()));
+        let pictures = frames.iter();
+        page.pictures(pictures.filter_map(|(picture, what)| Some((picture.as_ref()?, what.clone()))));
+        page.table(&self.table("spread over windows"));
+        page.plots(&self.plots())?;
+        page.put("<h2>What the frame does not tell</h2>");
+        let rows = self.unidentified.iter().map(|it| [it.what.to_owned(), it.why.clone()]);
+        page.stacked(&Table::new(["what", "why"]).with(rows));
         Ok(page.finish())
     }
 
@@ -104,21 +86,8 @@ impl Match {
                 ("matched", 0, &self.matched),
                 ("default", 6, &self.default),
             ];
-            let line = |(name, colour, side): (&str, usize, &Side)| Series {
-                name: name.to_owned(),
-                points: points(side),
-                joined: true,
-                marker: Marker::None,
-                colour,
-            };
-            Plot {
-                title: title.to_owned(),
-                x: Axis::linear(x),
-                y: Axis::linear(y),
-                series: sides.map(line).to_vec(),
-                markers: Vec::new(),
-                front: Vec::new(),
-            }
+            let line = |(name, colour, side): (&str, usize, &Side)| Series::line(name, colour, points(side));
+            Plot::new(title, Axis::linear(x), Axis::linear(y), sides.map(line).to_vec())
         };
         // Four grey levels per point.
         let classes = |histogram: &[f64]| -> Vec<[f64; 2]> {
@@ -159,12 +128,7 @@ impl Match {
 
 impl fmt::Display for Match {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let rows = self.rows();
-        let names = text::column("figure", rows.iter().map(|row| row[0].as_str()));
-        writeln!(f, "{}  {:>10}  {:>8}", names[0], "value", "spread")?;
-        for (name, [_, value, spread]) in names[1..].iter().zip(&rows) {
-            writeln!(f, "{name}  {value:>10}  {spread:>8}")?;
-        }
+        f.write_str(&self.table("spread").text("  ", &[0, 10, 8]))?;
         writeln!(f, "\n{}\n\nnot told by the frame:", self.summary())?;
         for it in &self.unidentified {
             writeln!(f, "  {}: {}", it.what, it.why)?;

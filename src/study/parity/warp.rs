@@ -159,8 +159,8 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             let rounding = twin.map_slack(world, off);
             slack.position[index] = std::array::from_fn(|axis| (chosen[axis] - other[axis]).abs() + rounding[axis]);
         } else if exact != twin {
-            let far = surface_distance(mesh, current, world);
-            let allowed = surface_slack(mesh, current, world, reach);
+            let surface = Surface::of(mesh, current);
+            let (far, allowed) = (surface.distance(world), surface.slack(world, reach));
             if far > allowed || allowed.is_nan() {
                 slack.fault(format!(
                     "{}: {far} mm from the surface, at most {allowed} by rounding",
@@ -169,8 +169,8 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             }
             slack.torn[index] = true;
         } else if flags[0] != flags[1] {
-            let far = surface_distance(mesh, reference, world);
-            let allowed = surface_slack(mesh, reference, world, reach);
+            let surface = Surface::of(mesh, reference);
+            let (far, allowed) = (surface.distance(world), surface.slack(world, reach));
             if far > allowed || allowed.is_nan() {
                 slack.fault(format!(
                     "{}: {far} mm from the reference surface, at most {allowed}",
@@ -187,41 +187,56 @@ pub fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
     let Some(mesh) = step.tables.mesh.as_deref() else {
         return vec![false; step.before.position.len()];
     };
-    let near = |nodes: &[[f64; 3]], p: Vector3<f64>, reach: f64| {
-        surface_distance(mesh, nodes, p) <= surface_slack(mesh, nodes, p, reach)
-    };
+    let surfaces = [current(step, mesh), reference(step, mesh)].map(|nodes| Surface::of(mesh, nodes));
     (0..step.before.position.len())
         .map(|index| {
             let world = place(step.before.position[index]);
             let reach = slack.position[index].iter().fold(0.0f64, |a, &b| a.max(b)) * 3f64.sqrt();
-            near(current(step, mesh), world, reach) || near(reference(step, mesh), world, reach)
+            let near = |surface: &Surface| surface.distance(world) <= surface.slack(world, reach);
+            surfaces.iter().any(near)
         })
         .collect()
 }
 
-/// Returns the largest distance at which rounding decides: the slack of a coordinate times the height, in the worst element.
-fn surface_slack(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>, off: f64) -> f64 {
-    let worst = (0..mesh.elements().len() as u32)
-        .map(|element| Tetrahedron::new(mesh, nodes, nodes, element))
-        .filter(|element| (element.corner - p).norm() <= 2.0 * element.diameter)
-        .map(|element| (element.coordinate_slack(off) * element.diameter, element.largest))
-        .fold((0.0f64, 0.0f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));
-    worst.0 + 0.5 * ULP * worst.1
+/// Elements of a mesh at some positions of its nodes, and its boundary faces.
+struct Surface {
+    elements: Vec<Tetrahedron>,
+    faces: Vec<[Vector3<f64>; 3]>,
 }
 
-/// Returns the distance from a point to the boundary faces of the mesh, mm.
-fn surface_distance(mesh: &TetMesh, nodes: &[[f64; 3]], p: Vector3<f64>) -> f64 {
-    let mut nearest = f64::INFINITY;
-    for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
-        for opposite in (0..4).filter(|&corner| neighbours[corner] == NONE) {
-            let face: Vec<Vector3<f64>> = (0..4)
-                .filter(|&c| c != opposite)
-                .map(|c| Vector3::from(nodes[corners[c] as usize]))
-                .collect();
-            nearest = nearest.min(triangle_distance([face[0], face[1], face[2]], p));
+impl Surface {
+    fn of(mesh: &TetMesh, nodes: &[[f64; 3]]) -> Self {
+        let elements = (0..mesh.elements().len() as u32).map(|element| Tetrahedron::new(mesh, nodes, nodes, element));
+        let mut faces = Vec::new();
+        for (corners, neighbours) in mesh.elements().iter().zip(mesh.neighbours()) {
+            for opposite in (0..4).filter(|&corner| neighbours[corner] == NONE) {
+                let of_face = [0, 1, 2].map(|at| at + usize::from(at >= opposite));
+                faces.push(of_face.map(|corner| Vector3::from(nodes[corners[corner] as usize])));
+            }
+        }
+        Self {
+            elements: elements.collect(),
+            faces,
         }
     }
-    nearest
+
+    /// Returns the distance from a point to the boundary faces, mm.
+    fn distance(&self, p: Vector3<f64>) -> f64 {
+        let distances = self.faces.iter().map(|&face| triangle_distance(face, p));
+        distances.fold(f64::INFINITY, f64::min)
+    }
+
+    /// Returns the largest distance at which rounding decides: the slack of a coordinate times the height, in the worst element.
+    fn slack(&self, p: Vector3<f64>, off: f64) -> f64 {
+        let near = self
+            .elements
+            .iter()
+            .filter(|element| (element.corner - p).norm() <= 2.0 * element.diameter);
+        let worst = near
+            .map(|element| (element.coordinate_slack(off) * element.diameter, element.largest))
+            .fold((0.0f64, 0.0f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));
+        worst.0 + 0.5 * ULP * worst.1
+    }
 }
 
 /// Returns the distance from a point to a triangle: to its plane if the point projects inside, otherwise to its nearest edge.

@@ -1,7 +1,7 @@
 //! Output of a puncture as text, table and plot.
 
 use super::{NAMES, Puncture};
-use crate::study::plot::{Axis, Marker, Plot, PlotError, Series};
+use crate::report::plot::{Axis, Plot, PlotError, Series};
 
 impl Puncture {
     /// Returns a CSV table with one row per step.
@@ -40,20 +40,10 @@ impl Puncture {
 /// # Errors
 /// [`PlotError`] if the plot cannot be drawn.
 pub fn curves(runs: &[(&str, &Puncture)]) -> Result<String, PlotError> {
-    let series = runs.iter().enumerate().map(|(colour, (name, run))| Series {
-        name: (*name).to_owned(),
-        points: run.rows.iter().map(|row| [row.travel_mm, row.force_n]).collect(),
-        joined: true,
-        marker: Marker::None,
-        colour,
+    let series = runs.iter().enumerate().map(|(colour, (name, run))| {
+        let points = run.rows.iter().map(|row| [row.travel_mm, row.force_n]);
+        Series::line(*name, colour, points.collect())
     });
-    let plot = Plot {
-        title: "A needle pushes, punctures and cuts".to_owned(),
-        x: Axis::linear("travel of the needle, mm"),
-        y: Axis::linear("force on the needle, N"),
-        series: series.collect(),
-        markers: Vec::new(),
-        front: Vec::new(),
-    };
-    plot.svg()
+    let [x, y] = ["travel of the needle, mm", "force on the needle, N"].map(Axis::linear);
+    Plot::new("A needle pushes, punctures and cuts", x, y, series.collect()).svg()
 }

@@ -6,8 +6,10 @@ use image::{GrayImage, imageops};
 
 use super::picture::Picture;
 use super::{CLASS, FrameReport, LIMIT, Report, Row, Verdict};
-use crate::study::page::{Cell, Page, address, escape};
-use crate::study::plot::{Axis, Marker, Plot, PlotError, Series};
+use crate::report::number::fixed;
+use crate::report::page::{Page, escape};
+use crate::report::plot::{Axis, Plot, PlotError, Series};
+use crate::report::table::{Cell, Table};
 use crate::text;
 
 /// Largest width of the pictures on a page, pixels.
@@ -23,8 +25,8 @@ impl Row {
         let side = |figure: &Option<super::Figure>| match figure {
             None => "-".to_owned(),
             Some(figure) => match figure.spread {
-                None => number(figure.mean),
-                Some(spread) => format!("{} +- {}", number(figure.mean), number(spread)),
+                None => fixed(figure.mean),
+                Some(spread) => format!("{} +- {}", fixed(figure.mean), fixed(spread)),
             },
         };
         let difference = self.difference.map_or("-".to_owned(), |d| format!("{d:+.1}"));
@@ -46,17 +48,6 @@ impl Verdict {
             Self::Outside => "outside",
         }
     }
-}
-
-/// Formats a number with about three significant digits.
-pub(in crate::study) fn number(value: f64) -> String {
-    let digits = match value.abs() {
-        100.0.. => 0,
-        10.0.. => 1,
-        1.0.. => 2,
-        _ => 3,
-    };
-    format!("{value:.digits$}")
 }
 
 impl Report {
@@ -82,27 +73,24 @@ impl Report {
         for note in &self.notes {
             page.paragraph("warning", &(note.clone() + "."));
         }
-        page.put("<div class=\"figures\">");
-        for (side, pictures) in [("frames", frames), ("real frames", real)] {
-            let first = pictures.first();
-            if let Some((picture, address)) = first.and_then(|it| Some((it, address(&small(it)?).ok()?))) {
-                page.picture(&address, &format!("{side}: {}", named(&picture.name)));
-            }
-        }
-        page.put("</div>");
+        let sides = [("frames", frames), ("real frames", real)];
+        let first = sides.map(|(side, pictures)| {
+            let picture = pictures.first()?;
+            Some((small(picture)?, format!("{side}: {}", named(&picture.name))))
+        });
+        page.pictures(
+            first
+                .iter()
+                .flatten()
+                .map(|(picture, caption)| (picture, caption.clone())),
+        );
         page.paragraph(
             "soft",
             "Mean and standard deviation over the frames. A difference is that of the means in standard deviations of the real frames; a \
              deviation below the floor of a measure counts as the floor.",
         );
-        let headings = [
-            Cell::Text("measure".to_owned()),
-            Cell::Number("frames".to_owned()),
-            Cell::Number("real frames".to_owned()),
-            Cell::Number("difference".to_owned()),
-            Cell::Number("floor".to_owned()),
-            Cell::Text(String::new()),
-        ];
+        let [ours, real, difference, floor] = ["frames", "real frames", "difference", "floor"].map(Cell::number);
+        let head = [Cell::from("measure"), ours, real, difference, floor, Cell::from("")];
         let rows = self.measures.iter().map(|row| {
             let [name, ours, real, difference, verdict] = row.words();
             let tag = match row.verdict {
@@ -110,25 +98,19 @@ impl Report {
                 Some(Verdict::Outside) => vec![("bad", verdict)],
                 None => Vec::new(),
             };
-            let floor = row.measure.floor.to_string();
-            let mut cells = vec![Cell::Pair(name, row.measure.definition.to_owned())];
-            cells.extend([ours, real, difference, floor].map(Cell::Number));
-            cells.push(Cell::Tags(tag));
-            ("", cells)
+            let name = Cell::Pair(name, row.measure.definition.to_owned());
+            let numbers = [ours, real, difference, row.measure.floor.to_string()].map(Cell::Number);
+            std::iter::once(name).chain(numbers).chain([Cell::Tags(tag)])
         });
-        page.stacked(&headings, &rows.collect::<Vec<_>>());
-        page.put("<div class=\"figures\">");
-        for plot in self.plots() {
-            page.figure(&plot.svg_for_page()?, &plot.title);
-        }
-        page.put("</div>");
+        page.stacked(&Table::new(head).with(rows));
+        page.plots(&self.plots())?;
         for (side, frames) in [("Frames", &self.frames), ("Real frames", &self.real)] {
             page.put(format_args!("<h2>{side}</h2><ul>"));
             for frame in frames {
                 let size = frame
                     .mm_per_pixel
                     .map_or("size of pixels unknown".to_owned(), |[axial, lateral]| {
-                        format!("{} x {} mm a pixel", number(lateral), number(axial))
+                        format!("{} x {} mm a pixel", fixed(lateral), fixed(axial))
                     });
                 page.put(format_args!("<li>{}: {size}</li>", escape(&named(&frame.name))));
             }
@@ -143,23 +125,11 @@ impl Report {
         let scaled = all().all(|frame| frame.mm_per_pixel.is_some());
         let plot = |title: &str, [x, y]: [&str; 2], points: &dyn Fn(&FrameReport) -> Vec<[f64; 2]>| {
             let side = |name: &'static str, colour: usize, frames: &[FrameReport]| -> Vec<Series> {
-                let line = |frame: &FrameReport| Series {
-                    name: name.to_owned(),
-                    points: points(frame),
-                    joined: true,
-                    marker: Marker::None,
-                    colour,
-                };
+                let line = |frame: &FrameReport| Series::line(name, colour, points(frame));
                 frames.iter().map(line).collect()
             };
-            Plot {
-                title: title.to_owned(),
-                x: Axis::linear(x),
-                y: Axis::linear(y),
-                series: [side("real frames", 1, &self.real), side("frames", 0, &self.frames)].concat(),
-                markers: Vec::new(),
-                front: Vec::new(),
-            }
+            let series = [side("real frames", 1, &self.real), side("frames", 0, &self.frames)].concat();
+            Plot::new(title, Axis::linear(x), Axis::linear(y), series)
         };
         let lag = if scaled { "lag, mm" } else { "lag, pixels" };
         let lags = |axis: usize| {
@@ -227,16 +197,10 @@ impl fmt::Display for Report {
                 .collect();
             writeln!(f, "{side}: {}", text::some_of(&names))?;
         }
-        let rows: Vec<[String; 5]> = self.measures.iter().map(Row::words).collect();
-        let names = text::column("measure", rows.iter().map(|row| row[0].as_str()));
-        let row = |f: &mut fmt::Formatter<'_>, name: &str, [ours, real, difference, verdict]: [&str; 4]| {
-            writeln!(f, "{name}  {ours:>16}  {real:>16}  {difference:>10}  {verdict}")
-        };
-        writeln!(f)?;
-        row(f, &names[0], ["frames", "real frames", "difference", "verdict"])?;
-        for (name, [_, ours, real, difference, verdict]) in names[1..].iter().zip(&rows) {
-            row(f, name, [ours, real, difference, verdict])?;
-        }
+        let [ours, real, difference] = ["frames", "real frames", "difference"].map(Cell::number);
+        let head = [Cell::from("measure"), ours, real, difference, Cell::from("verdict")];
+        let table = Table::new(head).with(self.measures.iter().map(Row::words));
+        write!(f, "\n{}", table.text("  ", &[0, 16, 16, 10]))?;
         writeln!(f, "\n{}", self.summary())?;
         for note in &self.notes {
             writeln!(f, "note: {note}")?;

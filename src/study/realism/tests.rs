@@ -179,7 +179,7 @@ fn blurred_noise_has_the_correlation_of_its_kernel() {
     near(
         "slope",
         texture.slopes[0],
-        crate::study::statistics::slope(&x, &y),
+        crate::report::statistics::slope(&x, &y),
         0.15,
     );
     assert!(texture.slopes[1] < texture.slopes[0] - 1.0, "{:?}", texture.slopes);

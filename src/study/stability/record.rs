@@ -10,15 +10,17 @@ use crate::random::{hash3, seed_words};
 /// Measured figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Measure {
-    /// Description of the figure.
     pub what: String,
-    /// Value of the figure.
     #[serde(serialize_with = "number")]
     pub figure: f64,
     /// Largest acceptable value; `None` if the figure is only reported.
     pub limit: Option<f64>,
     /// Additional information, such as the text of an error.
     pub note: Option<String>,
+    /// Limit over figure; `None` if there is no limit, or if the figure is exactly zero or must be.
+    pub margin: Option<f64>,
+    /// Whether the figure is finite and at most its limit.
+    pub holds: bool,
 }
 
 /// Serialises a number; NaN and infinity, which JSON lacks, are distinguished, as `null` would not.
@@ -27,19 +29,6 @@ fn number<S: Serializer>(figure: &f64, serializer: S) -> Result<S::Ok, S::Error>
         serializer.serialize_f64(*figure)
     } else {
         serializer.collect_str(figure)
-    }
-}
-
-impl Measure {
-    /// Returns whether the figure is finite and at most its limit.
-    pub fn holds(&self) -> bool {
-        self.figure.is_finite() && self.limit.is_none_or(|limit| self.figure <= limit)
-    }
-
-    /// Returns the margin: limit over figure. `None` if there is no limit, or if the figure is exactly zero or must be.
-    pub fn margin(&self) -> Option<f64> {
-        let margin = self.limit? / self.figure;
-        (margin.is_finite() && margin > 0.0).then_some(margin)
     }
 }
 
@@ -145,6 +134,10 @@ impl<'a> Record<'a> {
             figure,
             limit,
             note,
+            margin: limit
+                .map(|limit| limit / figure)
+                .filter(|it| it.is_finite() && *it > 0.0),
+            holds: figure.is_finite() && limit.is_none_or(|limit| figure <= limit),
         });
     }
 }

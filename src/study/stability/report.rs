@@ -2,26 +2,22 @@
 
 mod page;
 mod plot;
-mod table;
 
 use std::fmt::{self, Write};
 
 use serde::Serialize;
 
-use super::case::Effort;
+use super::case::{Case, Effort};
 use super::record::Measure;
-use crate::study::machine::Machine;
-use table::Table;
+use crate::report::machine::Machine;
+use crate::report::number::figure;
+use crate::report::table::Table;
 
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-#[serde(into = "JudgedCase")]
 pub struct CaseReport {
-    /// Name of the group.
     pub group: String,
-    /// Name of the case.
     pub name: String,
-    /// Acceptance criterion.
     pub criterion: String,
     /// Backends and precisions covered.
     pub covers: Vec<String>,
@@ -29,63 +25,34 @@ pub struct CaseReport {
     pub seed: u64,
     /// Running time, s.
     pub seconds: f64,
-    /// Recorded figures.
+    /// Whether every figure passes. A case without figures fails.
+    pub holds: bool,
+    /// Margin of the decisive figure.
+    pub margin: Option<f64>,
     pub measures: Vec<Measure>,
 }
 
-/// Case with its derived verdict, for JSON.
-#[derive(Serialize)]
-struct JudgedCase {
-    group: String,
-    name: String,
-    criterion: String,
-    covers: Vec<String>,
-    seed: u64,
-    seconds: f64,
-    holds: bool,
-    margin: Option<f64>,
-    measures: Vec<JudgedMeasure>,
-}
-
-#[derive(Serialize)]
-struct JudgedMeasure {
-    #[serde(flatten)]
-    measure: Measure,
-    margin: Option<f64>,
-    holds: bool,
-}
-
-impl From<CaseReport> for JudgedCase {
-    fn from(case: CaseReport) -> Self {
-        let (holds, margin) = (case.holds(), case.worst().and_then(Measure::margin));
-        let judged = |measure: Measure| JudgedMeasure {
-            margin: measure.margin(),
-            holds: measure.holds(),
-            measure,
-        };
-        JudgedCase {
-            group: case.group,
-            name: case.name,
-            criterion: case.criterion,
-            covers: case.covers,
-            seed: case.seed,
-            seconds: case.seconds,
-            holds,
-            margin,
-            measures: case.measures.into_iter().map(judged).collect(),
-        }
-    }
-}
-
 impl CaseReport {
-    /// Returns whether every figure passes. A case without figures fails.
-    pub fn holds(&self) -> bool {
-        !self.measures.is_empty() && self.measures.iter().all(Measure::holds)
+    /// Creates the report of a case with its verdict.
+    pub fn new(group: &str, case: &Case, seconds: f64, measures: Vec<Measure>) -> Self {
+        let mut report = CaseReport {
+            group: group.to_owned(),
+            name: case.name.to_owned(),
+            criterion: case.criterion.to_owned(),
+            covers: case.covers.iter().map(|&cover| cover.to_owned()).collect(),
+            seed: case.seed,
+            seconds,
+            holds: !measures.is_empty() && measures.iter().all(|measure| measure.holds),
+            margin: None,
+            measures,
+        };
+        report.margin = report.worst().and_then(|worst| worst.margin);
+        report
     }
 
     /// Returns the decisive figure: one that fails, otherwise the one nearest to its limit, otherwise the first.
     pub fn worst(&self) -> Option<&Measure> {
-        let rank = |measure: &&Measure| match (measure.holds(), measure.limit, measure.margin()) {
+        let rank = |measure: &&Measure| match (measure.holds, measure.limit, measure.margin) {
             (false, ..) => -1.0,
             (_, None, _) => f64::INFINITY,
             (_, Some(_), None) => f64::MAX,
@@ -96,42 +63,28 @@ impl CaseReport {
 
     /// Returns the figures that fail.
     pub fn failures(&self) -> impl Iterator<Item = &Measure> {
-        self.measures.iter().filter(|measure| !measure.holds())
+        self.measures.iter().filter(|measure| !measure.holds)
     }
 
     fn verdict(&self) -> &'static str {
-        if self.holds() { "holds" } else { "FAILS" }
+        if self.holds { "holds" } else { "FAILS" }
     }
 }
 
 /// Results of all cases of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
-    /// Length of the run.
     pub effort: Effort,
-    /// Machine used.
     pub machine: Machine,
-    /// Results of the cases.
     pub cases: Vec<CaseReport>,
 }
 
-fn short(figure: f64) -> String {
-    match figure {
-        0.0 => "0".to_owned(),
-        _ if figure.is_finite() && (1e-2..1e5).contains(&figure.abs()) => {
-            let digits = if figure.fract() == 0.0 { 0 } else { 3 };
-            format!("{figure:.digits$}")
-        }
-        _ => format!("{figure:.1e}"),
-    }
-}
-
 fn limit(measure: &Measure) -> String {
-    measure.limit.map_or("-".to_owned(), short)
+    measure.limit.map_or("-".to_owned(), figure)
 }
 
 fn margin(measure: &Measure) -> String {
-    match measure.margin() {
+    match measure.margin {
         Some(margin) if margin < 9.95 => format!("{margin:.1}x"),
         Some(margin) if margin < 9999.5 => format!("{margin:.0}x"),
         Some(margin) => format!("{margin:.0e}x"),
@@ -142,9 +95,9 @@ fn margin(measure: &Measure) -> String {
 
 /// Describes a figure that fails, on one line.
 pub(super) fn sentence(measure: &Measure) -> String {
-    let mut line = format!("{}: {}", measure.what, short(measure.figure));
+    let mut line = format!("{}: {}", measure.what, figure(measure.figure));
     if let Some(limit) = measure.limit {
-        let _ = write!(line, ", at most {} expected", short(limit));
+        let _ = write!(line, ", at most {} expected", figure(limit));
     } else {
         line.push_str(", a finite number expected");
     }
@@ -157,7 +110,7 @@ pub(super) fn sentence(measure: &Measure) -> String {
 impl Report {
     /// Returns the number of cases that fail.
     pub fn failed(&self) -> usize {
-        self.cases.iter().filter(|case| !case.holds()).count()
+        self.cases.iter().filter(|case| !case.holds).count()
     }
 
     /// Returns the names of the groups in the order of their first case.
@@ -191,30 +144,27 @@ impl Report {
                 let covers = case.covers.join(", ");
                 let _ = write!(
                     text,
-                    "\n### {}: {}\n\n{}. On {covers}; seed {}; {:.1} s.\n\n| measured | figure | limit | margin | |\n|---|---|---|---|---|\n",
+                    "\n### {}: {}\n\n{}. On {covers}; seed {}; {:.1} s.\n\n",
                     case.name,
                     case.verdict(),
                     case.criterion,
                     case.seed,
                     case.seconds
                 );
-                for measure in &case.measures {
-                    let note = measure
-                        .note
-                        .as_deref()
-                        .unwrap_or("")
-                        .replace('|', "\\|")
-                        .replace('\n', " ");
-                    let verdict = if measure.holds() { "" } else { "**FAILS** " };
-                    let _ = writeln!(
-                        text,
-                        "| {} | {} | {} | {} | {verdict}{note} |",
-                        measure.what,
-                        short(measure.figure),
+                let rows = case.measures.iter().map(|measure| {
+                    let verdict = if measure.holds { "" } else { "**FAILS** " };
+                    let note = format!("{verdict}{}", measure.note.as_deref().unwrap_or_default());
+                    [
+                        measure.what.clone(),
+                        figure(measure.figure),
                         limit(measure),
-                        margin(measure)
-                    );
-                }
+                        margin(measure),
+                        note,
+                    ]
+                });
+                text += &Table::new(["measured", "figure", "limit", "margin", ""])
+                    .with(rows)
+                    .markdown();
             }
         }
         text
@@ -226,41 +176,30 @@ impl fmt::Display for Report {
         writeln!(f, "machine: {}; {}", self.machine, self.effort())?;
         for group in self.groups() {
             writeln!(f, "\n{group}")?;
-            let mut table = Table::new(
-                [
-                    "hard case (seed)",
-                    "criterion",
-                    "measured nearest to its limit",
-                    "figure",
-                    "limit",
-                    "margin",
-                    "verdict",
-                ],
-                [24, 34, 30, 8, 8, 6, 7],
-            );
-            for case in self.of_group(group) {
+            let head = [
+                "hard case (seed)",
+                "criterion",
+                "measured nearest to its limit",
+                "figure",
+                "limit",
+                "margin",
+                "verdict",
+            ];
+            let rows = self.of_group(group).map(|case| {
                 let name = format!("{} ({})", case.name, case.seed);
-                let Some(worst) = case.worst() else {
-                    table.row([&name, &case.criterion, "nothing", "-", "-", "-", case.verdict()]);
-                    continue;
-                };
-                let numbers = [short(worst.figure), limit(worst), margin(worst)];
-                let [figure, limit, margin] = &numbers;
-                table.row([
-                    &name,
-                    &case.criterion,
-                    &worst.what,
-                    figure,
-                    limit,
-                    margin,
-                    case.verdict(),
-                ]);
-            }
-            write!(f, "{table}")?;
+                let numbers = case
+                    .worst()
+                    .map(|it| [it.what.clone(), figure(it.figure), limit(it), margin(it)]);
+                let [what, figure, limit, margin] =
+                    numbers.unwrap_or_else(|| ["nothing", "-", "-", "-"].map(str::to_owned));
+                let verdict = case.verdict().to_owned();
+                [name, case.criterion.clone(), what, figure, limit, margin, verdict]
+            });
+            f.write_str(&Table::new(head).with(rows).wrapped(&[24, 34, 30, 8, 8, 6, 7]))?;
         }
         let failed = self.failed();
         writeln!(f, "\n{} of {} cases hold", self.cases.len() - failed, self.cases.len())?;
-        for case in self.cases.iter().filter(|case| !case.holds()) {
+        for case in self.cases.iter().filter(|case| !case.holds) {
             writeln!(f, "{} does not:", case.name)?;
             for measure in case.failures() {
                 writeln!(f, "  {}", sentence(measure))?;

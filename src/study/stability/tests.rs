@@ -25,7 +25,7 @@ fn figures_beyond_their_limit_and_figures_that_are_no_numbers_fail() {
     }));
     assert!(good.failed() == 0);
     assert!(!good.page().contains("FAILS") && good.page().contains("1 of 1 hard cases hold"));
-    assert_eq!(good.cases[0].worst().unwrap().margin(), Some(10.0));
+    assert_eq!(good.cases[0].worst().unwrap().margin, Some(10.0));
     let bad: [fn(&mut Record<'_>) -> Result<(), Unexpected>; 8] = [
         |record| {
             record.under("error", 1.1e-12, 1e-12);
@@ -77,7 +77,7 @@ fn a_refusal_must_be_the_one_expected() {
         let mut record = Record::new(Effort::Quick, 0, &mut progress);
         record.refused("a number", text.parse::<i32>(), expected);
         let measure = &record.into_measures()[0];
-        assert_eq!(measure.holds(), holds, "{measure:?}");
+        assert_eq!(measure.holds, holds, "{measure:?}");
         assert!(measure.note.is_some());
     }
 }

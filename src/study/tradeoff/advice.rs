@@ -1,4 +1,4 @@
-//! Recommendations from a table: the cheapest variant whose error a user would not notice.
+//! Recommendations from a table: the cheapest variant whose error a user would not notice; and its best rows, the Pareto front.
 //!
 //! This module is independent of what a study compares. Rows that differ only in conditions form one variant: it counts with its worst cost
 //! and error (among variants of equal cost the one with the smallest error is taken), and only if it was measured under all conditions that
@@ -7,8 +7,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::real_time::Beat;
-use super::render::number;
 use super::{Row, Table};
+use crate::report::number::significant;
+use crate::report::pareto;
 
 /// Tolerance for positions in an image, mm, with its reason.
 pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");
@@ -22,7 +23,7 @@ pub const GREY_LEVELS: (f64, &str) = (5.0, "the eye sees less than that only sid
 pub(super) const SAME: f64 = 1.05;
 
 /// Goal of a user who chooses from a table.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Goal {
     /// Key of the axis to minimise.
     pub cost: &'static str,
@@ -49,7 +50,6 @@ pub struct Goal {
 /// Recommendation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Advice {
-    /// Name of the choice.
     pub choosing: String,
     /// Fixed choices that the recommendation applies to; empty if there are none.
     pub given: String,
@@ -69,12 +69,7 @@ impl Goal {
             error,
             within,
             reason,
-            choosing: "",
-            beside: Vec::new(),
-            each: Vec::new(),
-            over: Vec::new(),
-            baseline: None,
-            every: None,
+            ..Goal::default()
         }
     }
 
@@ -113,6 +108,11 @@ impl Goal {
         self.over = factors.to_vec();
         self
     }
+
+    /// Returns the factors whose choices competing rows share.
+    fn fixed(&self) -> Vec<&'static str> {
+        [&self.each[..], &self.over].concat()
+    }
 }
 
 impl Advice {
@@ -146,11 +146,11 @@ impl Table {
         groups.iter().map(|rows| self.advise(goal, rows)).collect()
     }
 
-    /// Groups the rows by the given choices.
-    pub(super) fn groups(&self, goal: &Goal) -> Vec<Vec<&Row>> {
+    /// Groups rows by their choices of some factors.
+    fn grouped<'a>(&'a self, rows: impl Iterator<Item = &'a Row>, keys: &[&str]) -> Vec<Vec<&'a Row>> {
         let mut groups: Vec<(Vec<&str>, Vec<&Row>)> = Vec::new();
-        for row in &self.rows {
-            let own = self.choices(row, &goal.each);
+        for row in rows {
+            let own = self.choices(row, keys);
             match groups.iter_mut().find(|(given, _)| *given == own) {
                 Some((_, rows)) => rows.push(row),
                 None => groups.push((own, vec![row])),
@@ -159,11 +159,74 @@ impl Table {
         groups.into_iter().map(|(_, rows)| rows).collect()
     }
 
+    /// Groups the rows by the given choices.
+    pub(super) fn groups(&self, goal: &Goal) -> Vec<Vec<&Row>> {
+        self.grouped(self.rows.iter(), &goal.each)
+    }
+
+    /// Returns whether each row is among the best: no other row under the same given choices and conditions is as good in cost and error
+    /// and better in one of them. The gold standard takes part with zero error; flagged rows are excluded. Without a goal no row is best.
+    pub fn best(&self) -> Vec<bool> {
+        let Some(goal) = &self.goal else {
+            return vec![false; self.rows.len()];
+        };
+        let weighed = |row: &Row| {
+            let error = self.value(row, goal.error).or(row.gold.then_some(0.0));
+            Some([self.value(row, goal.cost)?, error?]).filter(|_| row.flag.is_none())
+        };
+        let fixed = goal.fixed();
+        let is_best = |row: &Row| {
+            let own = self.choices(row, &fixed);
+            let rivals = self.rows.iter().filter(|rival| self.choices(rival, &fixed) == own);
+            let front = pareto::front(&rivals.filter_map(weighed).collect::<Vec<_>>());
+            weighed(row).is_some_and(|point| front.contains(&point))
+        };
+        self.rows.iter().map(is_best).collect()
+    }
+
+    /// Describes the meaning of the mark of the best rows; empty if no row is marked.
+    pub(super) fn meaning_of_best(&self) -> String {
+        let Some(goal) = self.goal.as_ref().filter(|_| self.best().contains(&true)) else {
+            return String::new();
+        };
+        let heading = |key: &str| self.axis(key).map_or("", |at| self.axes[at].heading);
+        let fixed = goal.fixed();
+        let fixed = fixed
+            .iter()
+            .filter_map(|key| Some(self.factors[self.factor(key)?].label));
+        let same = match fixed.collect::<Vec<_>>().join(", ") {
+            none if none.is_empty() => none,
+            some => format!(" with the same {some}"),
+        };
+        let [cost, error] = [goal.cost, goal.error].map(heading);
+        format!("best: no other row{same} has both less \"{cost}\" and less \"{error}\"")
+    }
+
+    /// Returns the Pareto fronts of the best rows among those shown, one for each set of competing rows, from left to right.
+    pub(super) fn fronts(&self, x: &str, y: &str, shown: impl Fn(&Row) -> bool) -> Vec<Vec<[f64; 2]>> {
+        let Some(goal) = self.goal.as_ref().filter(|goal| [goal.cost, goal.error] == [x, y]) else {
+            return Vec::new();
+        };
+        // A gold standard without a measured error cannot be plotted.
+        let point = |row: &Row| Some([self.value(row, x)?, self.value(row, y)?]);
+        let best = self.rows.iter().zip(self.best());
+        let best = best.filter(|(row, best)| *best && shown(row) && point(row).is_some());
+        let fronts = self
+            .grouped(best.map(|(row, _)| row), &goal.fixed())
+            .into_iter()
+            .map(|rows| {
+                let mut points: Vec<[f64; 2]> = rows.into_iter().filter_map(point).collect();
+                points.sort_by(|a, b| a[0].total_cmp(&b[0]));
+                points
+            });
+        fronts.collect()
+    }
+
     /// Returns the name of the choice.
     pub(super) fn choosing(&self, goal: &Goal) -> String {
-        match goal.choosing.is_empty() {
-            true => self.title.clone(),
-            false => goal.choosing.to_owned(),
+        match goal.choosing {
+            "" => self.title.clone(),
+            choosing => choosing.to_owned(),
         }
     }
 
@@ -181,52 +244,38 @@ impl Table {
     fn advise(&self, goal: &Goal, rows: &[&Row]) -> Advice {
         let (ways, wrong) = self.ways(goal, rows);
         let (cost_unit, error_unit) = (self.unit(goal.cost), self.unit(goal.error));
-        let cost = |way: &Variant| format!("{} {cost_unit}", number(way.cost)).trim_end().to_owned();
-        let error = |error: f64| format!("{} {error_unit}", number(error)).trim_end().to_owned();
+        let cost = |way: &Variant| format!("{} {cost_unit}", significant(way.cost)).trim_end().to_owned();
+        let both = |way: &Variant| {
+            let error = format!("{} {error_unit}", significant(way.error));
+            format!("{}: {}, error {}", way.name, cost(way), error.trim_end())
+        };
         let limit = format!("{} {error_unit} ({})", goal.within, goal.reason);
-        let fits = |way: &&Variant| way.error <= goal.within;
-        let order = |a: &&Variant, b: &&Variant| a.error.total_cmp(&b.error).then(a.cost.total_cmp(&b.cost));
-        let least = ways
-            .iter()
-            .filter(fits)
-            .map(|way| way.cost)
-            .fold(f64::INFINITY, f64::min);
+        let by_error = |a: &&Variant, b: &&Variant| a.error.total_cmp(&b.error);
+        let fitting = || ways.iter().filter(|way| way.error <= goal.within);
+        let least = fitting().map(|way| way.cost).fold(f64::INFINITY, f64::min);
         // Among equal costs the error decides, not the noise of the clock.
-        let alike = |way: &&Variant| way.cost <= SAME * least;
-        let take = ways.iter().filter(fits).filter(alike).min_by(order);
-        let cheaper = ways
-            .iter()
-            .filter(|way| take.is_some_and(|take| SAME * way.cost < take.cost) && way.error > goal.within);
-        let nearest =
-            |ways: &mut dyn Iterator<Item = &Variant>| ways.min_by(|a, b| a.error.total_cmp(&b.error)).cloned();
-        let mut words = match take {
-            Some(take) if take.gold => format!(
+        let alike = fitting().filter(|way| way.cost <= SAME * least);
+        let take = alike.min_by(|a, b| by_error(a, b).then(a.cost.total_cmp(&b.cost)));
+        let mut words = match (take, ways.iter().min_by(by_error)) {
+            (Some(take), _) if take.gold => format!(
                 "Recommended: {} (the gold standard): {}. Nothing cheaper has an error within {limit}.",
                 take.name,
                 cost(take)
             ),
-            Some(take) => format!(
-                "Recommended: {}: {}, error {}; the cheapest within {limit}.",
-                take.name,
-                cost(take),
-                error(take.error)
-            ),
-            None => match nearest(&mut ways.iter()) {
-                Some(near) => format!(
-                    "No option has an error within {limit}. The closest is {}: {}, error {}.",
-                    near.name,
-                    cost(&near),
-                    error(near.error)
-                ),
-                None => "Nothing could be compared.".to_owned(),
-            },
+            (Some(take), _) => format!("Recommended: {}; the cheapest within {limit}.", both(take)),
+            (None, Some(near)) => format!("No option has an error within {limit}. The closest is {}.", both(near)),
+            (None, None) => "Nothing could be compared.".to_owned(),
         };
-        if let Some(next) = nearest(&mut { cheaper }) {
-            words += &format!(" Cheaper: {}: {}, error {}.", next.name, cost(&next), error(next.error));
-        }
-        let gold = ways.iter().find(|way| way.gold);
-        if let Some(gold) = gold.filter(|_| take.is_some_and(|take| !take.gold)) {
-            words += &format!(" The gold standard takes {}.", cost(gold));
+        if let Some(take) = take {
+            let cheaper = ways
+                .iter()
+                .filter(|way| SAME * way.cost < take.cost && way.error > goal.within);
+            if let Some(next) = cheaper.min_by(by_error) {
+                words += &format!(" Cheaper: {}.", both(next));
+            }
+            if let Some(gold) = ways.iter().find(|way| way.gold).filter(|_| !take.gold) {
+                words += &format!(" The gold standard takes {}.", cost(gold));
+            }
         }
         if let Some((_, choice, reason)) = goal.baseline {
             words += &format!(" {choice} is a baseline and never recommended: {reason}.");
@@ -247,18 +296,14 @@ impl Table {
 
     /// Aggregates rows into variants; returns them with the number of flagged rows.
     pub(super) fn ways(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Variant>, usize) {
-        let fixed = |key: &&str| goal.each.contains(key) || goal.over.contains(key);
         let all = self.conditions(goal, rows);
-        let name = |row: &Row| self.name(row, |key| !fixed(&key));
-        let mut names: Vec<String> = Vec::new();
+        let name = |row: &Row| self.name(row, |key| !goal.fixed().contains(&key));
         let advised = |row: &Row| {
-            let baseline = goal
-                .baseline
-                .and_then(|(key, choice, _)| Some((self.factor(key)?, choice)));
-            baseline.is_none_or(|(at, choice)| row.choices[at] != choice)
+            let baseline = goal.baseline;
+            baseline.is_none_or(|(key, choice, _)| self.factor(key).is_none_or(|at| row.choices[at] != choice))
         };
-        for row in rows.iter().filter(|row| advised(row)) {
-            let name = name(row);
+        let mut names: Vec<String> = Vec::new();
+        for name in rows.iter().filter(|row| advised(row)).map(|row| name(row)) {
             if !names.contains(&name) {
                 names.push(name);
             }

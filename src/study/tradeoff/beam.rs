@@ -12,8 +12,8 @@ mod tests;
 use super::gather::Entry;
 use super::{Axis, Factor, Study};
 use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Problem, Shape};
+use crate::report::machine::Machine;
 use crate::study::beam::INITIAL_LENGTH_MM;
-use crate::study::machine::Machine;
 
 /// Registration of this study.
 pub const ENTRY: Entry = Entry {

@@ -33,8 +33,8 @@ use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::mesh::InvalidMesh;
+use crate::report::machine::Machine;
 use crate::scene::SceneError;
-use crate::study::machine::Machine;
 use crate::study::stability::Effort;
 use crate::synth::SynthError;
 

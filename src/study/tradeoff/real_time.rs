@@ -3,8 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::advice::{Goal, SAME, Variant};
-use super::render::number;
+
 use super::{Row, Table};
+use crate::report::number::significant;
+use crate::report::pareto::{Choice, choose};
 
 /// Share of the tolerance below which errors count as zero.
 pub(super) const NOTHING: f64 = 0.1;
@@ -88,13 +90,15 @@ impl InTime {
     pub fn off(&self, way: &Variant) -> String {
         match way.gold {
             true => "none (the gold standard)".to_owned(),
-            false => format!("{} {}", number(way.error), self.unit).trim_end().to_owned(),
+            false => format!("{} {}", significant(way.error), self.unit)
+                .trim_end()
+                .to_owned(),
         }
     }
 
     /// Returns the recommendation on one line, for a terminal.
     pub fn sentence(&self) -> String {
-        let [way, ms] = [self.way(), number(self.take.cost)];
+        let [way, ms] = [self.way(), significant(self.take.cost)];
         format!("{}: {way}: {ms} ms, error {}", self.what(), self.off(&self.take))
     }
 
@@ -102,7 +106,7 @@ impl InTime {
     pub fn beyond(&self) -> String {
         let better = self.better.as_ref();
         better.map_or(String::new(), |way| {
-            format!("{}: {} ms, error {}", way.name, number(way.cost), self.off(way))
+            format!("{}: {} ms, error {}", way.name, significant(way.cost), self.off(way))
         })
     }
 }
@@ -127,20 +131,13 @@ impl Table {
     fn fastest(&self, goal: &Goal, rows: &[&Row], beat: Beat, limit_ms: f64) -> Option<InTime> {
         let (ways, _) = self.ways(goal, rows);
         let error = |way: &Variant| way.error.max(NOTHING * goal.within);
-        let by_error = |a: &&Variant, b: &&Variant| error(a).total_cmp(&error(b)).then(a.cost.total_cmp(&b.cost));
-        let by_time = |a: &&Variant, b: &&Variant| a.cost.total_cmp(&b.cost);
-        let within = ways.iter().filter(|way| way.cost <= limit_ms).min_by(by_error);
-        let take = within.or_else(|| ways.iter().min_by(by_time))?;
-        let better = ways
-            .iter()
-            .filter(|way| SAME * error(way) < error(take))
-            .min_by(by_time);
+        let Choice { taken, met, better } = choose(&ways, limit_ms, SAME, |way| [way.cost, error(way)])?;
         Some(InTime {
             beat,
             choosing: self.choosing(goal),
             given: self.given(goal, rows),
-            take: take.clone(),
-            met: within.is_some(),
+            take: taken.clone(),
+            met,
             unit: self.unit(goal.error).to_owned(),
             better: better.cloned(),
         })

@@ -5,10 +5,12 @@ use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use super::{Axis, Figure, Row, Study, Table};
+use super::{Figure, Row, Study, Table};
 use crate::output::png;
 use crate::output::{OutputError, atomic};
-use crate::study::plot::{self, Marker, Plot, PlotError, Series};
+use crate::report::number;
+use crate::report::plot::{self, Marker, Plot, PlotError, Series};
+use crate::report::table::{self, Cell};
 
 /// Error of writing the files of a study.
 #[derive(Debug, thiserror::Error)]
@@ -49,31 +51,23 @@ impl Study {
 
     /// Returns the study as JSON.
     pub fn json(&self) -> Value {
-        let about: Map<String, Value> = self
-            .about
-            .iter()
-            .map(|(key, value)| ((*key).to_owned(), json!(value)))
-            .collect();
-        let tables: Map<String, Value> = self
-            .tables
-            .iter()
-            .map(|table| (table.key.to_owned(), table.json()))
-            .collect();
+        let about = self.about.iter().map(|(key, value)| ((*key).to_owned(), json!(value)));
+        let tables = self.tables.iter().map(|table| (table.key.to_owned(), table.json()));
         json!({
             "study": self.name,
-            "about": about,
+            "about": about.collect::<Map<_, _>>(),
             "machine": self.machine,
-            "tables": tables,
+            "tables": tables.collect::<Map<_, _>>(),
             "figures": self.figures,
             "notes": self.notes,
         })
     }
 
-    /// Returns the plots, each with the stem of its files; plots without points are omitted.
-    pub fn plots(&self) -> Vec<(&str, Plot)> {
+    /// Returns the plots of the figures that have points.
+    pub fn plots(&self) -> Vec<(&Figure, Plot)> {
         let figures = self.figures.iter().filter_map(|figure| {
             let table = self.tables.iter().find(|table| table.key == figure.table)?;
-            Some((figure.file.as_str(), table.plot(figure)?))
+            Some((figure, table.plot(figure)?))
         });
         figures.collect()
     }
@@ -84,106 +78,94 @@ impl Study {
     /// # Errors
     /// [`RenderError`]. Each file is written completely or not at all.
     pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
-        let mut files = Vec::new();
-        let mut put = |name: String, bytes: &[u8]| -> Result<(), RenderError> {
-            atomic::write(&folder.join(&name), |file| std::io::Write::write_all(file, bytes))?;
-            files.push(name);
-            Ok(())
-        };
+        let mut files = Files::new(folder);
         for table in &self.tables {
-            put(format!("{}.csv", table.key), table.csv().as_bytes())?;
+            files.put(format!("{}.csv", table.key), &table.csv())?;
         }
-        put(format!("{}.json", self.name), format!("{:#}\n", self.json()).as_bytes())?;
+        files.put(format!("{}.json", self.name), &format!("{:#}\n", self.json()))?;
         let plots = self.plots();
-        for (stem, plot) in &plots {
-            put(format!("{stem}.svg"), plot.svg()?.as_bytes())?;
+        for (figure, plot) in &plots {
+            files.put(format!("{}.svg", figure.file), &plot.svg()?)?;
         }
-        for (stem, plot) in &plots {
-            let name = format!("{stem}.png");
+        for (figure, plot) in &plots {
+            let name = format!("{}.png", figure.file);
             let [width, height] = plot::SIZE.map(|x| x as usize);
             png::write_rgb(&folder.join(&name), width, height, &plot.rgb()?)?;
-            files.push(name);
+            files.names.push(name);
         }
-        let (name, page) = ("index.html".to_owned(), self.page()?);
-        atomic::write(&folder.join(&name), |file| {
-            std::io::Write::write_all(file, page.as_bytes())
+        files.put("index.html", &self.page()?)?;
+        Ok(files.names)
+    }
+}
+
+/// Files written into a folder.
+pub(super) struct Files<'a> {
+    folder: &'a Path,
+    /// Names in the order written.
+    pub names: Vec<String>,
+}
+
+impl<'a> Files<'a> {
+    pub fn new(folder: &'a Path) -> Self {
+        let names = Vec::new();
+        Files { folder, names }
+    }
+
+    /// Writes a text file atomically.
+    pub fn put(&mut self, name: impl Into<String>, text: &str) -> Result<(), OutputError> {
+        let name = name.into();
+        atomic::write(&self.folder.join(&name), |file| {
+            std::io::Write::write_all(file, text.as_bytes())
         })?;
-        files.push(name);
-        Ok(files)
+        self.names.push(name);
+        Ok(())
     }
 }
 
 impl Table {
+    /// Returns the axes that have values.
+    pub(super) fn filled(&self) -> Vec<usize> {
+        let filled = |at: &usize| self.rows.iter().any(|row| row.values[*at].is_some());
+        (0..self.axes.len()).filter(filled).collect()
+    }
+
     /// Returns the table as text: its gold standard and aligned columns, with a star for best choices and flags at the end of rows.
     pub fn text(&self) -> String {
-        let shown: Vec<usize> = (0..self.axes.len())
-            .filter(|at| self.rows.iter().any(|row| row.values[*at].is_some()))
-            .collect();
-        let headings = self.factors.iter().map(|factor| factor.label);
-        let mut lines: Vec<Vec<String>> = vec![
-            std::iter::once("")
-                .chain(headings)
-                .chain(shown.iter().map(|at| self.axes[*at].heading))
-                .map(str::to_owned)
-                .collect(),
-        ];
-        for (row, best) in self.rows.iter().zip(self.best()) {
+        let shown = self.filled();
+        let factors = self.factors.iter().map(|factor| Cell::from(factor.label));
+        let axes = shown.iter().map(|at| Cell::number(self.axes[*at].heading));
+        let head = std::iter::once("".into()).chain(factors).chain(axes).chain(["".into()]);
+        let rows = self.rows.iter().zip(self.best()).map(|(row, best)| {
             let star = if best { "*" } else { "" };
+            let flag = row.flag.as_ref().map_or(String::new(), |flag| format!("WRONG: {flag}"));
             let values = shown.iter().map(|at| row.figure(*at));
-            lines.push(
-                std::iter::once(star.to_owned())
-                    .chain(row.choices.iter().cloned())
-                    .chain(values)
-                    .collect(),
-            );
+            let cells = std::iter::once(star.to_owned()).chain(row.choices.iter().cloned());
+            cells.chain(values).chain([flag]).collect::<Vec<_>>()
+        });
+        let text = table::Table::new(head).with(rows).text("  ", &[]);
+        match self.gold.is_empty() {
+            true => text,
+            false => format!("errors against: {}\n{text}", self.gold),
         }
-        let columns = 1 + self.factors.len() + shown.len();
-        let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
-        let widths: Vec<usize> = (0..columns).map(width).collect();
-        let mut text = match self.gold.is_empty() {
-            true => String::new(),
-            false => format!("errors against: {}\n", self.gold),
-        };
-        for (at, line) in lines.iter().enumerate() {
-            let mut out = String::new();
-            for (column, (cell, width)) in line.iter().zip(&widths).enumerate() {
-                // Names are left-aligned, numbers right-aligned.
-                let _ = match column <= self.factors.len() {
-                    true => write!(out, "{cell:<width$}  "),
-                    false => write!(out, "{cell:>width$}  "),
-                };
-            }
-            if let Some(flag) = at.checked_sub(1).and_then(|row| self.rows[row].flag.as_ref()) {
-                let _ = write!(out, "WRONG: {flag}");
-            }
-            let _ = writeln!(text, "{}", out.trim_end());
-        }
-        text
     }
 
     /// Returns comma-separated values with a header, in full precision, empty where nothing was measured.
     pub fn csv(&self) -> String {
         let keys = self.factors.iter().map(|factor| factor.key);
-        let keys = keys
-            .chain(self.axes.iter().map(|axis| axis.key))
-            .chain(["best", "gold", "flag"]);
-        let mut text = keys.collect::<Vec<_>>().join(",");
-        text.push('\n');
-        for (row, best) in self.rows.iter().zip(self.best()) {
+        let keys = keys.chain(self.axes.iter().map(|axis| axis.key));
+        let rows = self.rows.iter().zip(self.best()).map(|(row, best)| {
             let values = row
                 .values
                 .iter()
-                .map(|value| value.map_or(String::new(), |x| format!("{x}")));
-            let cells = row.choices.iter().map(|choice| quoted(choice)).chain(values);
+                .map(|value| value.map_or(String::new(), |x| x.to_string()));
             let end = [
                 best.to_string(),
                 row.gold.to_string(),
-                quoted(row.flag.as_deref().unwrap_or("")),
+                row.flag.clone().unwrap_or_default(),
             ];
-            text.push_str(&cells.chain(end).collect::<Vec<_>>().join(","));
-            text.push('\n');
-        }
-        text
+            row.choices.iter().cloned().chain(values).chain(end).collect::<Vec<_>>()
+        });
+        table::Table::new(keys.chain(["best", "gold", "flag"])).with(rows).csv()
     }
 
     fn json(&self) -> Value {
@@ -218,7 +200,10 @@ impl Table {
             let kept = |(key, choice): &(&str, String)| self.factor(key).is_some_and(|at| row.choices[at] == *choice);
             figure.only.iter().all(kept)
         };
-        let [x_axis, y_axis] = [x, y].map(|at| axis(&self.axes[at]));
+        let [x_axis, y_axis] = [x, y].map(|at| plot::Axis {
+            label: self.axes[at].label.to_owned(),
+            log: self.axes[at].log,
+        });
         let mut colours: Vec<String> = Vec::new();
         let mut kinds: Vec<String> = Vec::new();
         let mut series: Vec<Series> = Vec::new();
@@ -266,60 +251,13 @@ fn place(seen: &mut Vec<String>, name: &str) -> usize {
     })
 }
 
-fn axis(axis: &Axis) -> plot::Axis {
-    match axis.log {
-        true => plot::Axis::log(axis.label),
-        false => plot::Axis::linear(axis.label),
-    }
-}
-
 impl Row {
     /// Formats a value: integers in full; the gold standard has no measurable error.
     pub(super) fn figure(&self, at: usize) -> String {
         match self.values[at] {
-            Some(value) if value.fract() == 0.0 && value.abs() < 1e12 => whole(value),
-            Some(value) => number(value),
+            Some(value) => number::grouped(value),
             None if self.gold => "standard".to_owned(),
             None => "-".to_owned(),
         }
     }
-}
-
-/// Quotes a cell of comma-separated values where necessary.
-pub fn quoted(text: &str) -> String {
-    match text.contains([',', '"', '\n']) {
-        true => format!("\"{}\"", text.replace('"', "\"\"")),
-        false => text.to_owned(),
-    }
-}
-
-/// Formats a number with three digits, with a power of ten if it is small or large.
-pub fn number(value: f64) -> String {
-    if value == 0.0 {
-        return "0".to_owned();
-    }
-    let exponent = value.abs().log10().floor();
-    if (-3.0..6.0).contains(&exponent) {
-        let digits = (2.0 - exponent).clamp(0.0, 5.0) as usize;
-        format!("{value:.digits$}")
-    } else {
-        format!("{value:.1e}")
-    }
-}
-
-/// Formats an integer, in groups of three digits from 10,000 on.
-fn whole(value: f64) -> String {
-    let digits = format!("{:.0}", value.abs());
-    let sign = if value < 0.0 { "-" } else { "" };
-    if digits.len() < 5 {
-        return format!("{sign}{digits}");
-    }
-    let mut text = sign.to_owned();
-    for (at, digit) in digits.chars().enumerate() {
-        if at > 0 && (digits.len() - at).is_multiple_of(3) {
-            text.push(',');
-        }
-        text.push(digit);
-    }
-    text
 }

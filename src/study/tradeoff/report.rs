@@ -8,18 +8,18 @@ mod page;
 #[cfg(test)]
 mod tests;
 
-use std::io::Write;
 use std::path::Path;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use super::advice::Advice;
-use super::render::{RenderError, number, quoted};
+use super::render::{Files, RenderError};
 use super::{Beat, InTime, Pace, Row, Study, Table, real_time};
-use crate::output::atomic;
-use crate::study::machine::Machine;
-use crate::study::plot::Plot;
+use crate::report::machine::Machine;
+use crate::report::number::significant;
+use crate::report::plot::Plot;
+use crate::report::table::{self, Cell};
 use crate::study::stability::Effort;
 
 /// Report of all studies.
@@ -31,39 +31,29 @@ pub struct Report {
     pub program: String,
     /// Date in UTC.
     pub date: String,
-    /// Length of the run.
     pub effort: Effort,
-    /// Required rates of frames and steps.
     pub pace: Pace,
-    /// Machine used.
     pub machine: Machine,
     /// Total duration, s.
     pub seconds: f64,
     /// Devices that were not measured, and why.
     pub notes: Vec<String>,
-    /// Studies that failed.
     pub missing: Vec<Missing>,
-    /// Results of the other studies.
     pub chapters: Vec<Chapter>,
 }
 
 /// Study that failed.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Missing {
-    /// Name of the study.
     pub name: String,
-    /// Reason of the failure.
     pub reason: String,
 }
 
 /// Results of one study.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Chapter {
-    /// Name.
     pub name: String,
-    /// Title.
     pub title: String,
-    /// Question that the study answers.
     pub question: String,
     /// Duration, s.
     pub seconds: f64,
@@ -73,7 +63,6 @@ pub struct Chapter {
     pub sections: Vec<Section>,
     /// What was left out, and why.
     pub notes: Vec<String>,
-    /// Plots.
     #[serde(skip)]
     drawings: Vec<Drawing>,
 }
@@ -86,28 +75,21 @@ struct Drawing {
     plot: Plot,
 }
 
-/// Table of results.
+/// Table of results: a [`Table`] with what follows from its rows, without the columns that have no values.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Section {
-    /// Key.
     pub key: String,
-    /// Title.
     pub title: String,
-    /// Gold standard that errors refer to; empty if the table has no errors.
     pub gold: String,
-    /// Columns that distinguish the rows.
     pub factors: Vec<Column>,
-    /// Columns of measured quantities.
     pub axes: Vec<Column>,
     /// Indices of the primary axes: cost, error, and those shown beside them; all axes if the table offers no choice.
     pub first: Vec<usize>,
-    /// Rows.
     pub rows: Vec<Row>,
     /// Whether each row is among the best.
     pub best: Vec<bool>,
     /// Meaning of the mark of the best rows; empty if no row is marked.
     pub meaning_of_best: String,
-    /// Recommendations.
     pub advice: Vec<Advice>,
     /// Recommendations at the required pace.
     pub in_time: Vec<InTime>,
@@ -116,11 +98,8 @@ pub struct Section {
 /// Column of a table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Column {
-    /// Key.
     pub key: String,
-    /// Short heading.
     pub heading: String,
-    /// Full description.
     pub label: String,
     /// Unit; empty if there is none.
     pub unit: String,
@@ -132,20 +111,21 @@ impl Report {
 
     /// Returns the flagged rows with their chapter and table.
     pub fn wrong(&self) -> impl Iterator<Item = (&Chapter, &Section, &Row)> {
-        let sections = self.chapters.iter().flat_map(|chapter| {
-            let own = chapter.sections.iter();
-            own.map(move |section| (chapter, section))
-        });
-        sections.flat_map(|(chapter, section)| {
+        self.sections().flat_map(|(chapter, section)| {
             let wrong = section.rows.iter().filter(|row| row.flag.is_some());
             wrong.map(move |row| (chapter, section, row))
         })
     }
 
+    /// Returns the sections with their chapters.
+    fn sections(&self) -> impl Iterator<Item = (&Chapter, &Section)> {
+        let chapters = self.chapters.iter();
+        chapters.flat_map(|chapter| chapter.sections.iter().map(move |section| (chapter, section)))
+    }
+
     /// Returns the recommendations at the required pace, in the order of the chapters.
     pub fn in_time(&self) -> impl Iterator<Item = &InTime> {
-        let sections = self.chapters.iter().flat_map(|chapter| &chapter.sections);
-        sections.flat_map(|section| &section.in_time)
+        self.sections().flat_map(|(_, section)| &section.in_time)
     }
 
     /// Returns the heading of the recommendations at the required pace, and an explanation of their times.
@@ -157,8 +137,8 @@ impl Report {
                 "For each choice, the option with the smallest error whose time is within {} ms a frame or {} ms a step. Errors below {} of the \
                  tolerance count as zero: among such options the fastest is chosen. Times of frames are 95th percentiles, times of steps \
                  medians of the steps that remesh.",
-                number(self.pace.ms(Beat::Frame)),
-                number(self.pace.ms(Beat::Step)),
+                significant(self.pace.ms(Beat::Frame)),
+                significant(self.pace.ms(Beat::Step)),
                 real_time::NOTHING
             ),
         ]
@@ -174,40 +154,25 @@ impl Report {
 
     /// Returns every figure on a line of its own: study, table, choices, axis, unit, value, and the marks of the row.
     pub fn csv(&self) -> String {
-        let mut text = "study,table,choices,axis,unit,value,best,gold,flag\n".to_owned();
-        for (chapter, section) in self
-            .chapters
-            .iter()
-            .flat_map(|it| it.sections.iter().map(move |own| (it, own)))
-        {
+        let head = [
+            "study", "table", "choices", "axis", "unit", "value", "best", "gold", "flag",
+        ];
+        let mut table = table::Table::new(head);
+        for (chapter, section) in self.sections() {
             for (row, best) in section.judged() {
                 let choices = section.factors.iter().zip(&row.choices);
-                let choices: Vec<String> = choices
-                    .map(|(factor, choice)| format!("{}={choice}", factor.key))
-                    .collect();
+                let choices: Vec<String> = choices.map(|(it, choice)| format!("{}={choice}", it.key)).collect();
                 let measured = section.axes.iter().zip(&row.values);
                 for (axis, value) in measured.filter_map(|(axis, value)| Some((axis, (*value)?))) {
-                    let value = value.to_string();
-                    let [best, gold] = [best, row.gold].map(|it| it.to_string());
-                    let flag = row.flag.as_deref().unwrap_or("");
-                    let choices = choices.join("; ");
-                    let cells = [
-                        &chapter.name,
-                        &section.key,
-                        &choices,
-                        &axis.key,
-                        &axis.unit,
-                        &value,
-                        &best,
-                        &gold,
-                        flag,
-                    ];
-                    text += &cells.map(quoted).join(",");
-                    text.push('\n');
+                    let [name, key, axis, unit] =
+                        [&chapter.name, &section.key, &axis.key, &axis.unit].map(String::clone);
+                    let [value, best, gold] = [value.to_string(), best.to_string(), row.gold.to_string()];
+                    let flag = row.flag.clone().unwrap_or_default();
+                    table.row("", [name, key, choices.join("; "), axis, unit, value, best, gold, flag]);
                 }
             }
         }
-        text
+        table.csv()
     }
 
     /// Writes `index.html`, `report.md`, `results.json`, `results.csv` and the plots into an existing folder. Returns the file names in the
@@ -216,56 +181,40 @@ impl Report {
     /// # Errors
     /// [`RenderError`]. Each file is written completely or not at all.
     pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
-        let mut files = Vec::new();
-        let mut put = |name: String, text: &str| -> Result<(), RenderError> {
-            atomic::write(&folder.join(&name), |file| file.write_all(text.as_bytes()))?;
-            files.push(name);
-            Ok(())
-        };
+        let mut files = Files::new(folder);
         for drawing in self.chapters.iter().flat_map(|chapter| &chapter.drawings) {
-            put(format!("{}.svg", drawing.stem), &drawing.plot.svg()?)?;
+            files.put(format!("{}.svg", drawing.stem), &drawing.plot.svg()?)?;
         }
-        put("results.csv".to_owned(), &self.csv())?;
-        put("results.json".to_owned(), &self.json()?)?;
-        put("report.md".to_owned(), &self.markdown())?;
-        put("index.html".to_owned(), &self.page()?)?;
-        Ok(files)
+        files.put("results.csv", &self.csv())?;
+        files.put("results.json", &self.json()?)?;
+        files.put("report.md", &self.markdown())?;
+        files.put("index.html", &self.page()?)?;
+        Ok(files.names)
     }
 }
 
 impl Chapter {
     /// Creates the chapter of a study.
     pub fn of(name: &str, question: &str, study: &Study, pace: &Pace, took: Duration) -> Self {
-        let figures = study.figures.iter().filter_map(|figure| {
-            let table = study.tables.iter().find(|table| table.key == figure.table)?;
-            let stem = match figure.file.starts_with(name) {
+        let drawings = study.plots().into_iter().map(|(figure, plot)| Drawing {
+            stem: match figure.file.starts_with(name) {
                 true => figure.file.clone(),
                 false => format!("{name}-{}", figure.file),
-            };
-            Some(Drawing {
-                stem,
-                table: figure.table,
-                plot: table.plot(figure)?,
-            })
+            },
+            table: figure.table,
+            plot,
         });
+        let about = study.about.iter();
+        let listed = study.tables.iter().filter(|table| table.listed);
         Chapter {
             name: name.to_owned(),
             title: study.title.to_owned(),
             question: question.to_owned(),
             seconds: took.as_secs_f64(),
-            about: study
-                .about
-                .iter()
-                .map(|(key, value)| ((*key).to_owned(), value.clone()))
-                .collect(),
-            sections: study
-                .tables
-                .iter()
-                .filter(|table| table.listed)
-                .map(|table| Section::of(table, pace))
-                .collect(),
+            about: about.map(|(key, value)| ((*key).to_owned(), value.clone())).collect(),
+            sections: listed.map(|table| Section::of(table, pace)).collect(),
             notes: study.notes.clone(),
-            drawings: figures.collect(),
+            drawings: drawings.collect(),
         }
     }
 
@@ -280,30 +229,25 @@ impl Chapter {
 
 impl Section {
     fn of(table: &Table, pace: &Pace) -> Self {
-        let factors = table.factors.iter().map(|factor| Column {
-            key: factor.key.to_owned(),
-            heading: factor.label.to_owned(),
-            label: factor.label.to_owned(),
-            unit: String::new(),
-        });
-        // Columns without values are omitted.
-        let filled = |at: &usize| table.rows.iter().any(|row| row.values[*at].is_some());
-        let shown: Vec<usize> = (0..table.axes.len()).filter(filled).collect();
-        let axes = shown.iter().map(|at| &table.axes[*at]).map(|axis| Column {
-            key: axis.key.to_owned(),
-            heading: axis.heading.to_owned(),
-            label: axis.label.to_owned(),
-            unit: axis.unit().to_owned(),
-        });
+        let column = |parts: [&str; 4]| {
+            let [key, heading, label, unit] = parts.map(str::to_owned);
+            Column {
+                key,
+                heading,
+                label,
+                unit,
+            }
+        };
+        let factors = table.factors.iter().map(|it| column([it.key, it.label, it.label, ""]));
+        let shown = table.filled();
+        let axes = shown.iter().map(|at| &table.axes[*at]);
+        let axes = axes.map(|it| column([it.key, it.heading, it.label, it.unit()]));
         let row = |row: &Row| Row {
             values: shown.iter().map(|at| row.values[*at]).collect(),
             ..row.clone()
         };
         let first: Vec<&str> = match &table.goal {
-            Some(goal) => [goal.cost, goal.error]
-                .into_iter()
-                .chain(goal.beside.iter().copied())
-                .collect(),
+            Some(goal) => [&[goal.cost, goal.error], &goal.beside[..]].concat(),
             None => table.axes.iter().map(|axis| axis.key).collect(),
         };
         let place = |key: &str| shown.iter().position(|at| table.axes[*at].key == key);
@@ -327,23 +271,35 @@ impl Section {
         self.rows.iter().zip(self.best.iter().copied())
     }
 
+    /// Returns the rows with some of the axes.
+    fn table(&self, axes: &[usize]) -> table::Table {
+        let factors = self.factors.iter().map(|factor| Cell::from(factor.heading.as_str()));
+        let axis = |at: &usize| Cell::Explained(self.axes[*at].heading.clone(), self.axes[*at].label.clone());
+        let mut table = table::Table::new(factors.chain(axes.iter().map(axis)).chain(["".into()]));
+        for (row, best) in self.judged() {
+            let choices = row.choices.iter().map(|choice| Cell::from(choice.as_str()));
+            let values = axes.iter().map(|at| row.figure(*at).into());
+            let class = if row.flag.is_some() { "wrong" } else { "" };
+            table.row(
+                class,
+                choices.chain(values).chain([Cell::Tags(Section::tags((row, best)))]),
+            );
+        }
+        table
+    }
+
     /// Describes the columns of some axes, and the marks of the rows.
     fn legend(&self, axes: &[usize]) -> String {
         let axes = axes.iter().map(|at| &self.axes[*at]);
         let columns = axes.filter(|axis| axis.heading != axis.label);
-        let columns: Vec<String> = columns
-            .map(|axis| format!("{}: {}", axis.heading, axis.label))
-            .collect();
-        let columns = match columns.join("; ") {
-            none if none.is_empty() => none,
-            some => format!("Columns: {some}."),
-        };
-        let best = match self.meaning_of_best.as_str() {
-            "" => String::new(),
-            meaning => format!("{meaning}."),
-        };
-        let words = [columns, best].into_iter().filter(|words| !words.is_empty());
-        words.collect::<Vec<_>>().join(" ")
+        let columns = columns.map(|axis| format!("{}: {}", axis.heading, axis.label));
+        let columns = columns.collect::<Vec<_>>().join("; ");
+        let words = [("Columns: ", &columns), ("", &self.meaning_of_best)];
+        let words = words.into_iter().filter(|(_, words)| !words.is_empty());
+        words
+            .map(|(what, words)| format!("{what}{words}."))
+            .collect::<Vec<_>>()
+            .join(" ")
     }
 
     /// Returns the labels of a row (flagged, gold standard, best), each with a CSS class.

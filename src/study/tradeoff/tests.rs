@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::plot::Marker;
+use crate::report::plot::Marker;
 
 const FACTORS: [Factor; 3] = [
     Factor {
@@ -161,8 +161,8 @@ fn figures_take_their_rows_and_leave_out_what_has_none() {
     let study = study();
     let plots = study.plots();
     assert_eq!(plots.len(), 1);
-    let (name, plot) = &plots[0];
-    assert_eq!(*name, "cost");
+    let (figure, plot) = &plots[0];
+    assert_eq!(figure.file, "cost");
     assert_eq!(plot.series.len(), 4);
     assert_eq!(plot.markers, ["a", "b"]);
     assert_eq!(plot.series[2].marker, Marker::nth(1));

@@ -15,8 +15,8 @@ use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{NonlinearError, Scheme, Slope};
-use crate::study::machine::Machine;
-use crate::study::spread::Spread;
+use crate::report::machine::Machine;
+use crate::report::statistics::Spread;
 use crate::study::stability::Effort;
 use subject::{Model, Subject, Variant, Walked};
 

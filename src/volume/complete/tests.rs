@@ -157,15 +157,15 @@ fn fat_and_muscle_are_uneven_about_their_stated_thickness() {
         places.map(|(angle, z)| thickness(wanted, angle, z)).collect()
     };
     let fat = all(&["fat"]);
-    let mean = crate::study::statistics::mean(&fat);
-    let std = crate::study::statistics::std(&fat);
+    let mean = crate::report::statistics::mean(&fat);
+    let std = crate::report::statistics::std(&fat);
     println!("fat of {mean:.2} +- {std:.2} mm");
     // The noise is a mean of at most eight uniform numbers: a third to a half of its range.
     assert!(
         (mean - 12.0).abs() < 1.5 && (0.8..3.0).contains(&std),
         "{mean} +- {std}"
     );
-    let middle = crate::study::statistics::mean(&all(&["muscle_internal"]));
+    let middle = crate::report::statistics::mean(&all(&["muscle_internal"]));
     assert!(middle > 0.5, "{middle}");
 }
 

@@ -7,7 +7,7 @@ use super::super::{Removal, removals};
 use super::{CompareError, CompareOptions, Subject, factor};
 use crate::effects::buffers::Buffer;
 use crate::plan::Plan;
-use crate::study::spread::Spread;
+use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Axis, Table};
 use crate::synth::tables::{Anatomy, Settings, Tables};
 use crate::synth::{Backend, FrameState, Synthesizer};

@@ -6,7 +6,7 @@ use super::{CompareError, CompareOptions, GPU_MS, Subject, factor};
 use crate::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
 use crate::plan::Plan;
-use crate::study::spread::Spread;
+use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Axis, Table};
 use crate::synth::tables::Tables;
 

@@ -1,7 +1,9 @@
 //! HTML page of the report.
 
-use super::{CaseReport, Report, limit, margin, sentence, short};
-use crate::study::page::{Cell, Page, escape};
+use super::{CaseReport, Report, limit, margin, sentence};
+use crate::report::number::figure;
+use crate::report::page::{Page, escape};
+use crate::report::table::{Cell, Table};
 use crate::study::stability::record::Measure;
 
 impl Report {
@@ -16,7 +18,7 @@ impl Report {
             self.machine
         );
         page.paragraph(if failed > 0 { "warning" } else { "advice" }, &verdict);
-        for case in self.cases.iter().filter(|case| !case.holds()) {
+        for case in self.cases.iter().filter(|case| !case.holds) {
             let failures: Vec<String> = case.failures().map(sentence).collect();
             page.paragraph(
                 "warning",
@@ -34,14 +36,17 @@ impl Report {
         );
         for group in self.groups() {
             page.put(format_args!("<h2>{}</h2>", escape(group)));
-            let headings = [
-                Cell::Text("hard case".to_owned()),
-                Cell::Text("measured nearest to its limit".to_owned()),
-                Cell::Number("margin".to_owned()),
-                Cell::Text(String::new()),
+            let head = [
+                Cell::from("hard case"),
+                Cell::from("measured nearest to its limit"),
+                Cell::number("margin"),
+                Cell::from(""),
             ];
-            let rows: Vec<_> = self.of_group(group).map(CaseReport::row).collect();
-            page.stacked(&headings, &rows);
+            let mut table = Table::new(head);
+            for case in self.of_group(group) {
+                table.row(if case.holds { "" } else { "wrong" }, case.row());
+            }
+            page.stacked(&table);
             for case in self.of_group(group) {
                 case.details(&mut page);
             }
@@ -51,21 +56,18 @@ impl Report {
 }
 
 impl CaseReport {
-    fn row(&self) -> (&'static str, Vec<Cell>) {
+    fn row(&self) -> [Cell; 4] {
         let (nearest, margin) = match self.worst() {
             Some(worst) => (Cell::Pair(worst.what.clone(), bound(worst)), margin(worst)),
-            None => (Cell::Text("nothing".to_owned()), "-".to_owned()),
+            None => ("nothing".into(), "-".to_owned()),
         };
-        let cells = vec![
+        let class = if self.holds { "good" } else { "bad" };
+        [
             Cell::Pair(self.name.clone(), self.criterion.clone()),
             nearest,
-            Cell::Number(margin),
-            Cell::Tags(vec![(
-                if self.holds() { "good" } else { "bad" },
-                self.verdict().to_owned(),
-            )]),
-        ];
-        (if self.holds() { "" } else { "wrong" }, cells)
+            margin.into(),
+            Cell::Tags(vec![(class, self.verdict().to_owned())]),
+        ]
     }
 
     fn details(&self, page: &mut Page) {
@@ -77,25 +79,20 @@ impl CaseReport {
         ));
         let seconds = self.seconds;
         page.paragraph("soft", &format!("On {covers}; seed {}; {seconds:.1} s.", self.seed));
-        let headings = [
-            Cell::Text("measured".to_owned()),
-            Cell::Number("figure".to_owned()),
-            Cell::Number("limit".to_owned()),
-            Cell::Number("margin".to_owned()),
-            Cell::Text(String::new()),
-        ];
-        let rows = self.measures.iter().map(|measure| {
-            let tags = (!measure.holds()).then(|| ("bad", "FAILS".to_owned()));
+        let [figures, limits, margins] = ["figure", "limit", "margin"].map(Cell::number);
+        let mut table = Table::new([Cell::from("measured"), figures, limits, margins, Cell::from("")]);
+        for measure in &self.measures {
+            let tags = (!measure.holds).then(|| ("bad", "FAILS".to_owned()));
             let what = match &measure.note {
                 Some(note) => Cell::Pair(measure.what.clone(), note.clone()),
-                None => Cell::Text(measure.what.clone()),
+                None => measure.what.clone().into(),
             };
-            let numbers = [short(measure.figure), limit(measure), margin(measure)];
-            let cells = std::iter::once(what).chain(numbers.map(Cell::Number));
-            let class = if measure.holds() { "" } else { "wrong" };
-            (class, cells.chain([Cell::Tags(tags.into_iter().collect())]).collect())
-        });
-        page.table(&headings, &rows.collect::<Vec<_>>());
+            let numbers = [figure(measure.figure), limit(measure), margin(measure)].map(Cell::from);
+            let cells = std::iter::once(what).chain(numbers);
+            let class = if measure.holds { "" } else { "wrong" };
+            table.row(class, cells.chain([Cell::Tags(tags.into_iter().collect())]));
+        }
+        page.table(&table);
         page.put("</details>");
     }
 }
@@ -103,7 +100,7 @@ impl CaseReport {
 /// Describes a figure and its limit.
 fn bound(measure: &Measure) -> String {
     match measure.limit {
-        Some(_) => format!("{}, at most {}", short(measure.figure), limit(measure)),
-        None => short(measure.figure),
+        Some(_) => format!("{}, at most {}", figure(measure.figure), limit(measure)),
+        None => figure(measure.figure),
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::{CaseReport, Report};
-use crate::study::page::escape;
+use crate::report::page::escape;
 use crate::study::stability::record::Measure;
 
 /// Widths of names, scale, exact results and border, and line height, pixels.
@@ -88,7 +88,7 @@ impl Drawing {
     }
 
     fn case(&mut self, case: &CaseReport) {
-        let weight = if case.holds() { "normal" } else { "bold" };
+        let weight = if case.holds { "normal" } else { "bold" };
         self.words(NAMES, "end", weight, &case.name);
         let worst = case.worst();
         for measure in &case.measures {
@@ -98,13 +98,13 @@ impl Drawing {
     }
 
     fn figure(&mut self, measure: &Measure, (radius, opacity): (f64, f64)) {
-        if measure.limit.is_none() && measure.holds() {
+        if measure.limit.is_none() && measure.holds {
             return;
         }
-        let colour = if measure.holds() { HOLDS } else { FAILS };
-        let x = match measure.margin() {
+        let colour = if measure.holds { HOLDS } else { FAILS };
+        let x = match measure.margin {
             Some(margin) => place(margin),
-            None if measure.holds() => NAMES + SCALE + EDGE + 0.5 * EXACT,
+            None if measure.holds => NAMES + SCALE + EDGE + 0.5 * EXACT,
             None => place(0.0),
         };
         let y = self.y - 4.0;

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use super::{FINE_MM, apart, axis, factor, solve};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam};
+use crate::report::statistics::Spread;
 use crate::study::beam::{TISSUES, problem};
-use crate::study::spread::Spread;
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const ELEMENTS_MM: [f64; 5] = [5.0, 2.0, 1.0, 0.5, FINE_MM];

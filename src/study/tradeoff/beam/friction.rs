@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use super::{FINE_MM, apart, axis, factor, solve};
 use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam};
+use crate::report::statistics::Spread;
 use crate::study::beam::{ELEMENT_MM, TISSUES, problem};
-use crate::study::spread::Spread;
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const FRICTION: [f64; 5] = [0.0, 0.1, 0.3, 0.6, 1.0];

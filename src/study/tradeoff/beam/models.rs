@@ -2,8 +2,8 @@
 
 use super::{FINE_MM, axis, factor, solve};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
+use crate::report::statistics::percentile;
 use crate::study::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, TISSUES, Tissue, problem};
-use crate::study::spread::percentile;
 use crate::study::tradeoff::{Figure, Table};
 
 /// Motion of the base, and the resulting tip position.

@@ -6,7 +6,7 @@ use nalgebra::{Isometry3, Vector3};
 
 use super::{axis, factor};
 use crate::mechanics::needle::{CentreLine, Flexible, InvalidNeedleModel, Load, Needle, Row, Shaft, Stiffness};
-use crate::study::spread::Spread;
+use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];

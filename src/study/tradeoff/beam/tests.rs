@@ -18,6 +18,9 @@ fn choices_are_measured_against_the_fine_needle() {
             .flat_map(|table| &table.rows)
             .all(|row| row.flag.is_none())
     );
+    let rows: Vec<usize> = study.tables.iter().map(|table| table.rows.len()).collect();
+    assert_eq!(rows, [15, 30, 48, 72, 10]);
+    assert_eq!(study.plots().len(), study.figures.len(), "every figure has points");
     // The length of elements of an inserted needle is advised on by the insertion study alone.
     assert!(
         study

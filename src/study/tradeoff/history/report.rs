@@ -2,7 +2,7 @@
 
 use super::{Contender, HistoryOptions, Lengths, MOST_UNEVEN, Measured};
 use crate::mechanics::tissue::viscoelastic::Rule;
-use crate::study::machine::Machine;
+use crate::report::machine::Machine;
 use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 3] = [

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use crate::study::spread::{Spread, percentile};
+use crate::report::statistics::{Spread, percentile};
 use crate::synth::{FrameState, SynthError, Synthesizer};
 
 /// Minimum number of timed frames, after one untimed frame.

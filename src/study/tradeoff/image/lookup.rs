@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use super::{Table, factor};
 use crate::effects::tone::Tone;
-use crate::study::spread::Spread;
+use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
 use crate::tissue::bank;
 use crate::volume::texture::SolidTexture;

@@ -5,8 +5,8 @@ use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions, StudyError, bandwidth};
 use crate::gpu::Gpu;
 use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::study::machine::Machine;
-use crate::study::spread::Spread;
+use crate::report::machine::Machine;
+use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 4] = [

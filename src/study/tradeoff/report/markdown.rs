@@ -3,7 +3,6 @@
 use std::fmt::Write;
 
 use super::{Report, Section};
-use crate::study::tradeoff::render::number;
 
 impl Report {
     /// Returns the report in Markdown, with every figure.
@@ -19,10 +18,8 @@ impl Report {
         let _ = writeln!(text, "\n{}", self.verdict());
         self.pace_in_markdown(&mut text);
         let _ = write!(text, "\n## In short\n\n");
-        for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
-            for advice in &section.advice {
-                let _ = writeln!(text, "- **{}**: {}", advice.choosing, advice.sentence());
-            }
+        for advice in self.sections().flat_map(|(_, section)| &section.advice) {
+            let _ = writeln!(text, "- **{}**: {}", advice.choosing, advice.sentence());
         }
         for chapter in &self.chapters {
             let _ = write!(text, "\n## {}\n\n{}\n\n", chapter.title, chapter.question);
@@ -59,18 +56,7 @@ impl Report {
         }
         let [heading, times] = self.at_this_pace();
         let _ = write!(text, "\n## {heading}\n\n{times}\n\n");
-        text.push_str("| for | recommended | time | error | better |\n|---|---|---:|---:|---|\n");
-        for found in self.in_time() {
-            let _ = writeln!(
-                text,
-                "| {} | {} | {} ms | {} | {} |",
-                found.what(),
-                found.way(),
-                number(found.take.cost),
-                found.off(&found.take),
-                found.beyond()
-            );
-        }
+        text.push_str(&self.pace_table("better").markdown());
     }
 
     /// States the machine, the date and the duration of the measurements.
@@ -98,25 +84,11 @@ impl Report {
 
 impl Section {
     fn markdown(&self) -> String {
-        let headings = self
-            .factors
-            .iter()
-            .chain(&self.axes)
-            .map(|column| column.heading.as_str());
-        let headings: Vec<&str> = headings.chain([""]).collect();
-        let rule: String = std::iter::repeat_n("---|", self.factors.len())
-            .chain(std::iter::repeat_n("---:|", self.axes.len()))
-            .collect();
-        let mut text = format!("| {} |\n|{rule}---|\n", headings.join(" | "));
-        for (row, best) in self.judged() {
-            let values = (0..self.axes.len()).map(|at| row.figure(at));
-            let tags: Vec<String> = Section::tags((row, best)).into_iter().map(|(_, tag)| tag).collect();
-            let cells = row.choices.iter().cloned().chain(values).chain([tags.join(", ")]);
-            let cells: Vec<String> = cells.map(|cell| cell.replace('|', "\\|").replace('\n', " ")).collect();
-            let _ = writeln!(text, "| {} |", cells.join(" | "));
-        }
         let all: Vec<usize> = (0..self.axes.len()).collect();
-        let _ = write!(text, "\n{}\n", self.legend(&all).replace('|', "\\|"));
-        text
+        format!(
+            "{}\n{}\n",
+            self.table(&all).markdown(),
+            self.legend(&all).replace('|', "\\|")
+        )
     }
 }

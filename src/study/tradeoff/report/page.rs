@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use super::{Chapter, Column, Report, Section};
-use crate::study::machine;
-use crate::study::page::{Cell, Page, escape};
-use crate::study::plot::PlotError;
-use crate::study::tradeoff::render::number;
+use super::{Chapter, Report, Section};
+use crate::report::machine;
+use crate::report::number::significant;
+use crate::report::page::{Page, escape};
+use crate::report::plot::PlotError;
+use crate::report::table::{Cell, Table};
 use crate::study::tradeoff::{Pace, Study};
 
 /// Number of table rows above which a table is folded.
@@ -47,71 +48,57 @@ impl Report {
 
     /// Adds the recommendations at the required pace, one per line.
     fn in_time_on(&self, page: &mut Page) {
-        let rows = self.in_time().map(|found| {
-            let cells = vec![
-                Cell::Text(found.what()),
-                Cell::Text(found.way()),
-                Cell::Number(format!("{} ms", number(found.take.cost))),
-                Cell::Number(found.off(&found.take)),
-                Cell::Text(found.beyond()),
-            ];
-            (if found.met { "" } else { "wrong" }, cells)
-        });
-        let rows: Vec<_> = rows.collect();
-        if rows.is_empty() {
+        let table = self.pace_table("better, but slower");
+        if table.is_empty() {
             return;
         }
         let [heading, times] = self.at_this_pace();
         page.put(format_args!("<h2>{}</h2>", escape(&heading)));
         page.paragraph("soft", &times);
-        let headings = [
-            Cell::Text("for".to_owned()),
-            Cell::Text("recommended".to_owned()),
-            Cell::Number("time".to_owned()),
-            Cell::Number("error".to_owned()),
-            Cell::Text("better, but slower".to_owned()),
-        ];
-        page.stacked(&headings, &rows);
+        page.stacked(&table);
+    }
+
+    /// Returns the recommendations at the required pace; `better` heads the column of slower variants.
+    pub(super) fn pace_table(&self, better: &str) -> Table {
+        let [time, error] = ["time", "error"].map(Cell::number);
+        let mut table = Table::new(["for".into(), "recommended".into(), time, error, better.into()]);
+        for found in self.in_time() {
+            let time = format!("{} ms", significant(found.take.cost));
+            let cells = [found.what(), found.way(), time, found.off(&found.take), found.beyond()];
+            table.row(if found.met { "" } else { "wrong" }, cells);
+        }
+        table
     }
 
     /// Adds the recommendations, one per line.
     fn in_short(&self, page: &mut Page) {
-        let mut rows = Vec::new();
-        for section in self.chapters.iter().flat_map(|chapter| &chapter.sections) {
-            for advice in &section.advice {
-                let [cost, error] = &advice.units;
-                let what = match advice.given.is_empty() {
-                    true => advice.choosing.clone(),
-                    false => format!("{} ({})", advice.choosing, advice.given),
-                };
-                let mut cells = vec![Cell::Text(what)];
-                match &advice.take {
-                    Some(way) => {
-                        let error = match way.gold {
-                            true => Cell::Text("none (the gold standard)".to_owned()),
-                            false => Cell::Number(format!("{} {error}", number(way.error))),
-                        };
-                        cells.push(Cell::Text(way.name.clone()));
-                        cells.push(Cell::Number(format!("{} {cost}", number(way.cost))));
-                        cells.push(error);
-                    }
-                    None => cells.extend(["none within the tolerance", "", ""].map(|it| Cell::Text(it.to_owned()))),
+        let [cost, error] = ["cost", "error"].map(Cell::number);
+        let mut table = Table::new(["for".into(), "recommended".into(), cost, error]);
+        for advice in self.sections().flat_map(|(_, section)| &section.advice) {
+            let [cost, error] = &advice.units;
+            let what = match advice.given.is_empty() {
+                true => advice.choosing.clone(),
+                false => format!("{} ({})", advice.choosing, advice.given),
+            };
+            let [way, cost, error] = match &advice.take {
+                Some(way) => {
+                    let error = match way.gold {
+                        true => Cell::Text("none (the gold standard)".to_owned()),
+                        false => format!("{} {error}", significant(way.error)).into(),
+                    };
+                    let cost = format!("{} {cost}", significant(way.cost));
+                    [Cell::from(way.name.as_str()), cost.into(), error]
                 }
-                rows.push(("", cells));
-            }
+                None => ["none within the tolerance", "", ""].map(|it| Cell::Text(it.to_owned())),
+            };
+            table.row("", [what.into(), way, cost, error]);
         }
-        if rows.is_empty() {
+        if table.is_empty() {
             return;
         }
         page.put("<h2>In short</h2>");
         page.paragraph("soft", "The cheapest option whose error is within its tolerance; each chapter states the tolerance and the other options.");
-        let headings = [
-            Cell::Text("for".to_owned()),
-            Cell::Text("recommended".to_owned()),
-            Cell::Number("cost".to_owned()),
-            Cell::Number("error".to_owned()),
-        ];
-        page.stacked(&headings, &rows);
+        page.stacked(&table);
     }
 }
 
@@ -161,16 +148,12 @@ impl Chapter {
             .iter()
             .for_each(|note| page.paragraph("soft", &format!("Note: {note}")));
         page.put("<details><summary>Settings and sizes</summary>");
-        let rows = self.about.iter().map(|(key, value)| {
-            let cells = [key.replace('_', " "), value.clone()];
-            ("", cells.map(Cell::Text).to_vec())
-        });
-        let took = (self.seconds > 0.0).then(|| {
-            let words = ["measured in".to_owned(), format!("{:.1} s", self.seconds)];
-            ("", words.map(Cell::Text).to_vec())
-        });
-        let headings = ["what", "here"].map(|it| Cell::Text(it.to_owned()));
-        page.table(&headings, &rows.chain(took).collect::<Vec<_>>());
+        let rows = self
+            .about
+            .iter()
+            .map(|(key, value)| [key.replace('_', " "), value.clone()]);
+        let took = (self.seconds > 0.0).then(|| ["measured in".to_owned(), format!("{:.1} s", self.seconds)]);
+        page.table(&Table::new(["what", "here"]).with(rows.chain(took)));
         page.put("</details>");
         Ok(())
     }
@@ -180,12 +163,7 @@ impl Chapter {
         if drawings.peek().is_none() {
             return Ok(());
         }
-        page.put("<div class=\"figures\">");
-        for drawing in drawings {
-            page.figure(&drawing.plot.svg_for_page()?, &drawing.plot.title);
-        }
-        page.put("</div>");
-        Ok(())
+        page.plots(drawings.map(|drawing| &drawing.plot))
     }
 }
 
@@ -213,18 +191,7 @@ impl Section {
     }
 
     fn rows(&self, page: &mut Page, axes: &[usize]) {
-        let text = |column: &Column| Cell::Text(column.heading.clone());
-        let number_of = |at: &usize| Cell::Explained(self.axes[*at].heading.clone(), self.axes[*at].label.clone());
-        let headings = self.factors.iter().map(text).chain(axes.iter().map(number_of));
-        let headings: Vec<Cell> = headings.chain([Cell::Text(String::new())]).collect();
-        let rows = self.judged().map(|(row, best)| {
-            let choices = row.choices.iter().cloned().map(Cell::Text);
-            let values = axes.iter().map(|at| Cell::Number(row.figure(*at)));
-            let class = if row.flag.is_some() { "wrong" } else { "" };
-            let tags = Cell::Tags(Section::tags((row, best)));
-            (class, choices.chain(values).chain([tags]).collect::<Vec<_>>())
-        });
-        page.table(&headings, &rows.collect::<Vec<_>>());
+        page.table(&self.table(axes));
         match self.legend(axes) {
             none if none.is_empty() => {}
             legend => page.paragraph("soft", &legend),

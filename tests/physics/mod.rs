@@ -1,9 +1,6 @@
 //! Each effect against what physics or arithmetic say of it, through the whole pipeline of the reference in both
 //! precisions. The GPU follows by parity (`tests/parity`).
 
-#[path = "../support/mod.rs"]
-mod support;
-
 mod blur;
 mod changes;
 mod contact;

@@ -13,6 +13,8 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::FontStyle;
 
+use super::number::{ZERO, tick};
+
 /// Width and height of a plot, pixels.
 pub const SIZE: [u32; 2] = [1000, 600];
 /// Width of the legend beside a plot, pixels.
@@ -145,7 +147,7 @@ pub struct Plot {
     pub series: Vec<Series>,
     /// Meanings of the markers, in the order of [`Marker::nth`]; empty if they have none.
     pub markers: Vec<String>,
-    /// Points to mark as the best choices (see [`pareto`]), from left to right, as one front per set of competing points. A stepped line
+    /// Points to mark as the best choices (see [`front`](super::pareto::front)), from left to right, as one front per set of competing points. A stepped line
     /// joins the points of a front if no lines join the series.
     pub front: Vec<Vec<[f64; 2]>>,
 }
@@ -160,24 +162,40 @@ pub struct PlotError {
     pub cause: String,
 }
 
-/// Returns the Pareto front from left to right: the points that no other beats in both coordinates, smaller being better.
-pub fn pareto(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
-    let mut sorted: Vec<[f64; 2]> = points
-        .iter()
-        .copied()
-        .filter(|p| p.iter().all(|x| x.is_finite()))
-        .collect();
-    sorted.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
-    let mut front: Vec<[f64; 2]> = Vec::new();
-    for point in sorted {
-        if front.last().is_none_or(|best| point[1] < best[1]) {
-            front.push(point);
+impl Series {
+    /// Creates points that no line joins.
+    pub fn points(name: impl Into<String>, colour: usize, marker: Marker, points: Vec<[f64; 2]>) -> Self {
+        Series {
+            name: name.into(),
+            points,
+            joined: false,
+            marker,
+            colour,
         }
     }
-    front
+
+    /// Creates a line without markers.
+    pub fn line(name: impl Into<String>, colour: usize, points: Vec<[f64; 2]>) -> Self {
+        Series {
+            joined: true,
+            ..Series::points(name, colour, Marker::None, points)
+        }
+    }
 }
 
 impl Plot {
+    /// Creates a plot whose markers have no meaning and whose points do not compete.
+    pub fn new(title: impl Into<String>, x: Axis, y: Axis, series: Vec<Series>) -> Self {
+        Plot {
+            title: title.into(),
+            x,
+            y,
+            series,
+            markers: Vec::new(),
+            front: Vec::new(),
+        }
+    }
+
     /// Draws the plot as an SVG document.
     ///
     /// # Errors
@@ -279,7 +297,7 @@ impl Plot {
         };
         let smallest = |axis: &Axis, range: std::ops::Range<f64>| match axis.log {
             true => 0.0,
-            false => ROUNDED * (range.end - range.start),
+            false => ZERO * (range.end - range.start),
         };
         let smallest = [smallest(&self.x, x.range()), smallest(&self.y, y.range())];
         let mut chart = builder.build_cartesian_2d(x, y)?;
@@ -292,8 +310,8 @@ impl Plot {
             .y_labels(labels[1])
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
-            .x_label_formatter(&|value| number(*value, smallest[0]))
-            .y_label_formatter(&|value| number(*value, smallest[1]))
+            .x_label_formatter(&|value| tick(*value, smallest[0]))
+            .y_label_formatter(&|value| tick(*value, smallest[1]))
             .axis_desc_style(("sans-serif", lettering[0]))
             .label_style(("sans-serif", lettering[1]))
             .draw()?;
@@ -364,27 +382,6 @@ where
         Marker::Cross => Cross::new(at, MARK, thick).into_dyn(),
         Marker::Frame => (EmptyElement::at(at) + Rectangle::new(corners, thick)).into_dyn(),
         Marker::None => EmptyElement::at(at).into_dyn(),
-    }
-}
-
-/// Fraction of a linear axis below which a tick is the rounding error of zero.
-const ROUNDED: f64 = 1e-9;
-
-/// Formats a tick label: in scientific notation if it would be long, and 0 up to `smallest`.
-fn number(value: f64, smallest: f64) -> String {
-    if value.abs() <= smallest {
-        return "0".to_owned();
-    }
-    let exponent = value.abs().log10().floor();
-    if (-3.0..5.0).contains(&exponent) {
-        let digits = (2.0 - exponent).clamp(0.0, 5.0) as usize;
-        let text = format!("{value:.digits$}");
-        match text.contains('.') {
-            true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
-            false => text,
-        }
-    } else {
-        format!("{value:.0e}")
     }
 }
 

@@ -3,6 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
+use super::super::table;
 use super::{Layout, MARK, Marker, PAGE, Plot, colour, marker};
 
 /// Line spacing of the legend, and extra spacing between its parts, pixels.
@@ -91,22 +92,7 @@ fn wrapped(name: &str, layout: Layout) -> Vec<String> {
         Layout::Alone => HALF,
         Layout::Page => FULL,
     };
-    let mut lines: Vec<String> = vec![String::new()];
-    for word in name.split(' ') {
-        let mut letters = word.chars().peekable();
-        while letters.peek().is_some() {
-            let piece: String = letters.by_ref().take(most).collect();
-            match lines.last_mut() {
-                Some(line) if line.is_empty() => line.push_str(&piece),
-                Some(line) if line.chars().count() + 1 + piece.chars().count() <= most => {
-                    line.push(' ');
-                    line.push_str(&piece);
-                }
-                _ => lines.push(piece),
-            }
-        }
-    }
-    lines
+    table::wrapped(name, most, true)
 }
 
 /// Returns the number of columns of a part of the legend.

@@ -1,4 +1,5 @@
 use super::*;
+use crate::report::pareto::front;
 
 fn plot() -> Plot {
     let points = vec![[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12], [20.0, 1e-2]];
@@ -7,7 +8,7 @@ fn plot() -> Plot {
         x: Axis::log("time, ms"),
         y: Axis::log("relative error"),
         markers: vec!["CPU".into()],
-        front: vec![pareto(&points)],
+        front: vec![front(&points)],
         series: vec![Series {
             name: "level I".into(),
             points,
@@ -16,16 +17,6 @@ fn plot() -> Plot {
             colour: 0,
         }],
     }
-}
-
-#[test]
-fn the_front_is_what_nothing_beats() {
-    assert_eq!(plot().front, [[[1.0, 1e-3], [10.0, 1e-7], [100.0, 1e-12]]]);
-    assert_eq!(
-        pareto(&[[1.0, 2.0], [1.0, 1.0], [2.0, 1.0], [f64::NAN, 0.0]]),
-        [[1.0, 1.0]]
-    );
-    assert!(pareto(&[]).is_empty());
 }
 
 #[test]
@@ -93,22 +84,6 @@ fn values_that_an_axis_cannot_show_are_left_out() {
     plot.x.log = false;
     plot.series[0].points = vec![[5.0, 5.0]];
     plot.rgb().unwrap();
-}
-
-#[test]
-fn numbers_are_short() {
-    let cases = [
-        (0.0, "0"),
-        (1.0, "1"),
-        (0.25, "0.25"),
-        (0.001, "0.001"),
-        (1e-12, "1e-12"),
-        (1500.0, "1500"),
-        (1e5, "1e5"),
-    ];
-    for (value, text) in cases {
-        assert_eq!(number(value, 0.0), text);
-    }
 }
 
 #[test]

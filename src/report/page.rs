@@ -8,6 +8,9 @@ use base64::engine::general_purpose::STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError};
 
+use super::plot::{Plot, PlotError};
+use super::table::Table;
+
 /// Style sheet. Plots have dark lines without a background; on a dark page their lightness is inverted and their hue kept.
 const STYLE: &str = "\
 :root{color-scheme:light dark;--ink:#1b1f23;--soft:#59636e;--paper:#fff;--card:#f5f7f9;--line:#d6dce2;--good:#00694a;--bad:#b3400a}\
@@ -70,37 +73,41 @@ impl Page {
     }
 
     /// Adds a table that scrolls sideways if it is too wide.
-    pub fn table(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
-        self.table_that(false, headings, rows);
+    pub fn table(&mut self, table: &Table) {
+        self.put(table.html(false));
     }
 
     /// Adds a table whose rows become blocks on a narrow screen, with the first cell as heading.
-    pub fn stacked(&mut self, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
-        self.table_that(true, headings, rows);
+    pub fn stacked(&mut self, table: &Table) {
+        self.put(table.html(true));
     }
 
-    fn table_that(&mut self, stacked: bool, headings: &[Cell], rows: &[(&str, Vec<Cell>)]) {
-        let class = if stacked { "stack" } else { "" };
-        self.put(format_args!("<div class=\"wide\"><table class=\"{class}\">"));
-        let heading: String = headings.iter().map(|cell| cell.markup("th", "")).collect();
-        self.put(format_args!("<thead><tr>{heading}</tr></thead><tbody>"));
-        for (class, cells) in rows {
-            // In block layout, each cell carries its column's heading.
-            let labels = headings
-                .iter()
-                .map(|heading| match stacked && !heading.words().is_empty() {
-                    true => format!(" data-label=\"{}\"", escape(heading.words())),
-                    false => String::new(),
-                });
-            let cells = cells.iter().zip(labels.chain(std::iter::repeat(String::new())));
-            let cells: String = cells.map(|(cell, label)| cell.markup("td", &label)).collect();
-            self.put(format_args!("<tr class=\"{class}\">{cells}</tr>"));
+    /// Adds plots beside one another, each with its title as caption.
+    ///
+    /// # Errors
+    /// [`PlotError`] if a plot cannot be drawn.
+    pub fn plots<'a>(&mut self, plots: impl IntoIterator<Item = &'a Plot>) -> Result<(), PlotError> {
+        self.put("<div class=\"figures\">");
+        for plot in plots {
+            self.figure(&plot.svg_for_page()?, &plot.title);
         }
-        self.put("</tbody></table></div>");
+        self.put("</div>");
+        Ok(())
+    }
+
+    /// Adds pictures beside one another, each with a caption; those that cannot be encoded are omitted.
+    pub fn pictures<'a>(&mut self, pictures: impl IntoIterator<Item = (&'a GrayImage, String)>) {
+        self.put("<div class=\"figures\">");
+        for (picture, caption) in pictures {
+            if let Ok(address) = address(picture) {
+                self.picture(&address, &caption);
+            }
+        }
+        self.put("</div>");
     }
 
     /// Adds an SVG figure with a caption.
-    pub fn figure(&mut self, svg: &str, caption: &str) {
+    fn figure(&mut self, svg: &str, caption: &str) {
         let caption = escape(caption);
         self.put(format_args!(
             "<figure role=\"img\" aria-label=\"{caption}\"><figcaption>{caption}</figcaption>{svg}</figure>"
@@ -116,7 +123,7 @@ impl Page {
     }
 
     /// Adds a picture given by a `data:` address, with a caption.
-    pub fn picture(&mut self, address: &str, caption: &str) {
+    fn picture(&mut self, address: &str, caption: &str) {
         let caption = escape(caption);
         self.put(format_args!(
             "<figure><img src=\"{}\" alt=\"{caption}\"><figcaption>{caption}</figcaption></figure>",
@@ -145,72 +152,6 @@ impl Page {
         self.0.push_str("</body></html>\n");
         self.0
     }
-}
-
-/// Table cell.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Cell {
-    /// Plain text.
-    Text(String),
-    /// Text with a softer second line.
-    Pair(String, String),
-    /// Right-aligned number.
-    Number(String),
-    /// Heading of a column of numbers, with an explanation.
-    Explained(String, String),
-    /// Small labels, each with its CSS class.
-    Tags(Vec<(&'static str, String)>),
-}
-
-impl Cell {
-    /// Returns the main text of the cell.
-    fn words(&self) -> &str {
-        match self {
-            Cell::Text(text) | Cell::Pair(text, _) | Cell::Number(text) | Cell::Explained(text, _) => text,
-            Cell::Tags(_) => "",
-        }
-    }
-
-    /// Returns the cell as an HTML element with the given name and attributes.
-    fn markup(&self, name: &str, attributes: &str) -> String {
-        let whole = |inner: &str, own: &str| format!("<{name}{own}{attributes}>{inner}</{name}>");
-        match self {
-            Cell::Text(text) => whole(&unbroken(text), ""),
-            Cell::Pair(text, below) => whole(
-                &format!(
-                    "{}<br><small class=\"soft\">{}</small>",
-                    unbroken(text),
-                    unbroken(below)
-                ),
-                "",
-            ),
-            Cell::Number(text) => whole(&unbroken(text), " class=\"n\""),
-            Cell::Explained(text, meaning) => {
-                whole(&escape(text), &format!(" class=\"n\" title=\"{}\"", escape(meaning)))
-            }
-            Cell::Tags(tags) => {
-                let tags = tags
-                    .iter()
-                    .map(|(class, text)| format!("<span class=\"tag {class}\">{}</span>", escape(text)));
-                whole(&tags.collect::<Vec<_>>().join(" "), "")
-            }
-        }
-    }
-}
-
-/// Replaces spaces within products such as 256 x 512 so that they do not break across lines.
-fn unbroken(text: &str) -> String {
-    let mut parts = text.split(" x ").peekable();
-    let mut joined = String::new();
-    while let Some(part) = parts.next() {
-        joined += part;
-        if let Some(next) = parts.peek() {
-            let numbers =
-                part.ends_with(|it: char| it.is_ascii_digit()) && next.starts_with(|it: char| it.is_ascii_digit());
-            joined += if numbers { "\u{a0}x\u{a0}" } else { " x " };
-        }
-    }
-    escape(&joined)
 }
 
 /// Encodes a picture as a `data:` address.
