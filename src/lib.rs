@@ -35,6 +35,8 @@
 //! and ITK. The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side,
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
+#![cfg_attr(not(feature = "internals"), warn(missing_docs))]
+
 // Modules are private; the feature `internals` opens them to this package's tests, benches and examples.
 #[cfg(not(feature = "internals"))]
 mod beam_case;

@@ -405,7 +405,7 @@ impl NeedleShaft {
 }
 
 /// State that varies from frame to frame. All positions are in the world, at any distance from its origin: they are in double
-/// precision, and are translated near 0 before they are rounded ([`super::local_origin`]).
+/// precision, and are translated near 0 before they are rounded.
 #[derive(Clone, Debug)]
 pub struct FrameState {
     /// Frame number; it seeds the additive noise.

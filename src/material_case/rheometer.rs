@@ -228,7 +228,7 @@ impl Rheometer {
         });
         let creep =
             self.creep.iter().enumerate().map(|(colour, creep)| {
-                Series::line(&format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone())
+                Series::line(format!("{:.3} kPa", creep.stress_kpa), colour, creep.curve.clone())
             });
         let of = |structure| self.stiffness.iter().filter(move |point| point.structure == structure);
         let found = |structure| of(structure).map(|point| [point.strain, point.found_kpa]).collect();

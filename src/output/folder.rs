@@ -114,7 +114,7 @@ impl Folder {
             Ok(text) => text,
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(BTreeSet::new()),
             Err(cause) if cause.kind() != io::ErrorKind::InvalidData => {
-                return Err(OutputError::write(&path, cause).into());
+                return Err(OutputError::write(&path, cause));
             }
             Err(_) => String::new(),
         };
@@ -180,7 +180,7 @@ impl Folder {
         self.made = None;
         let mut moved = 0;
         let result = files_in(staged.path())
-            .map_err(|cause| OutputError::write(&self.target, cause).into())
+            .map_err(|cause| OutputError::write(&self.target, cause))
             .and_then(|files| self.move_all(staged.path(), &files, &mut moved));
         result.map_err(|cause| OutputError::Kept {
             path: staged.keep(),
@@ -211,7 +211,7 @@ impl Folder {
             let path = self.target.join(name);
             match fs::remove_file(&path) {
                 Err(cause) if cause.kind() != io::ErrorKind::NotFound => {
-                    return Err(OutputError::write(&path, cause).into());
+                    return Err(OutputError::write(&path, cause));
                 }
                 _ => {}
             }
@@ -240,7 +240,7 @@ impl Folder {
                 file.sync_all()?;
                 fs::rename(&from, &to)
             });
-        Ok(written.map_err(|cause| OutputError::write(&to, cause))?)
+        written.map_err(|cause| OutputError::write(&to, cause))
     }
 }
 

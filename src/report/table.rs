@@ -273,10 +273,10 @@ mod tests {
     fn text_aligns_columns_and_trims_lines() {
         let expected = "way           time, ms\nslow | exact        10\nfast, \"x\"          1.5  best\n256 x 512         none  off\n";
         assert_eq!(table().text("  ", &[]), expected);
-        let expected = "way        ms\na       1.000\nlonger 1.000\n";
+        let expected = "way       ms\na      1.000\nlonger 1.000\n";
         let head = || [Cell::from("way"), Cell::number("ms")];
         let table = Table::new(head()).with([["a", "1.000"], ["longer", "1.000"]]);
-        assert_eq!(table.text(" ", &[6, 0]), expected.replace("       ms", "       ms"));
+        assert_eq!(table.text(" ", &[6, 0]), expected);
         let wrapped = Table::new(["what", "is"]).with([["two words", "it"]]);
         assert_eq!(
             wrapped.wrapped(&[5, 2]),

@@ -274,7 +274,7 @@ impl Problem {
     fn linear_materials(&self) -> Result<Materials, StaticsError> {
         let made = self.made.iter();
         let materials: Vec<_> = made.map(|(region, made)| (*region, *made.law.material())).collect();
-        Materials::new(None, &materials).map_err(|error| self.blame(error.into()))
+        Materials::new(None, &materials).map_err(|error| self.blame(error))
     }
 
     /// Total force of each `[[load]]`, N.

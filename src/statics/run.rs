@@ -83,7 +83,7 @@ impl Problem {
         let (loads, held) = given.at(&moments[0]);
         let at_start = |error: NonlinearError| self.fault_at(0.0, error);
         let options = self.file.solver.unwrap_or_default().options();
-        let solver = Solver::new(Arc::clone(&body), supports, options).map_err(|error| at_start(error.into()))?;
+        let solver = Solver::new(Arc::clone(&body), supports, options).map_err(&at_start)?;
         let factored = started.elapsed().as_secs_f64();
         let mut history = History::default();
         let mut runner = match self.file.model {

@@ -3,6 +3,7 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::layers::Beam;
 use super::tables::Tables;
@@ -255,7 +256,7 @@ impl GpuExecutor {
         self.upload(tables, state)?;
         let into_texture = if pixels.is_none() { self.texture.as_ref() } else { None };
         self.gpu.submit("frame", |recorder| {
-            let dispatches = dispatches(&self.steps);
+            let dispatches = dispatches(&self.steps, 0..self.steps.len());
             match &self.timer {
                 Some(timer) => recorder.run_timed(timer, dispatches)?,
                 None => recorder.run("frame", dispatches)?,
@@ -300,7 +301,7 @@ impl GpuExecutor {
 
     fn run_steps(&mut self, start: usize, end: usize) -> Result<(), SynthError> {
         Ok(self.gpu.submit("part of a frame", |recorder| {
-            recorder.run("part of a frame", dispatches(&self.steps[start..end]))
+            recorder.run("part of a frame", dispatches(&self.steps, start..end))
         })?)
     }
 
@@ -435,12 +436,13 @@ impl GpuExecutor {
     }
 }
 
-fn dispatches(steps: &[Step]) -> impl Iterator<Item = Dispatch<'_>> {
-    steps.iter().enumerate().map(|(slot, step)| Dispatch {
-        pipeline: &step.pipeline,
-        bindings: &step.bindings,
+/// Dispatches of a range of steps. The slot of a step's parameters is its place among all steps.
+fn dispatches(steps: &[Step], range: Range<usize>) -> impl Iterator<Item = Dispatch<'_>> {
+    range.map(|slot| Dispatch {
+        pipeline: &steps[slot].pipeline,
+        bindings: &steps[slot].bindings,
         slot: slot as u32,
-        workgroups: step.workgroups,
+        workgroups: steps[slot].workgroups,
     })
 }
 

@@ -201,7 +201,7 @@ pub(crate) mod tests {
         ];
         for (key, probe) in cases {
             let error = probe.validate().expect_err(key);
-            assert_eq!(error.key(), key, "{error}");
+            assert_eq!(error.key(), Some(key), "{error}");
             assert!(BeamGrid::new(&probe).is_err());
         }
     }
@@ -209,15 +209,12 @@ pub(crate) mod tests {
     #[test]
     fn a_single_line_and_a_single_sample_are_allowed() {
         for probe in one_of_each() {
-            assert_eq!(
-                Probe {
-                    lines: 1,
-                    samples: 1,
-                    ..probe
-                }
-                .validate(),
-                Ok(())
-            );
+            let single = Probe {
+                lines: 1,
+                samples: 1,
+                ..probe
+            };
+            assert!(single.validate().is_ok());
         }
     }
 }

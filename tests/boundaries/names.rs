@@ -151,10 +151,10 @@ fn every_effect_has_its_source_its_shader_and_its_parity_test() {
         ] {
             assert!(root().join(&file).is_file(), "effect `{}` lacks {file}", effect.name);
         }
-        let parity = std::fs::read_to_string(root().join("tests/parity/main.rs")).expect("the parity tests");
+        let parity = std::fs::read_to_string(root().join("tests/parity/mod.rs")).expect("the parity tests");
         assert!(
             parity.contains(&format!("\nmod {};", effect.name)),
-            "tests/parity/main.rs leaves out {}",
+            "tests/parity/mod.rs leaves out {}",
             effect.name
         );
         let tests = std::fs::read_to_string(root().join(format!("tests/parity/{}.rs", effect.name))).expect("a test");

@@ -30,12 +30,12 @@ impl Record {
         Self(entries.map(|(key, value)| (key.to_owned(), value.to_owned())).collect())
     }
 
-    /// Numbers and texts of a JSON value, three elements of long arrays, no times of this machine.
+    /// Numbers and texts of a JSON value, three elements of long arrays, neither times nor the machine.
     fn put_json(&mut self, key: &str, value: &Value) {
         match value {
             Value::Object(fields) => {
                 for (name, value) in fields {
-                    if !name.ends_with("_ms") && name != "seconds" {
+                    if !name.ends_with("_ms") && name != "seconds" && name != "machine" {
                         self.put_json(&format!("{key}.{name}"), value);
                     }
                 }

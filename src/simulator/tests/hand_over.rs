@@ -6,7 +6,7 @@ use std::thread;
 
 use super::Fake;
 use crate::mechanics::insertion::Field;
-use crate::simulator::hand_over::hand_over;
+use crate::simulator::haptic::hand_over;
 
 #[test]
 fn no_state_is_ever_torn() {

@@ -9,7 +9,7 @@ use super::{Fake, instruments, patient};
 use crate::mechanics::insertion::{Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::scene::SceneFile;
-use crate::simulator::seeds::Seeds;
+use crate::simulator::imaging::Seeds;
 use crate::simulator::{Haptic, Simulator};
 use crate::study::parity::Case;
 use crate::synth::{Backend, FrameState, Synthesizer};

@@ -242,8 +242,6 @@ mod tests {
 
     use super::super::tests::one_of_each;
     use super::*;
-    use crate::tracking::TrackingError;
-    use crate::tracking::TrackingError;
 
     #[test]
     fn the_middle_of_the_array_is_the_origin_and_rays_run_outwards() {

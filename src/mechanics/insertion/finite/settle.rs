@@ -176,17 +176,19 @@ impl Finite {
             UNDAMPED as f64 / (iteration + 1) as f64
         };
         self.contacts.step_forces(&self.joint, share);
-        while is_flexible {
+        if !is_flexible {
+            return share;
+        }
+        loop {
             self.needle.bend(&self.contacts, &self.tip);
             let shift = self.needle.line.distance(&self.attempt.before);
             if !(shift > FARTHEST_MM && share > LEAST_SHARE) {
-                break;
+                return share;
             }
             share = (share * (FARTHEST_MM / shift).min(0.5)).max(LEAST_SHARE);
             self.contacts.step_forces(&self.joint, share);
             self.needle.line.clone_from(&self.attempt.before);
         }
-        share
     }
 
     /// Writes the arcs at which forces act.

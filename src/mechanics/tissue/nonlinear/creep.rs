@@ -161,7 +161,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
         self.history.recall(past)?;
         if let Err(error) = self.solver.take_state(state, self.memory == Memory::Rate) {
             self.history = before;
-            return Err(error.into());
+            return Err(error);
         }
         Ok(())
     }
