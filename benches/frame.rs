@@ -6,10 +6,10 @@
 use std::time::Duration;
 
 use criterion::{Criterion, SamplingMode, criterion_group, criterion_main};
-use insonify::effects::{Effects, REGISTRY};
 use insonify::gpu::{AdapterChoice, Gpu, Needs};
-use insonify::scene::SceneFile;
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::imaging::effects::{Effects, REGISTRY};
+use insonify::imaging::synth::{Backend, FrameState, Synthesizer};
+use insonify::input::scene::SceneFile;
 use nalgebra::Matrix4;
 
 /// The default abdomen with everything that a frame can have.

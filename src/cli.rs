@@ -163,7 +163,7 @@ pub fn watch() -> io::Result<()> {
     let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
     thread::Builder::new().name("signals".to_owned()).spawn(move || {
         if let Some(signal) = signals.forever().next() {
-            crate::output::abandon();
+            crate::base::output::abandon();
             low_level::exit(128 + signal);
         }
     })?;

@@ -4,23 +4,23 @@ use std::fmt;
 
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
-use crate::beam_case::BeamCaseError;
-use crate::beam_case::points::PointsError;
+use crate::anatomy::volume::VolumeError;
+use crate::base::output::OutputError;
+use crate::base::report::plot::PlotError;
 use crate::gpu::GpuError;
-use crate::material_case::MaterialCaseError;
+use crate::imaging::synth::SynthError;
+use crate::input::beam_case::BeamCaseError;
+use crate::input::beam_case::points::PointsError;
+use crate::input::material_case::MaterialCaseError;
+use crate::input::scenario::ScenarioError;
+use crate::input::scene::SceneError;
+use crate::input::statics::StaticsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::OutputError;
-use crate::report::plot::PlotError;
-use crate::scenario::ScenarioError;
-use crate::scene::SceneError;
 use crate::simulator::SimulatorError;
-use crate::statics::StaticsError;
-use crate::synth::SynthError;
 use crate::tracking::TrackingError;
-use crate::volume::VolumeError;
 
 /// Any error between a command and its output.
 #[derive(Debug, thiserror::Error)]
@@ -153,13 +153,13 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::scene::SceneFile;
+    use crate::input::scene::SceneFile;
 
     #[test]
     fn input_is_told_from_machine() {
         let full = OutputError::write(Path::new("frame.png"), io::Error::from(io::ErrorKind::StorageFull));
         assert_eq!(Error::from(full).exit_status(), MACHINE);
-        let missing = crate::volume::load(Path::new("/nowhere/labels.nii"))
+        let missing = crate::anatomy::volume::load(Path::new("/nowhere/labels.nii"))
             .map(drop)
             .unwrap_err();
         assert_eq!(Error::from(missing).exit_status(), INPUT);

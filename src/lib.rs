@@ -39,17 +39,13 @@
 
 // Modules are private; the feature `internals` opens them to this package's tests, benches and examples.
 #[cfg(not(feature = "internals"))]
-mod beam_case;
+mod anatomy;
 #[cfg(feature = "internals")]
-pub mod beam_case;
+pub mod anatomy;
 #[cfg(not(feature = "internals"))]
-mod document;
+mod base;
 #[cfg(feature = "internals")]
-pub mod document;
-#[cfg(not(feature = "internals"))]
-mod effects;
-#[cfg(feature = "internals")]
-pub mod effects;
+pub mod base;
 #[cfg(not(feature = "internals"))]
 mod error;
 #[cfg(feature = "internals")]
@@ -59,112 +55,63 @@ mod gpu;
 #[cfg(feature = "internals")]
 pub mod gpu;
 #[cfg(not(feature = "internals"))]
-mod material_case;
+mod imaging;
 #[cfg(feature = "internals")]
-pub mod material_case;
+pub mod imaging;
+#[cfg(not(feature = "internals"))]
+mod input;
+#[cfg(feature = "internals")]
+pub mod input;
 #[cfg(not(feature = "internals"))]
 mod mechanics;
 #[cfg(feature = "internals")]
 pub mod mechanics;
 #[cfg(not(feature = "internals"))]
-mod memory;
-#[cfg(feature = "internals")]
-pub mod memory;
-#[cfg(not(feature = "internals"))]
-mod output;
-#[cfg(feature = "internals")]
-pub mod output;
-#[cfg(not(feature = "internals"))]
-mod phantom;
-#[cfg(feature = "internals")]
-pub mod phantom;
-#[cfg(not(feature = "internals"))]
-mod plan;
-#[cfg(feature = "internals")]
-pub mod plan;
-#[cfg(not(feature = "internals"))]
-mod quality;
-#[cfg(feature = "internals")]
-pub mod quality;
-#[cfg(not(feature = "internals"))]
-mod random;
-#[cfg(feature = "internals")]
-pub mod random;
-mod read;
-#[cfg(not(feature = "internals"))]
-mod real;
-#[cfg(feature = "internals")]
-pub mod real;
-#[cfg(not(feature = "internals"))]
-mod remesh_gpu;
-#[cfg(feature = "internals")]
-pub mod remesh_gpu;
-#[cfg(not(feature = "internals"))]
-mod report;
-#[cfg(feature = "internals")]
-pub mod report;
-#[cfg(not(feature = "internals"))]
-mod scenario;
-#[cfg(feature = "internals")]
-pub mod scenario;
-#[cfg(not(feature = "internals"))]
-mod scene;
-#[cfg(feature = "internals")]
-pub mod scene;
-#[cfg(not(feature = "internals"))]
-mod segmentation;
-#[cfg(feature = "internals")]
-pub mod segmentation;
-mod simd;
-#[cfg(not(feature = "internals"))]
 mod simulator;
 #[cfg(feature = "internals")]
 pub mod simulator;
-#[cfg(not(feature = "internals"))]
-mod statics;
-#[cfg(feature = "internals")]
-pub mod statics;
 #[cfg(not(feature = "internals"))]
 mod study;
 #[cfg(feature = "internals")]
 pub mod study;
 #[cfg(not(feature = "internals"))]
-mod synth;
-#[cfg(feature = "internals")]
-pub mod synth;
-#[cfg(not(feature = "internals"))]
-mod text;
-#[cfg(feature = "internals")]
-pub mod text;
-#[cfg(not(feature = "internals"))]
-mod tissue;
-#[cfg(feature = "internals")]
-pub mod tissue;
-#[cfg(not(feature = "internals"))]
 mod tracking;
 #[cfg(feature = "internals")]
 pub mod tracking;
-#[cfg(not(feature = "internals"))]
-mod volume;
-#[cfg(feature = "internals")]
-pub mod volume;
 
-pub use effects::Effects;
-pub use effects::blur::Blur;
-pub use effects::contact::Contact;
-pub use effects::interface::Interface;
-pub use effects::needle::NeedleEcho;
-pub use effects::noise::Noise;
-pub use effects::receiver::Receiver;
-pub use effects::refraction::Refraction;
-pub use effects::shadow::Shadow;
-pub use effects::slice::{Boundary, Slice};
-pub use effects::speckle::Speckle;
-pub use effects::texture::Texture;
-pub use effects::thickness::Thickness;
-pub use effects::tone::{Curve, Tone};
+pub use anatomy::acoustics::presets::get as builtin_tissue;
+pub use anatomy::acoustics::{Tissue, TissueTable};
+pub use anatomy::phantom::Phantom;
+pub use anatomy::volume::texture::SolidTexture;
+pub use anatomy::volume::{Label, LabelVolume, VolumeError, load as load_volume, save as save_volume};
+pub use base::output::OutputError;
+pub use base::output::png::write_grey as write_png;
 pub use error::Error;
 pub use gpu::{AdapterChoice, Gpu, GpuError, row_stride};
+pub use imaging::effects::Effects;
+pub use imaging::effects::blur::Blur;
+pub use imaging::effects::contact::Contact;
+pub use imaging::effects::interface::Interface;
+pub use imaging::effects::needle::NeedleEcho;
+pub use imaging::effects::noise::Noise;
+pub use imaging::effects::receiver::Receiver;
+pub use imaging::effects::refraction::Refraction;
+pub use imaging::effects::shadow::Shadow;
+pub use imaging::effects::slice::{Boundary, Slice};
+pub use imaging::effects::speckle::Speckle;
+pub use imaging::effects::texture::Texture;
+pub use imaging::effects::thickness::Thickness;
+pub use imaging::effects::tone::{Curve, Tone};
+pub use imaging::plan::Plan;
+pub use imaging::sequence::{FrameInfo, SequenceWriter};
+pub use imaging::sidecar::Sidecar;
+pub use imaging::synth::layers::Layer;
+pub use imaging::synth::tables::{Anatomy, ImageSize, Settings};
+pub use imaging::synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
+pub use input::scenario::record::Record;
+pub use input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};
+pub use input::scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioError, ScenarioFile, Summary};
+pub use input::scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneError, SceneFile};
 pub use mechanics::insertion::finite::{Finite, Options as FiniteOptions, Setup};
 pub use mechanics::insertion::nonlinear::{Nonlinear, Setup as NonlinearSetup};
 pub use mechanics::insertion::spring::{MassSpring, Parameters as MassSpringParameters};
@@ -176,33 +123,16 @@ pub use mechanics::mesh::{Displacement, InvalidMesh, TetMesh};
 pub use mechanics::needle::{BEVEL_MM, Bevel, Flexible, LINK_MM, Needle, Rigid, Shaft, Stiffness};
 pub use mechanics::tissue::material::Material;
 pub use mechanics::tissue::remesh::{Level, Precision};
-pub use output::OutputError;
-pub use output::png::write_grey as write_png;
-pub use output::sequence::{FrameInfo, SequenceWriter};
-pub use output::sidecar::Sidecar;
-pub use phantom::Phantom;
-pub use plan::Plan;
-pub use scenario::record::Record;
-pub use scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};
-pub use scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioError, ScenarioFile, Summary};
-pub use scene::{DEFAULT as DEFAULT_SCENE, Scene, SceneError, SceneFile};
 pub use simulator::{
     Damper, Forces, Guided, Haptic, HoldOptions, Imaging, Input as RecordedInput, LateralHold,
     Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator, SimulatorError, State as SimulatorState,
     TwoPoints,
 };
-pub use synth::layers::Layer;
-pub use synth::tables::{Anatomy, ImageSize, Settings};
-pub use synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
-pub use tissue::presets::get as builtin_tissue;
-pub use tissue::{Tissue, TissueTable};
 pub use tracking::TrackingError;
 pub use tracking::pose::Pose;
 pub use tracking::probe::{Probe, ProbeShape};
 pub use tracking::sequence::Sequence;
 pub use tracking::template::Template;
-pub use volume::texture::SolidTexture;
-pub use volume::{Label, LabelVolume, VolumeError, load as load_volume, save as save_volume};
 
 #[doc(hidden)]
 pub mod cli;

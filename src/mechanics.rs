@@ -4,4 +4,5 @@ pub mod insertion;
 mod ldl;
 pub mod mesh;
 pub mod needle;
+pub mod remesh_gpu;
 pub mod tissue;

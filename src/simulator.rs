@@ -25,10 +25,10 @@ use std::time::Duration;
 use nalgebra::Matrix4;
 
 use crate::error::Error;
+use crate::imaging::synth::{Backend, Frame, SynthError, Synthesizer};
+use crate::input::scenario::Scenario;
 use crate::mechanics::insertion::{Instruments, LevelChange, Model, StepError};
 use crate::mechanics::tissue::remesh::Level;
-use crate::scenario::Scenario;
-use crate::synth::{Backend, Frame, SynthError, Synthesizer};
 use crate::tracking::template::UnknownHole;
 pub use devices::{Damper, Guided, HoldOptions, LateralHold, PointsPose, TwoPoints};
 pub use forces::Forces;

@@ -2,7 +2,6 @@
 
 pub mod calibration;
 mod error;
-pub mod matrix;
 pub mod needle;
 pub mod placement;
 pub mod plus;

@@ -2,9 +2,9 @@
 
 use crate::gpu::adapter::{self, hardware};
 use crate::gpu::{AdapterChoice, Gpu, Needs};
+use crate::imaging::synth::tables::{Anatomy, Settings};
+use crate::imaging::synth::{Backend, SynthError, Synthesizer};
 use crate::study::tradeoff::gather::Means;
-use crate::synth::tables::{Anatomy, Settings};
-use crate::synth::{Backend, SynthError, Synthesizer};
 use clap::{Args, ValueEnum};
 
 use super::failure::Failure;

@@ -7,11 +7,11 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 use serde_json::json;
 
-use crate::beam_case::{self, CaseFile, Report, plot};
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Force};
 use crate::cli::study::Printed;
 use crate::cli::terminal;
+use crate::input::beam_case::{self, CaseFile, Report, plot};
 use crate::mechanics::needle::beam::inverse::Wanted;
 use crate::study::beam::table_one;
 

@@ -6,14 +6,14 @@ use std::time::Duration;
 
 use crate::gpu::adapter::{self, SOFTWARE};
 use crate::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
-use crate::plan::Plan;
-use crate::scene::SceneFile;
+use crate::imaging::plan::Plan;
+use crate::imaging::synth::gpu::needs;
+use crate::imaging::synth::tables::Tables;
+use crate::imaging::synth::{FrameState, SynthError};
+use crate::input::scene::SceneFile;
 use crate::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
 use crate::study::bench::{BenchOptions, BenchReport, Contender, bench};
 use crate::study::tradeoff::gather::Means;
-use crate::synth::gpu::needs;
-use crate::synth::tables::Tables;
-use crate::synth::{FrameState, SynthError};
 use clap::Args;
 use nalgebra::Matrix4;
 

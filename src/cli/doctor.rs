@@ -2,9 +2,9 @@
 
 use std::fmt;
 
+use crate::base::report::machine::Machine;
 use crate::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs};
-use crate::report::machine::Machine;
 use clap::Args;
 use serde::Serialize;
 

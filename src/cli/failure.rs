@@ -3,20 +3,22 @@
 use std::fmt;
 use std::io;
 
-use crate::beam_case::BeamCaseError;
-use crate::beam_case::points::PointsError;
+use crate::anatomy::volume::VolumeError;
+use crate::base::output::OutputError;
+use crate::base::report::plot::PlotError;
 use crate::error::{INPUT, MACHINE};
 use crate::gpu::GpuError;
-use crate::material_case::MaterialCaseError;
+use crate::imaging::synth::SynthError;
+use crate::input::beam_case::BeamCaseError;
+use crate::input::beam_case::points::PointsError;
+use crate::input::material_case::MaterialCaseError;
+use crate::input::scenario::ScenarioError;
+use crate::input::scene::SceneError;
+use crate::input::statics::StaticsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::output::OutputError;
-use crate::report::plot::PlotError;
-use crate::scenario::ScenarioError;
-use crate::scene::SceneError;
-use crate::statics::StaticsError;
 use crate::study::bench::compare::CompareError;
 use crate::study::puncture::PunctureError;
 use crate::study::tradeoff::RenderError;
@@ -24,9 +26,7 @@ use crate::study::tradeoff::image::ImageError;
 use crate::study::tradeoff::insertion::InsertionStudyError;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::tissue::TissueError;
-use crate::synth::SynthError;
 use crate::tracking::TrackingError;
-use crate::volume::VolumeError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand failed.

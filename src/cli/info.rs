@@ -3,7 +3,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use crate::segmentation;
+use crate::anatomy::segmentation;
 use crate::tracking::plus::PlusInfo;
 use crate::tracking::sequence::SequenceInfo;
 use clap::Args;

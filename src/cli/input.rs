@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::quality::Picked;
-use crate::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
-use crate::segmentation::{Names, Naming, stem};
-use crate::volume::VolumeError;
+use crate::anatomy::segmentation::{Names, Naming, stem};
+use crate::anatomy::volume::VolumeError;
+use crate::imaging::quality::Picked;
+use crate::input::scene::{self, PoseTable, Scene, SceneFile, VolumeSpec};
 use clap::Args;
 
 use super::backend::BackendArgs;

@@ -4,9 +4,9 @@ mod writer;
 
 use std::path::{Path, PathBuf};
 
-use crate::quality::Picked;
-use crate::scenario::run::{Requests, run};
-use crate::scenario::{self, Scenario, ScenarioFile, Summary};
+use crate::imaging::quality::Picked;
+use crate::input::scenario::run::{Requests, run};
+use crate::input::scenario::{self, Scenario, ScenarioFile, Summary};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
 use serde::Serialize;

@@ -1,7 +1,7 @@
 //! `insonify inspect`: contributions to one pixel.
 
+use crate::imaging::synth::FrameState;
 use crate::study::inspect::{PixelReport, inspect};
-use crate::synth::FrameState;
 use clap::Args;
 use nalgebra::Matrix4;
 use serde::Serialize;

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::material_case::{self, CaseFile};
+use crate::input::material_case::{self, CaseFile};
 use clap::Args;
 
 use super::failure::Failure;

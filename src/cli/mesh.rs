@@ -8,12 +8,12 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use serde::Serialize;
 
+use crate::base::text;
 use crate::cli::failure::Failure;
 use crate::cli::terminal;
 use crate::cli::variants::variants;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, Unit, read_mesh};
 use crate::mechanics::mesh::quality::{Quality, Spread};
-use crate::text;
 
 /// Makes and inspects tetrahedral meshes
 #[derive(Args)]

@@ -4,10 +4,10 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::output::atomic;
-use crate::output::folder::Folder;
-use crate::output::place;
-use crate::report::plot::Plot;
+use crate::base::output::atomic;
+use crate::base::output::folder::Folder;
+use crate::base::output::place;
+use crate::base::report::plot::Plot;
 use clap::Args;
 
 use super::failure::Failure;

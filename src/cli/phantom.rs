@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use crate::phantom::{PhantomOptions, make};
-use crate::segmentation::{Info, Segmentation};
-use crate::volume::save;
+use crate::anatomy::phantom::{PhantomOptions, make};
+use crate::anatomy::segmentation::{Info, Segmentation};
+use crate::anatomy::volume::save;
 use clap::Args;
 
 use super::failure::Failure;
@@ -16,8 +16,8 @@ use super::variants::variants;
 #[derive(Args)]
 pub struct Phantom {
     /// Name of the phantom
-    #[arg(value_name = "NAME", value_parser = variants::<crate::phantom::Phantom>())]
-    name: crate::phantom::Phantom,
+    #[arg(value_name = "NAME", value_parser = variants::<crate::anatomy::phantom::Phantom>())]
+    name: crate::anatomy::phantom::Phantom,
     /// File to write: .nii, .nii.gz, .nrrd, .seg.nrrd or .mha
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,

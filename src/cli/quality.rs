@@ -6,20 +6,20 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use nalgebra::Matrix4;
 
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::Spread;
 use crate::cli::backend::BackendArgs;
 use crate::cli::failure::Failure;
 use crate::cli::study::watched;
 use crate::cli::terminal;
+use crate::imaging::quality::cache::Cache;
+use crate::imaging::quality::trial::{Tried, pick_tried};
+use crate::imaging::quality::{Costs, Picked, QualitySpec, grid, pick};
+use crate::imaging::synth::FrameState;
+use crate::input::scenario::{LevelName, NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel, Trial};
+use crate::input::scene::Scene;
 use crate::mechanics::tissue::remesh::Level;
-use crate::quality::cache::Cache;
-use crate::quality::trial::{Tried, pick_tried};
-use crate::quality::{Costs, Picked, QualitySpec, grid, pick};
-use crate::report::machine::Machine;
-use crate::report::statistics::Spread;
-use crate::scenario::{LevelName, NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel, Trial};
-use crate::scene::Scene;
 use crate::study::step_costs::{self, Nodes, Situation, StepCosts};
-use crate::synth::FrameState;
 
 #[derive(Args)]
 pub struct QualityArgs {

@@ -20,9 +20,9 @@ use super::failure::Failure;
 use super::input::Input;
 use super::output::Force;
 use super::terminal;
-use crate::quality::Picked;
-use crate::scene::Scene;
-use crate::synth::{FrameState, PassTime, Synthesizer};
+use crate::imaging::quality::Picked;
+use crate::imaging::synth::{FrameState, PassTime, Synthesizer};
+use crate::input::scene::Scene;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -103,7 +103,7 @@ impl Render {
         let (scene, picked) = self.input.scene(&self.backend)?;
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
-            crate::volume::save(&scene.anatomy.volume, path)?;
+            crate::anatomy::volume::save(&scene.anatomy.volume, path)?;
         }
         let count = self.frames.unwrap_or_else(|| scene.frames());
         self.extras.check(&scene)?;

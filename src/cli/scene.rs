@@ -1,6 +1,6 @@
 //! `insonify scene`: built-in scenes to edit.
 
-use crate::scene::EXAMPLES;
+use crate::input::scene::EXAMPLES;
 use clap::Args;
 use clap::builder::PossibleValuesParser;
 
@@ -22,6 +22,6 @@ fn names() -> PossibleValuesParser {
 impl Scene {
     pub fn run(&self) -> Result<(), Failure> {
         let text = EXAMPLES.iter().find(|(name, _)| *name == self.name);
-        terminal::emit(text.map_or(crate::scene::DEFAULT, |(_, text)| text))
+        terminal::emit(text.map_or(crate::input::scene::DEFAULT, |(_, text)| text))
     }
 }

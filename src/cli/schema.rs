@@ -1,9 +1,9 @@
 //! `insonify schema`: JSON schemas of input and output files.
 
-use crate::beam_case;
-use crate::material_case;
-use crate::output::sidecar::Sidecar;
-use crate::statics::ProblemFile;
+use crate::imaging::sidecar::Sidecar;
+use crate::input::beam_case;
+use crate::input::material_case;
+use crate::input::statics::ProblemFile;
 use clap::{Args, ValueEnum};
 use schemars::schema_for;
 
@@ -39,11 +39,11 @@ enum Of {
 impl Schema {
     pub fn run(&self) -> Result<(), Failure> {
         terminal::emit_json(&match self.of {
-            Of::Scene => crate::scene::schema(),
+            Of::Scene => crate::input::scene::schema(),
             Of::Solve => schema_for!(ProblemFile).to_value(),
             Of::Material => schema_for!(material_case::CaseFile).to_value(),
             Of::Beam => schema_for!(beam_case::CaseFile).to_value(),
-            Of::Insert => crate::scenario::schema(),
+            Of::Insert => crate::input::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),
         })
     }

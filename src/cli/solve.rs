@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::input::statics::{self, Model, ProblemFile, Report};
 use crate::mechanics::mesh::file::{DISPLACEMENT, Values, write_vtu_with};
-use crate::statics::{self, Model, ProblemFile, Report};
 use clap::{Args, ValueEnum};
 
 use super::failure::Failure;

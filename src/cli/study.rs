@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::output::folder::Folder;
+use crate::base::output::folder::Folder;
 use crate::study::tradeoff::Study;
 use clap::Args;
 

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::text::{MESSAGE, clipped, printable};
+use crate::base::text::{MESSAGE, clipped, printable};
 use indicatif::{ProgressBar, ProgressStyle};
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, SourceCode};
 use serde::Serialize;

@@ -4,7 +4,7 @@
 //! negative pivots shows whether tissue supports them (Sylvester's law of inertia). Each solution is one step of an
 //! iteration, which corrects its rounding errors.
 
-use crate::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, vectorised};
 
 /// Smallest pivot relative to its diagonal entry. Below it, an unknown is nearly dependent on the earlier ones and is
 /// dropped. Divisions by larger pivots keep forces accurate to better than 1e-7.

@@ -7,9 +7,9 @@ use super::forces::{Easing, Forces, Given};
 use super::imaging::Imaging;
 use super::recording::{Input, Recording, State};
 use super::{Options, SimulatorError};
+use crate::imaging::synth::Synthesizer;
 use crate::mechanics::insertion::{Instruments, LevelChange, Model, Outcome, Snapshot, StepError};
 use crate::mechanics::tissue::remesh::Level;
-use crate::synth::Synthesizer;
 
 /// Steps a model on the caller's thread.
 ///

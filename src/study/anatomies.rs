@@ -5,12 +5,12 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use crate::anatomy::acoustics::{Tissue, TissueTable, presets};
+use crate::anatomy::volume::texture::SolidTexture;
+use crate::anatomy::volume::{Label, LabelVolume};
+use crate::base::random::hash3;
+use crate::imaging::synth::tables::Anatomy;
 use crate::mechanics::mesh::TetMesh;
-use crate::random::hash3;
-use crate::synth::tables::Anatomy;
-use crate::tissue::{Tissue, TissueTable, presets};
-use crate::volume::texture::SolidTexture;
-use crate::volume::{Label, LabelVolume};
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
 /// Acoustics of one label.
@@ -202,7 +202,7 @@ pub fn random(frame: Frame, tissues: &[Acoustics], seed: u32) -> Anatomy {
 pub fn hashed_texture() -> Arc<SolidTexture> {
     let size = [9, 8, 7];
     let data = (0..size.iter().product::<usize>())
-        .map(|at| 0.25 + crate::random::unit(hash3([at as i32, 3, 5], [8, 13])[0]))
+        .map(|at| 0.25 + crate::base::random::unit(hash3([at as i32, 3, 5], [8, 13])[0]))
         .collect();
     Arc::new(SolidTexture::new(size, [1.1, 0.9, 1.4], data).expect("a texture"))
 }

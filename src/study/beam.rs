@@ -2,10 +2,10 @@
 //! porcine muscle, beside the values computed here.
 
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
+use crate::base::report::machine::Machine;
 use crate::mechanics::needle::beam::{
     Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
-use crate::report::machine::Machine;
 
 /// Length of the tissue before compression, mm. An assumption: Wang et al. 2023 do not state it.
 pub const INITIAL_LENGTH_MM: f64 = 50.0;

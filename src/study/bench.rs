@@ -10,12 +10,12 @@ mod report;
 
 use std::time::{Duration, Instant};
 
-use crate::effects::LISTED;
 use crate::gpu::Gpu;
-use crate::synth::tables::{Anatomy, Settings};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
+use crate::imaging::effects::LISTED;
+use crate::imaging::synth::tables::{Anatomy, Settings};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
-pub use crate::report::statistics::Spread;
+pub use crate::base::report::statistics::Spread;
 pub use report::{BackendReport, BenchReport, PassSpread, Rung};
 
 /// Duration of a measurement.

@@ -6,16 +6,16 @@ mod report;
 
 use nalgebra::{Matrix4, Point3, Vector4};
 
-use crate::effects::buffers::AMPLITUDE;
-use crate::effects::pass::{Access, Pass};
-use crate::effects::shadow::{UNITS_PER_DB, transmittance};
-use crate::effects::tone::Tone;
-use crate::effects::tone::auto_gain::{self, AutoGain};
+use crate::imaging::effects::buffers::AMPLITUDE;
+use crate::imaging::effects::pass::{Access, Pass};
+use crate::imaging::effects::shadow::{UNITS_PER_DB, transmittance};
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::effects::tone::auto_gain::{self, AutoGain};
+use crate::imaging::synth::layers::{Beam, world_position};
+use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::mechanics::mesh::locator::NONE;
 use crate::mechanics::mesh::map::{BACKGROUND, FOLDED};
-use crate::synth::layers::{Beam, world_position};
-use crate::synth::tables::{Anatomy, Settings, Tables};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 pub use report::{
     BlurNeighbour, Corner, LabelReport, MeshReport, PixelReport, SampleReport, ShadowReport, Stage, Taken,

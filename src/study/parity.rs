@@ -37,12 +37,12 @@ use nalgebra::{Matrix4, Vector3};
 
 use slack::{Slack, Step};
 
+use crate::anatomy::volume::VolumeError;
 use crate::gpu::Gpu;
-use crate::synth::layers::Beam;
-use crate::synth::local_origin::LocalFrame;
-use crate::synth::tables::{Anatomy, Settings};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::volume::VolumeError;
+use crate::imaging::synth::layers::Beam;
+use crate::imaging::synth::local_origin::LocalFrame;
+use crate::imaging::synth::tables::{Anatomy, Settings};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 /// Scene on which the backends are compared.
 #[derive(Clone, Debug)]

@@ -12,9 +12,9 @@ pub mod texture;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::report::statistics::percentile;
-use crate::report::statistics::{correlation, mean, std};
-use crate::volume::{At, VolumeError};
+use crate::anatomy::volume::{At, VolumeError};
+use crate::base::report::statistics::percentile;
+use crate::base::report::statistics::{correlation, mean, std};
 pub use measures::{MEASURES, Measure};
 use picture::Picture;
 use texture::{Patch, Texture, Window, dark_windows, uniform_windows};
@@ -294,7 +294,7 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<Report, VolumeErr
         .map(|it| it.name.clone())
         .collect();
     if !unscaled.is_empty() {
-        let names = crate::text::some_of(&unscaled);
+        let names = crate::base::text::some_of(&unscaled);
         notes.push(format!(
             "measures in mm are left out of {names}: nothing states the size of their pixels"
         ));

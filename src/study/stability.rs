@@ -33,7 +33,7 @@ pub use record::Record;
 pub use record::Unexpected;
 pub use report::{CaseReport, Report};
 
-use crate::report::machine::Machine;
+use crate::base::report::machine::Machine;
 
 /// All groups, in display order.
 pub const GROUPS: &[Group] = &[

@@ -7,8 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::quality::{Costs, Dial, Rung};
-use crate::scenario::DEFAULT_NODES;
+use crate::imaging::quality::{Costs, Dial, Rung};
+use crate::input::scenario::DEFAULT_NODES;
 use crate::study::tradeoff::insertion::{InsertionOptions, InsertionStudyError, Part, study};
 use crate::study::tradeoff::{Row, SHIFT_MM, Study, Table};
 

@@ -3,11 +3,11 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use crate::effects::{Effects, blur::Blur, noise::Noise};
-use crate::phantom::{Phantom, PhantomOptions, default_pose, make};
-use crate::synth::FrameState;
-use crate::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::tissue::{Preset, TissueTable};
+use crate::anatomy::acoustics::{Preset, TissueTable};
+use crate::anatomy::phantom::{Phantom, PhantomOptions, default_pose, make};
+use crate::imaging::effects::{Effects, blur::Blur, noise::Noise};
+use crate::imaging::synth::FrameState;
+use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::tracking::probe::{Probe, ProbeShape};
 
 /// Returns the two-layer phantom at 3 mm resolution under a linear probe, with all default effects and noise.

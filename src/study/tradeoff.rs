@@ -35,7 +35,7 @@ pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
 pub use real_time::{Beat, InTime, Pace};
 pub use render::RenderError;
 
-use crate::report::machine::Machine;
+use crate::base::report::machine::Machine;
 
 /// Parameter that distinguishes the rows of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

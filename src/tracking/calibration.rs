@@ -9,8 +9,8 @@
 use nalgebra::{Matrix4, Vector3, Vector4};
 
 use super::TrackingError;
-use super::matrix;
 use super::probe::ImageGrid;
+use crate::base::matrix;
 
 /// Largest deviation of image axes from perpendicular, rad: the worst calibration among the configurations of PlusLibData
 /// (`SpinePhantomFreehandReconstructionOnly`) is off by 0.05.

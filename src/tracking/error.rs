@@ -4,7 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::trajectory::SkipReason;
-use crate::read;
+use crate::base::read;
 
 /// Why a probe, pose, needle, image grid, path, placement or calibration is invalid.
 #[derive(Debug, thiserror::Error)]

@@ -25,7 +25,7 @@ pub const DEFAULT_LENGTH_MM: f64 = 150.0;
 pub const MAX_NODES: usize = 65;
 
 /// Largest coordinate of a needle, mm.
-const FARTHEST_MM: f64 = super::matrix::FARTHEST_MM;
+const FARTHEST_MM: f64 = crate::base::matrix::FARTHEST_MM;
 
 /// A needle in the world (LPS, mm): a shaft as a polyline from hub to tip, and a diameter. Always finite, of positive length.
 #[derive(Clone, Debug, PartialEq)]
@@ -293,7 +293,7 @@ mod tests {
             }
             let moved = needle.transformed(&motion);
             prop_assert!((moved.length_mm() - needle.length_mm()).abs() < 1e-9);
-            let back = moved.transformed(&super::super::matrix::inverse_rigid(&motion));
+            let back = moved.transformed(&crate::base::matrix::inverse_rigid(&motion));
             for (a, b) in back.nodes_mm().iter().zip(needle.nodes_mm()) {
                 prop_assert!((a - b).norm() < 1e-9);
             }

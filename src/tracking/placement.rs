@@ -10,7 +10,7 @@ use rayon::prelude::*;
 
 use super::TrackingError;
 use super::probe::ProbeShape;
-use crate::volume::LabelVolume;
+use crate::anatomy::volume::LabelVolume;
 
 /// Number of rays of the fan that scores a position.
 pub const RAYS: usize = 15;

@@ -9,11 +9,11 @@ use nalgebra::Matrix4;
 use roxmltree::{Document, Node, TextPos};
 
 use super::TrackingError;
-use super::matrix::Rows;
 use super::probe::{ProbeKind, ProbeSpec};
 use super::sequence::{TrackedTransform, ends};
-use crate::read;
-use crate::text;
+use crate::base::matrix::Rows;
+use crate::base::read;
+use crate::base::text;
 
 pub use info::PlusInfo;
 

@@ -5,8 +5,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::error::TrackingError;
-use super::matrix::{self, Rows};
 use super::world::World;
+use crate::base::matrix::{self, Rows};
 
 /// Smallest sine of the angle between the axial direction and a lateral hint: below it (a twentieth of a degree) the hint
 /// is ambiguous.

@@ -7,8 +7,8 @@ use std::path::Path;
 
 use nalgebra::Matrix4;
 
-use crate::volume::header::Header;
-use crate::volume::{VolumeError, read_data, read_header};
+use crate::anatomy::volume::header::Header;
+use crate::anatomy::volume::{VolumeError, read_data, read_header};
 
 mod info;
 mod keys;

@@ -10,9 +10,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::TrackingError;
-use super::matrix::Rows;
 use super::pose::{Pose, PoseSpec};
 use super::world::World;
+use crate::base::matrix::Rows;
 
 /// Interpolation of positions between keyframes. Rotations follow the shortest arc at constant speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -7,11 +7,11 @@ mod support;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
 
-use insonify::effects::Effects;
+use insonify::imaging::effects::Effects;
+use insonify::imaging::synth::tables::{Anatomy, Settings};
+use insonify::imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use insonify::mechanics::mesh::Displacement;
 use insonify::study::parity::Case;
-use insonify::synth::tables::{Anatomy, Settings};
-use insonify::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use nalgebra::Vector3;
 
 use support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};

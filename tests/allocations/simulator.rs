@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use insonify::imaging::synth::Synthesizer;
 use insonify::mechanics::insertion::{Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Tissue};
 use insonify::mechanics::mesh::TetMesh;
 use insonify::simulator::{Options, Simulator};
-use insonify::synth::Synthesizer;
 use nalgebra::{Isometry3, Matrix4, Point3};
 
 /// A needle that advances with two seeds behind it, and tissue that swings.

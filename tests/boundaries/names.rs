@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use insonify::effects::REGISTRY;
+use insonify::imaging::effects::REGISTRY;
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))

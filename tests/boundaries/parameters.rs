@@ -2,7 +2,7 @@
 
 use std::mem::offset_of;
 
-use insonify::effects::{
+use insonify::imaging::effects::{
     Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
     shadow, slice, speckle, texture, thickness, tone,
 };

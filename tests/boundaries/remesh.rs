@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use insonify::gpu::Access;
-use insonify::remesh_gpu::tiles::SIDE;
-use insonify::remesh_gpu::tiles::{ALL, Params, SHADER};
+use insonify::mechanics::remesh_gpu::tiles::SIDE;
+use insonify::mechanics::remesh_gpu::tiles::{ALL, Params, SHADER};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 

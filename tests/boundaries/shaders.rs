@@ -2,11 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use insonify::effects::REGISTRY;
-use insonify::effects::pass::{Access, Band, Pass};
-use insonify::effects::shadow::aperture::RAYS;
 use insonify::gpu::buffer::SLOT_BYTES;
-use insonify::synth::tables::Tables;
+use insonify::imaging::effects::REGISTRY;
+use insonify::imaging::effects::pass::{Access, Band, Pass};
+use insonify::imaging::effects::shadow::aperture::RAYS;
+use insonify::imaging::synth::tables::Tables;
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess, TypeInner};
 
@@ -223,9 +223,13 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         "shadow_reflectors" => [lines, 1, 1],
         // One group a scanline, or a ray of an element, however many samples.
         "shadow_loss" | "refraction" => [256, lines, 1],
-        "refraction_phase" => [256, lines / insonify::effects::refraction::reach(tables) as u64, 1],
+        "refraction_phase" => [
+            256,
+            lines / insonify::imaging::effects::refraction::reach(tables) as u64,
+            1,
+        ],
         "shadow_rays" => [256, lines, RAYS as u64],
-        "tone_auto_gain" => [256, insonify::effects::tone::auto_gain::BANDS as u64, 1],
+        "tone_auto_gain" => [256, insonify::imaging::effects::tone::auto_gain::BANDS as u64, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
         "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
         other => panic!("say what work the pass {other} has"),
@@ -258,8 +262,8 @@ fn a_large_grid_unfolds_over_two_dimensions() {
 
 #[test]
 fn rows_of_tables_have_the_layout_of_their_structs() {
-    use insonify::synth::tables::LabelRow;
-    use insonify::volume::texture::AtlasEntry;
+    use insonify::anatomy::volume::texture::AtlasEntry;
+    use insonify::imaging::synth::tables::LabelRow;
     use std::mem::offset_of;
     let expected: [(&str, usize, &[(&str, usize)]); 2] = [
         (

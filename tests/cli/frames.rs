@@ -1,6 +1,6 @@
 //! `render`: frames and what goes with them.
 
-use insonify::output::sidecar::Sidecar;
+use insonify::imaging::sidecar::Sidecar;
 use insonify::tracking::sequence::Sequence;
 use serde_json::json;
 

@@ -6,8 +6,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
-use insonify::plan::Plan;
-use insonify::synth::tables::Tables;
+use insonify::imaging::plan::Plan;
+use insonify::imaging::synth::tables::Tables;
 use insonify::{Backend, Frame, SceneFile};
 use serde_json::Value;
 

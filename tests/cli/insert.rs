@@ -261,10 +261,13 @@ fn bad_scenarios_end_with_their_line_and_leave_nothing() {
 #[test]
 fn scenarios_that_come_with_the_program_are_printed_and_described() {
     let bench = Bench::new();
-    for (name, text) in insonify::scenario::EXAMPLES {
+    for (name, text) in insonify::input::scenario::EXAMPLES {
         assert_eq!(bench.run(&format!("insert --example {name}")).text(), *text);
     }
-    assert_eq!(bench.run("insert --reference").text(), insonify::scenario::REFERENCE);
+    assert_eq!(
+        bench.run("insert --reference").text(),
+        insonify::input::scenario::REFERENCE
+    );
     let example = bench.run("insert segmentation-biopsy -o out");
     example.fails(2, &["your-labels.nii.gz", "[scene.volume]", "put the path of your own"]);
     let schema = bench.run("schema insert").json();

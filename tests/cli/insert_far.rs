@@ -1,9 +1,9 @@
 //! `insonify insert` far from the origin of the world: steps and frames are those of the same scenario near it.
 
+use insonify::anatomy::phantom::{Phantom, PhantomOptions, make};
+use insonify::anatomy::volume::save;
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::write_vtu;
-use insonify::phantom::{Phantom, PhantomOptions, make};
-use insonify::volume::save;
 use nalgebra::Vector3;
 
 use crate::support::{Bench, grey};

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use insonify::scenario::EXAMPLES;
+use insonify::input::scenario::EXAMPLES;
 use serde_json::Value;
 
 use crate::support::Bench;

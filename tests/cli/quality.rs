@@ -1,8 +1,8 @@
 //! What is picked where a scene says how long a frame or a step may take.
 
-use insonify::quality::cache::Cache;
-use insonify::quality::{Dial, Rung};
-use insonify::report::machine::Machine;
+use insonify::base::report::machine::Machine;
+use insonify::imaging::quality::cache::Cache;
+use insonify::imaging::quality::{Dial, Rung};
 use insonify::study::step_costs::{LEVEL, StepCosts};
 
 use crate::insert::BLOCK;

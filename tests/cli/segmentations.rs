@@ -1,6 +1,6 @@
 //! Segmentations as people have them: folders of masks, single masks, tables of names.
 
-use insonify::volume::{Label, LabelVolume, load, save};
+use insonify::anatomy::volume::{Label, LabelVolume, load, save};
 use serde_json::json;
 
 use crate::support::{Bench, grey};

@@ -5,8 +5,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use insonify::anatomy::volume::{self, Label, LabelVolume};
 use insonify::tracking::sequence::Sequence;
-use insonify::volume::{self, Label, LabelVolume};
 use nalgebra::Matrix4;
 use proptest::prelude::*;
 use tempfile::TempDir;

@@ -4,15 +4,15 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use insonify::beam_case::points;
+use insonify::anatomy::volume;
 use insonify::error::{Error, INPUT};
+use insonify::input::beam_case::points;
+use insonify::input::scenario::ScenarioFile;
+use insonify::input::scene::SceneFile;
 use insonify::mechanics::mesh::file::{ReadOptions, read_mesh, read_mesh_bytes};
-use insonify::scenario::ScenarioFile;
-use insonify::scene::SceneFile;
 use insonify::tracking::plus::PlusConfig;
 use insonify::tracking::sequence::Sequence;
 use insonify::tracking::trajectory::{Interpolation, Trajectory};
-use insonify::volume;
 
 use crate::broken::largest_of;
 

@@ -1,4 +1,4 @@
-use insonify::output::sequence::{FrameInfo, SequenceWriter};
+use insonify::imaging::sequence::{FrameInfo, SequenceWriter};
 use insonify::tracking::sequence::{Sequence, SequenceInfo};
 
 use crate::data;

@@ -2,8 +2,8 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
-use insonify::segmentation::Info;
-use insonify::volume::{self, LabelVolume, Loaded};
+use insonify::anatomy::segmentation::Info;
+use insonify::anatomy::volume::{self, LabelVolume, Loaded};
 use nalgebra::{Point3, Vector3};
 
 use crate::data;

@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::Path;
 
+use insonify::anatomy::volume::{Label, LabelVolume, save};
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::write_vtu;
-use insonify::volume::{Label, LabelVolume, save};
 use nalgebra::Matrix4;
 
 /// Voxels along an axis.

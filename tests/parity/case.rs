@@ -3,7 +3,7 @@
 pub use insonify::study::parity::Case;
 use insonify::study::parity::check;
 
-use insonify::synth::tables::Settings;
+use insonify::imaging::synth::tables::Settings;
 
 use super::scenes;
 use crate::support::gpu::gpu_or_skip;

@@ -4,9 +4,9 @@ use insonify::mechanics::insertion::finite::{Finite, Options, Setup};
 use insonify::mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome};
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::needle::{Rigid, Shaft};
+use insonify::mechanics::remesh_gpu::maker;
 use insonify::mechanics::tissue::material::Material;
 use insonify::mechanics::tissue::remesh::{Level, Precision};
-use insonify::remesh_gpu::maker;
 use nalgebra::{Isometry3, Matrix4, Vector3};
 
 use crate::support::gpu::gpu_or_skip;

@@ -1,6 +1,6 @@
 //! Noise: integers until the last product.
 
-use insonify::effects::noise::Noise;
+use insonify::imaging::effects::noise::Noise;
 
 use super::case::{Case, check_all};
 use super::scenes;

@@ -1,6 +1,6 @@
 //! Refraction: whole numbers of phase, and the sum of their curvature, with few scanlines and many samples.
 
-use insonify::effects::refraction::Refraction;
+use insonify::imaging::effects::refraction::Refraction;
 
 use super::case::{Case, check_all};
 use super::scenes;

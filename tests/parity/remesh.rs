@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 use insonify::gpu::GpuError;
+use insonify::mechanics::remesh_gpu::{DeviceStore, follow, tiles};
 use insonify::mechanics::tissue::remesh::levels::{Levels, Store, Which};
 use insonify::mechanics::tissue::remesh::{
     Adaptation, AdaptedMesh, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source, State,
 };
 use insonify::mechanics::tissue::symmetric::Symmetric;
-use insonify::remesh_gpu::{DeviceStore, follow, tiles};
 
 use super::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_move, part, rounding, single};
 use crate::support::gpu::gpu_or_skip;

@@ -1,9 +1,9 @@
 //! Anatomies and poses of the parity tests.
 
-use insonify::effects::Effects;
+use insonify::imaging::effects::Effects;
+use insonify::imaging::synth::tables::Anatomy;
+use insonify::imaging::synth::{FrameState, NeedleShaft};
 use insonify::mechanics::mesh::Displacement;
-use insonify::synth::tables::Anatomy;
-use insonify::synth::{FrameState, NeedleShaft};
 use nalgebra::Vector3;
 
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use insonify::effects::slice::{Beyond, Boundary};
+use insonify::imaging::effects::slice::{Beyond, Boundary};
 use insonify::study::parity::possible_labels;
 
 use super::case::{Case, check_all};

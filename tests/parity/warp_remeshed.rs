@@ -1,11 +1,11 @@
 //! Warp between states that both move: tissue moves the current nodes, remeshing the reference nodes.
 
+use insonify::base::random::{hash3, unit};
+use insonify::imaging::synth::tables::Anatomy;
+use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify::mechanics::mesh::InvalidMesh;
 use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
 use insonify::mechanics::mesh::{Displacement, TetMesh};
-use insonify::random::{hash3, unit};
-use insonify::synth::tables::Anatomy;
-use insonify::synth::{Backend, FrameState, SynthError, Synthesizer};
 use nalgebra::Vector3;
 
 use super::case::{Case, check_all};

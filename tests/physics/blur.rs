@@ -1,8 +1,8 @@
 //! Radial blur: its impulse response is the kernel, a constant stays constant, and depth is untouched.
 
-use insonify::effects::blur::Blur;
-use insonify::effects::slice::Boundary;
-use insonify::synth::tables::{Anatomy, Settings};
+use insonify::imaging::effects::blur::Blur;
+use insonify::imaging::effects::slice::Boundary;
+use insonify::imaging::synth::tables::{Anatomy, Settings};
 use insonify::tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};

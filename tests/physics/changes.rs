@@ -1,10 +1,10 @@
 //! Live changes: only what depends on a change is rebuilt, and the result is that of a synthesizer made anew.
 
-use insonify::effects::slice::Boundary;
-use insonify::effects::tone::Tone;
 use insonify::gpu::Gpu;
-use insonify::synth::tables::{Settings, Tables};
-use insonify::synth::{Backend, Synthesizer};
+use insonify::imaging::effects::slice::Boundary;
+use insonify::imaging::effects::tone::Tone;
+use insonify::imaging::synth::tables::{Settings, Tables};
+use insonify::imaging::synth::{Backend, Synthesizer};
 
 use super::determinism::{everything, frame_of};
 use super::synthesizer;

@@ -1,8 +1,8 @@
 //! Skin conforms to the array: no gap within reach, none closed beyond it, and tissue at depth stays.
 
-use insonify::effects::contact::Contact;
-use insonify::effects::slice::Beyond;
-use insonify::synth::layers::Layer;
+use insonify::imaging::effects::contact::Contact;
+use insonify::imaging::effects::slice::Beyond;
+use insonify::imaging::synth::layers::Layer;
 use insonify::tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
@@ -73,8 +73,8 @@ fn a_body_goes_on_where_the_volume_is_cut() {
         let mut labels = |beyond: Beyond| {
             settings.effects.slice.beyond = beyond;
             let backend = match backend {
-                insonify::synth::Backend::CpuF64 => insonify::synth::Backend::CpuF64,
-                _ => insonify::synth::Backend::Cpu,
+                insonify::imaging::synth::Backend::CpuF64 => insonify::imaging::synth::Backend::CpuF64,
+                _ => insonify::imaging::synth::Backend::Cpu,
             };
             let beam = beam_after(&body, &settings, backend, "slice", &scene::straight());
             (0..LINES as usize)
@@ -102,7 +102,7 @@ fn the_layer_beyond_marks_what_is_continued() {
     let mut settings = scene::settings(probe, scene::bare());
     for (beyond, expected) in [(Beyond::Void, 0.0), (Beyond::Continue, 19.5 / 60.0)] {
         settings.effects.slice.beyond = beyond;
-        let mut synth = super::synthesizer(&body, &settings, insonify::synth::Backend::Cpu);
+        let mut synth = super::synthesizer(&body, &settings, insonify::imaging::synth::Backend::Cpu);
         let state = scene::straight();
         let beam = synth.render_until("slice", &state).expect("a beam");
         let tables = synth.tables();

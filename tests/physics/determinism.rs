@@ -1,9 +1,9 @@
 //! The same frame has the same bytes on every run and at any number of threads.
 
-use insonify::effects::Effects;
+use insonify::imaging::effects::Effects;
+use insonify::imaging::synth::tables::{Anatomy, Settings};
+use insonify::imaging::synth::{Backend, FrameState, NeedleShaft};
 use insonify::mechanics::mesh::Displacement;
-use insonify::synth::tables::{Anatomy, Settings};
-use insonify::synth::{Backend, FrameState, NeedleShaft};
 
 use super::synthesizer;
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};

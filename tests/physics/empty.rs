@@ -1,8 +1,8 @@
 //! Where there is nothing, nothing shows.
 
-use insonify::effects::Effects;
+use insonify::imaging::effects::Effects;
+use insonify::imaging::synth::FrameState;
 use insonify::mechanics::mesh::Displacement;
-use insonify::synth::FrameState;
 use nalgebra::{Matrix4, Vector3};
 
 use super::{beam_after, precisions, synthesizer};

@@ -1,7 +1,7 @@
 //! Specular echoes of a plane: the reflection coefficient at a right angle, less of it at an angle.
 
-use insonify::effects::interface::Interface;
-use insonify::synth::Backend;
+use insonify::imaging::effects::interface::Interface;
+use insonify::imaging::synth::Backend;
 use insonify::tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
@@ -98,7 +98,7 @@ fn spread(roughness: f64, lines: u32) -> (Vec<Vec<f64>>, f64) {
         directivity: 4.0,
         roughness,
     });
-    settings.effects.speckle = Some(insonify::effects::speckle::Speckle {
+    settings.effects.speckle = Some(insonify::imaging::effects::speckle::Speckle {
         axial_mm: Some(0.8),
         ..Default::default()
     });

@@ -1,9 +1,9 @@
 //! The needle's share of the scan plane adds up to the volume of the cylinder inside it, in every geometry.
 
-use insonify::effects::needle::NeedleEcho;
-use insonify::synth::layers::Beam;
-use insonify::synth::tables::Settings;
-use insonify::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
+use insonify::imaging::effects::needle::NeedleEcho;
+use insonify::imaging::synth::layers::Beam;
+use insonify::imaging::synth::tables::Settings;
+use insonify::imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
 use std::f64::consts::PI;
 
 use super::{beam_after, precisions, synthesizer};

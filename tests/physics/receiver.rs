@@ -1,9 +1,9 @@
 //! Noise and clutter: Rayleigh statistics where nothing echoes, powers that add, the laws in depth, a new draw each frame.
 
-use insonify::effects::receiver::Receiver;
-use insonify::effects::shadow::Shadow;
-use insonify::synth::Backend;
-use insonify::synth::layers::Beam;
+use insonify::imaging::effects::receiver::Receiver;
+use insonify::imaging::effects::shadow::Shadow;
+use insonify::imaging::synth::Backend;
+use insonify::imaging::synth::layers::Beam;
 use insonify::tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};
@@ -161,11 +161,11 @@ fn clutter_stands_still_and_fades() {
     for attenuates in [false, true] {
         settings.effects.shadow = attenuates.then(Shadow::default);
         let beam = |seed: u64, frame: u64| {
-            let settings = insonify::synth::tables::Settings {
+            let settings = insonify::imaging::synth::tables::Settings {
                 seed,
                 ..settings.clone()
             };
-            let state = insonify::synth::FrameState {
+            let state = insonify::imaging::synth::FrameState {
                 frame,
                 ..scene::straight()
             };

@@ -1,7 +1,7 @@
 //! Refraction by a cylinder across the beam, against geometrical optics.
 
-use insonify::effects::refraction::{F_NUMBER, Refraction, index};
-use insonify::synth::Backend;
+use insonify::imaging::effects::refraction::{F_NUMBER, Refraction, index};
+use insonify::imaging::synth::Backend;
 use insonify::tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};

@@ -2,11 +2,11 @@
 
 use std::f64::consts::FRAC_PI_4;
 
-use insonify::effects::needle::NeedleEcho;
-use insonify::effects::shadow::{Shadow, UNITS_PER_DB};
-use insonify::synth::layers::Beam;
-use insonify::synth::tables::Settings;
-use insonify::synth::{FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
+use insonify::imaging::effects::needle::NeedleEcho;
+use insonify::imaging::effects::shadow::{Shadow, UNITS_PER_DB};
+use insonify::imaging::synth::layers::Beam;
+use insonify::imaging::synth::tables::Settings;
+use insonify::imaging::synth::{FrameState, NeedleShaft, SEED_DIAMETER_MM, SEED_LENGTH_MM};
 use insonify::tracking::probe::ProbeShape;
 use nalgebra::{Point3, Vector3};
 

@@ -1,9 +1,9 @@
 //! Loss down the beam: Beer and Lambert's law through layers, bone, and the needle.
 
-use insonify::effects::shadow::{Shadow, UNITS_PER_DB};
-use insonify::synth::layers::Beam;
-use insonify::synth::tables::{Anatomy, Settings};
-use insonify::synth::{Backend, NeedleShaft};
+use insonify::imaging::effects::shadow::{Shadow, UNITS_PER_DB};
+use insonify::imaging::synth::layers::Beam;
+use insonify::imaging::synth::tables::{Anatomy, Settings};
+use insonify::imaging::synth::{Backend, NeedleShaft};
 use insonify::tracking::probe::ProbeShape;
 
 use super::{beam_after, precisions};

@@ -1,9 +1,9 @@
 //! Areas of sliced bodies converge as voxels shrink.
 
-use insonify::effects::slice::Boundary;
-use insonify::random::{hash3, unit};
-use insonify::synth::Backend;
-use insonify::synth::tables::Anatomy;
+use insonify::base::random::{hash3, unit};
+use insonify::imaging::effects::slice::Boundary;
+use insonify::imaging::synth::Backend;
+use insonify::imaging::synth::tables::Anatomy;
 use insonify::tracking::probe::ProbeShape;
 
 use super::beam_after;

@@ -1,9 +1,9 @@
 //! Speckle on a constant tissue, before any blur: first- and second-order statistics.
 
-use insonify::effects::speckle::Speckle;
-use insonify::synth::layers::Beam;
-use insonify::synth::tables::Settings;
-use insonify::synth::{Backend, FrameState, Synthesizer};
+use insonify::imaging::effects::speckle::Speckle;
+use insonify::imaging::synth::layers::Beam;
+use insonify::imaging::synth::tables::Settings;
+use insonify::imaging::synth::{Backend, FrameState, Synthesizer};
 use insonify::tracking::probe::ProbeShape;
 use nalgebra::{Matrix4, Vector3};
 

@@ -1,13 +1,13 @@
 //! The image moves with the tissue: patches of frames, tracked by correlation, go where the mechanics say, to a tenth of a
 //! pixel, through a deforming mesh whose reference nodes move too.
 
-use insonify::effects::Effects;
-use insonify::effects::speckle::Speckle;
-use insonify::effects::tone::Tone;
+use insonify::base::random::{hash3, unit};
+use insonify::imaging::effects::Effects;
+use insonify::imaging::effects::speckle::Speckle;
+use insonify::imaging::effects::tone::Tone;
+use insonify::imaging::synth::tables::{Anatomy, Settings};
+use insonify::imaging::synth::{Frame, FrameState, Synthesizer};
 use insonify::mechanics::mesh::TetMesh;
-use insonify::random::{hash3, unit};
-use insonify::synth::tables::{Anatomy, Settings};
-use insonify::synth::{Frame, FrameState, Synthesizer};
 use insonify::tracking::probe::ProbeShape;
 use nalgebra::{Matrix3, Vector3};
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use insonify::scene::{DEFAULT, EXAMPLES, SceneFile};
+use insonify::input::scene::{DEFAULT, EXAMPLES, SceneFile};
 use proptest::prelude::*;
 
 use super::support::uncommented;
@@ -24,7 +24,7 @@ fn survive(text: &str) {
     match scene {
         Ok(scene) => {
             let frames = scene.frames();
-            let mut state = insonify::synth::FrameState::at(nalgebra::Matrix4::identity());
+            let mut state = insonify::imaging::synth::FrameState::at(nalgebra::Matrix4::identity());
             scene.state(0, frames, &mut state).expect("first frame");
             scene.state(frames - 1, frames, &mut state).expect("last frame");
         }

@@ -1,6 +1,6 @@
 //! Every mistake is named, with its key, its line and a caret on it.
 
-use insonify::scene::{Problem, SceneError};
+use insonify::input::scene::{Problem, SceneError};
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 
 use super::support::{fault, small};

@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use insonify::scene::{EXAMPLES, SceneFile};
-use insonify::synth::Frame;
+use insonify::imaging::synth::Frame;
+use insonify::input::scene::{EXAMPLES, SceneFile};
 
 use super::support::{render, shrink, synthesizer, without_textures};
 

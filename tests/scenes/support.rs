@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use insonify::effects::Effects;
-use insonify::scene::{DEFAULT, Scene, SceneError, SceneFile};
-use insonify::synth::{Backend, Frame, FrameState, Synthesizer};
+use insonify::imaging::effects::Effects;
+use insonify::imaging::synth::{Backend, Frame, FrameState, Synthesizer};
+use insonify::input::scene::{DEFAULT, Scene, SceneError, SceneFile};
 use nalgebra::Matrix4;
 
 /// A phantom scene that resolves in milliseconds, with more text behind it.

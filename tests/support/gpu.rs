@@ -1,7 +1,7 @@
 //! A GPU, or a visible skip.
 
 use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs};
-use insonify::synth::Backend;
+use insonify::imaging::synth::Backend;
 
 /// Environment variable that turns a skip into a failure.
 pub const REQUIRE: &str = "INSONIFY_REQUIRE_GPU";

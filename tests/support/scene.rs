@@ -1,8 +1,8 @@
 //! Probes, settings and poses.
 
-use insonify::effects::Effects;
-use insonify::synth::FrameState;
-use insonify::synth::tables::{ImageSize, Settings};
+use insonify::imaging::effects::Effects;
+use insonify::imaging::synth::FrameState;
+use insonify::imaging::synth::tables::{ImageSize, Settings};
 use insonify::tracking::probe::{Probe, ProbeShape};
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 

@@ -3,11 +3,11 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use crate::beam_case::points::{self, PointsError};
+use crate::base::report::plot::{Axis, Marker, Plot, Series};
+use crate::input::beam_case::points::{self, PointsError};
 use crate::mechanics::needle::beam::Compression;
 use crate::mechanics::needle::beam::fit::{self, PARTED, Sample};
 use crate::mechanics::needle::beam::material::Law;
-use crate::report::plot::{Axis, Marker, Plot, Series};
 use clap::{Args, ValueEnum};
 use serde_json::{Map, Value, json};
 

@@ -4,15 +4,15 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 
+use crate::base::output::OutputError;
+use crate::base::output::gif::Preview;
+use crate::base::output::{numbered, png};
+use crate::base::report::plot::SIZE;
+use crate::input::scenario::record::{PLOTS, Record};
+use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step};
+use crate::input::scenario::{Scenario, Summary};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
-use crate::output::OutputError;
-use crate::output::gif::Preview;
-use crate::output::{numbered, png};
-use crate::report::plot::SIZE;
-use crate::scenario::record::{PLOTS, Record};
-use crate::scenario::run::{Deformed, Moment, Observer, Requests, Step};
-use crate::scenario::{Scenario, Summary};
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -25,7 +25,7 @@ use crate::cli::render::output::{Output, Shot};
 use crate::cli::render::target::Target;
 use crate::cli::terminal;
 
-/// Files of a run, as [`crate::output::folder::Folder::open`] takes them; plots are not checked for in advance.
+/// Files of a run, as [`crate::base::output::folder::Folder::open`] takes them; plots are not checked for in advance.
 pub const FILES: &[&str] = &[
     "steps.csv",
     "index.html",

@@ -4,13 +4,13 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use crate::anatomy::phantom::{self, Phantom, PhantomOptions};
+use crate::anatomy::segmentation::{self, Segmentation};
+use crate::anatomy::volume::complete::{CompleteOptions, complete};
+use crate::anatomy::volume::{Label, LabelVolume};
+use crate::base::text::column;
 use crate::mechanics::mesh::file::write_vtu_with;
 use crate::mechanics::mesh::generate::{GenerateOptions, GenerateReport, LabelGrid, generate};
-use crate::phantom::{self, Phantom, PhantomOptions};
-use crate::segmentation::{self, Segmentation};
-use crate::text::column;
-use crate::volume::complete::{CompleteOptions, complete};
-use crate::volume::{Label, LabelVolume};
 use clap::Args;
 use serde::Serialize;
 

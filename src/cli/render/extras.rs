@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use crate::output::overview::overview;
-use crate::output::png;
-use crate::scene::Scene;
-use crate::synth::Synthesizer;
-use crate::synth::layers::Layer;
+use crate::base::output::png;
+use crate::imaging::overview::overview;
+use crate::imaging::synth::Synthesizer;
+use crate::imaging::synth::layers::Layer;
+use crate::input::scene::Scene;
 use crate::tracking::needle::NeedlePose;
 use crate::tracking::pose::Pose;
 use clap::Args;

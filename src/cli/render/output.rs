@@ -5,14 +5,15 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::output::sequence::{FrameInfo, SequenceWriter, transforms};
-use crate::output::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
-use crate::output::{OutputError, atomic};
-use crate::output::{overlay, png};
-use crate::scene::Scene;
-use crate::synth::layers::Layer;
-use crate::synth::{FrameState, Synthesizer};
-use crate::tracking::matrix::Rows;
+use crate::base::matrix::Rows;
+use crate::base::output::png;
+use crate::base::output::{OutputError, atomic};
+use crate::imaging::overlay;
+use crate::imaging::sequence::{FrameInfo, SequenceWriter, transforms};
+use crate::imaging::sidecar::{self, Files, ImagePlace, LayerFile, NeedlePlace, Sidecar};
+use crate::imaging::synth::layers::Layer;
+use crate::imaging::synth::{FrameState, Synthesizer};
+use crate::input::scene::Scene;
 use crate::tracking::needle::{MAX_NODES, NeedlePose};
 use crate::tracking::pose::Pose;
 

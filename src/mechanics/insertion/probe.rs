@@ -96,7 +96,7 @@ fn spacing(places: &[(Point3<f64>, u32)]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::random::{hash3, seed_words, unit};
+    use crate::base::random::{hash3, seed_words, unit};
     use nalgebra::Translation3;
 
     /// 20 rings of 16 points, 4 mm apart along a slanted axis, perturbed by a share of that.

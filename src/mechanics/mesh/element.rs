@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::real::Real;
+use crate::base::real::Real;
 
 /// Map from world to barycentric coordinates, sixteen scalars: `[origin, slack]`, `[row 1, clear]`, `[row 2, inverted]`,
 /// `[row 3, 0]`.

@@ -18,7 +18,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
-use crate::{memory, read};
+use crate::base::memory;
+use crate::base::read;
 pub use error::MeshFileError;
 use error::{Fault, quote};
 pub use vtk::{Values, write_pvd, write_vtu, write_vtu_with};

@@ -34,7 +34,7 @@ mod tissue;
 use nalgebra::Matrix4;
 
 use super::{InvalidMesh, TetMesh};
-use crate::memory::{self, TooLarge};
+use crate::base::memory::{self, TooLarge};
 use contents::Sampler;
 use tissue::Tissue;
 

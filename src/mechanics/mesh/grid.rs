@@ -5,7 +5,7 @@
 //! border extend to infinity, so a few distant nodes do not coarsen the grid for all others.
 
 use super::element::{Kind, Outline};
-use crate::real::Real;
+use crate::base::real::Real;
 
 /// Flag, in the start of a cell's list, of a cell that an inverted element touches.
 pub(super) const TANGLED: u32 = 1 << 31;

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use super::TetMesh;
 use super::element::{self, Carry, Frame, Kind, Outline};
 use super::grid::CellGrid;
-use crate::real::Real;
+use crate::base::real::Real;
 
 /// Index that denotes no element.
 pub const NONE: u32 = u32::MAX;

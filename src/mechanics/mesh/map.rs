@@ -13,7 +13,7 @@ use rayon::prelude::*;
 pub use states::{Moved, States};
 
 use super::locator::{Locator, NONE};
-use crate::real::Real;
+use crate::base::real::Real;
 
 /// Flag of a sample in the deformed mesh; its position is now a reference position.
 pub const MAPPED: u32 = 0;

@@ -18,7 +18,7 @@ use faer::traits::RealField;
 use faer::{Conj, MatMut, Par, Side};
 
 use super::assembly::Stiffness;
-use crate::real::Real;
+use crate::base::real::Real;
 use scratch::Scratch;
 
 /// Backward error beyond which [`Factor::solve_refined`] takes a step of iterative refinement.
@@ -147,7 +147,7 @@ impl<R: Real + RealField> Factor<R> {
         };
         if self.spare.len() != length {
             let needed = length.saturating_mul(size_of::<R>());
-            if crate::memory::available().is_some_and(|available| needed > available) {
+            if crate::base::memory::available().is_some_and(|available| needed > available) {
                 return Err(memory);
             }
             self.spare.try_reserve_exact(length).map_err(|_| memory.clone())?;

@@ -19,7 +19,7 @@ use super::assembly::Stiffness;
 use super::compliance::Compliance;
 use super::factor::Factor;
 use super::symmetric::{PANEL_ROWS, PanelMut, Scalar, Symmetric};
-use crate::memory;
+use crate::base::memory;
 
 /// Right-hand sides solved together.
 const BLOCK: usize = 32;

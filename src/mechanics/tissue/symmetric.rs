@@ -24,8 +24,8 @@ use bytemuck::Pod;
 use rayon::prelude::*;
 
 use super::compliance::{check_dofs, check_shape};
-use crate::real::Real;
-use crate::simd::Lanes;
+use crate::base::real::Real;
+use crate::base::simd::Lanes;
 
 /// Rows of a panel. Measured from 64 to 256 at 9,834 rows: 128 and 256 are equally fast, 64 is up to a tenth slower,
 /// and the memory above the diagonal grows with the number of rows.

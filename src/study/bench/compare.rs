@@ -22,13 +22,13 @@ mod transfers;
 use std::time::{Duration, Instant};
 
 use super::{BenchOptions, Clock};
+use crate::base::report::machine::Machine;
 use crate::gpu::{Gpu, GpuError};
+use crate::imaging::synth::tables::{Anatomy, Settings};
+use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
 use crate::mechanics::mesh::InvalidMesh;
-use crate::report::machine::Machine;
 use crate::study::tradeoff::remesh::StudyError;
 use crate::study::tradeoff::{Axis, Factor, Figure, Study};
-use crate::synth::tables::{Anatomy, Settings};
-use crate::synth::{FrameState, SynthError, Synthesizer};
 
 /// Default scene, with every effect that a frame can have.
 pub const SCENE: &str = r#"

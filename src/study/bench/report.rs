@@ -4,9 +4,9 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::report::machine::Machine;
-use crate::report::statistics::Spread;
-use crate::synth::tables::{Anatomy, Settings};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::Spread;
+use crate::imaging::synth::tables::{Anatomy, Settings};
 
 /// Times of one pass.
 #[derive(Clone, Debug, PartialEq, Serialize)]

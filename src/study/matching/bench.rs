@@ -5,15 +5,15 @@ use rayon::prelude::*;
 use super::model::rounded;
 use super::outline::{Outline, Shape};
 use super::{AtDepth, Side, refuse};
-use crate::effects::Effects;
-use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use crate::base::report::statistics::{mean, std};
 use crate::error::Error;
-use crate::report::statistics::{mean, std};
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use crate::imaging::synth::tables::{ImageSize, Settings};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::study::anatomies::{Acoustics, uniform};
 use crate::study::realism::picture::Picture;
 use crate::study::realism::texture::{Patch, Texture, Window, uniform_windows};
-use crate::synth::tables::{ImageSize, Settings};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
 
 /// Size of a window in scanlines and samples.

@@ -3,14 +3,14 @@
 use super::Side;
 use super::bench::{Bench, DEPTHS, WINDOWS, median};
 use super::model::Model;
-use crate::effects::receiver::Receiver;
-use crate::report::statistics::percentile;
-use crate::report::statistics::{mean, slope, std};
+use crate::base::report::statistics::percentile;
+use crate::base::report::statistics::{mean, slope, std};
+use crate::imaging::effects::receiver::Receiver;
+use crate::imaging::synth::SynthError;
 use crate::study::anatomies::SILENT;
 use crate::study::realism::DARK_WINDOW;
 use crate::study::realism::picture::Picture;
 use crate::study::realism::texture::{Patch, Texture, Window, dark_windows};
-use crate::synth::SynthError;
 
 /// Number of correction rounds for noise and clutter.
 const DARK_ROUNDS: usize = 3;

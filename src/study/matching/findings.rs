@@ -5,9 +5,9 @@ use super::correct::Dark;
 use super::model::{Model, rounded};
 use super::outline::Outline;
 use super::{Figure, ROUNDS, SETTLED, Side, Unidentified};
-use crate::phantom::Phantom;
-use crate::report::statistics::std;
-use crate::scene::{ImageSpec, SceneFile, VolumeSpec};
+use crate::anatomy::phantom::Phantom;
+use crate::base::report::statistics::std;
+use crate::input::scene::{ImageSpec, SceneFile, VolumeSpec};
 use crate::study::realism::texture::{Patch, Texture, Window};
 use crate::tracking::probe::{ProbeKind, ProbeSpec};
 
@@ -34,7 +34,7 @@ impl Bench<'_> {
         let bounds = self.grid.bounds_mm();
         let pixels = |axis: usize| ((bounds.max[axis] - bounds.min[axis]) / self.image.pixel_mm()).ceil() as u32;
         let mut scene = SceneFile::default();
-        scene.version = Some(crate::document::Version);
+        scene.version = Some(crate::base::document::Version);
         scene.seed = self.seed;
         scene.volume = Some(VolumeSpec {
             phantom: Some(Phantom::Abdomen),

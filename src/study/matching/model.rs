@@ -1,11 +1,11 @@
 //! Parameters to estimate, and the effects built from them.
 
-use crate::effects::point_spread::{self, PointSpread};
-use crate::effects::receiver::Receiver;
-use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
-use crate::effects::tone::{MID_GREY, Tone};
-use crate::effects::{Effects, blur::Blur, speckle::Speckle};
-use crate::report::statistics::mean;
+use crate::base::report::statistics::mean;
+use crate::imaging::effects::point_spread::{self, PointSpread};
+use crate::imaging::effects::receiver::Receiver;
+use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use crate::imaging::effects::tone::{MID_GREY, Tone};
+use crate::imaging::effects::{Effects, blur::Blur, speckle::Speckle};
 use crate::tracking::probe::Probe;
 
 /// Width of the blur per lateral length and its growth per cm, with the ratios of the defaults: 2.1 mm over 5.25 mm at 1 MHz, and 0.21

@@ -3,13 +3,13 @@
 use std::fmt;
 
 use super::{Match, Score, Side};
-use crate::report::number::fixed;
-use crate::report::page::Page;
-use crate::report::plot::{Axis, Plot, PlotError, Series};
-use crate::report::table::{Cell, Table};
-use crate::scene::SceneFile;
+use crate::base::report::number::fixed;
+use crate::base::report::page::Page;
+use crate::base::report::plot::{Axis, Plot, PlotError, Series};
+use crate::base::report::table::{Cell, Table};
+use crate::base::text;
+use crate::input::scene::SceneFile;
 use crate::study::realism::report::{named, small};
-use crate::text;
 
 impl Match {
     fn summary(&self) -> String {

@@ -1,14 +1,14 @@
 use nalgebra::Matrix4;
 
 use super::*;
-use crate::effects::receiver::Receiver;
-use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
-use crate::effects::speckle::Speckle;
-use crate::effects::tone::Tone;
-use crate::scene::SceneFile;
+use crate::imaging::effects::receiver::Receiver;
+use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use crate::imaging::effects::speckle::Speckle;
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::{Backend, FrameState, Synthesizer};
+use crate::input::scene::SceneFile;
 use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
-use crate::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 
 const CURVED: ProbeShape = ProbeShape::Curvilinear {

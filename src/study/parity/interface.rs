@@ -1,7 +1,7 @@
 //! Error bounds of interfaces: normals from labels around positions known to within rounding, and the roughness there.
 
-use crate::effects::interface::{ROUGHNESS_MM, Surfaces};
-use crate::effects::slice::WITHIN;
+use crate::imaging::effects::interface::{ROUGHNESS_MM, Surfaces};
+use crate::imaging::effects::slice::WITHIN;
 
 use super::rounding::{DIVIDE, ROOT, ULP, pow};
 use super::slack::{Slack, Step};

@@ -1,7 +1,7 @@
 //! Error bounds of the needle pass: chords through a cylinder. A chord ends in a square root, so at the edge of the shaft rounding errors
 //! enter by their root; in front of the tip and behind the hub the filled share may jump within rounding of the end.
 
-use crate::effects::needle::{BEVEL, BEVEL_MM, GRAIN_MM, Params, segments};
+use crate::imaging::effects::needle::{BEVEL, BEVEL_MM, GRAIN_MM, Params, segments};
 use nalgebra::{Point3, Vector3};
 
 use super::rounding::{DIVIDE, ROOT, ULP, exp2, log2, root_off};

@@ -1,8 +1,8 @@
 //! Error bounds of noise: integers until the last product.
 
-use crate::effects::noise::deviate;
-use crate::random::seed_words;
-use crate::synth::tables::Tables;
+use crate::base::random::seed_words;
+use crate::imaging::effects::noise::deviate;
+use crate::imaging::synth::tables::Tables;
 
 use super::rounding::ULP;
 

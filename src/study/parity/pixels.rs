@@ -2,8 +2,8 @@
 
 use super::slack::Slack;
 use super::{Case, noise, quantise, scan_conversion};
-use crate::synth::layers::Beam;
-use crate::synth::{SynthError, Synthesizer};
+use crate::imaging::synth::layers::Beam;
+use crate::imaging::synth::{SynthError, Synthesizer};
 
 /// Frame of a twin beside the grey levels that rounding allows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! Error bounds of the receiver: integers up to the power drawn, then a sum of squares and a root.
 
-use crate::effects::receiver::{DRAW_MEAN, draw};
+use crate::imaging::effects::receiver::{DRAW_MEAN, draw};
 
 use super::rounding::{ROOT, TINY, ULP, root_off};
 use super::slack::{Slack, Step};

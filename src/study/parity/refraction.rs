@@ -1,7 +1,7 @@
 //! Error bounds of refraction: cumulative phases are integers, equal wherever the labels above agree; their curvature is a sum of rounded
 //! terms.
 
-use crate::effects::refraction::{MOST, Spread, reach};
+use crate::imaging::effects::refraction::{MOST, Spread, reach};
 
 use super::rounding::{DIVIDE, TINY, ULP};
 use super::slack::{Slack, Step};

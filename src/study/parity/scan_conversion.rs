@@ -1,8 +1,8 @@
 //! Error bounds of scan conversion: bilinear interpolation of four samples, at coordinates common to all backends.
 
-use crate::effects::scan_conversion::bilinear;
-use crate::synth::layers::Beam;
-use crate::synth::tables::Tables;
+use crate::imaging::effects::scan_conversion::bilinear;
+use crate::imaging::synth::layers::Beam;
+use crate::imaging::synth::tables::Tables;
 
 use super::rounding::ULP;
 

@@ -1,11 +1,11 @@
 //! Error bounds of shadows: sums of integers, equal wherever the labels above agree, their exponentials, and their means over the aperture
 //! and over the beam.
 
-use crate::effects::common::spacing;
-use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
-use crate::effects::shadow::penumbra::opaque_units;
-use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
-use crate::effects::shadow::{MOST_UNITS, exponent_per_unit, mirror, needle_units, opens};
+use crate::imaging::effects::common::spacing;
+use crate::imaging::effects::shadow::aperture::{RAYS, element_at, line_at};
+use crate::imaging::effects::shadow::penumbra::opaque_units;
+use crate::imaging::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
+use crate::imaging::effects::shadow::{MOST_UNITS, exponent_per_unit, mirror, needle_units, opens};
 
 use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
 use super::slack::{Slack, Step};

@@ -4,9 +4,9 @@ use super::Case;
 use super::{
     blur, geometry, interface, needle, receiver, refraction, shadow, slice, speckle, texture, thickness, tone, warp,
 };
-use crate::synth::layers::Beam;
-use crate::synth::tables::Tables;
-use crate::synth::{FrameState, SynthError};
+use crate::imaging::synth::layers::Beam;
+use crate::imaging::synth::tables::Tables;
+use crate::imaging::synth::{FrameState, SynthError};
 
 /// Bounds on the deviation of a twin from the reference, for each sample of the central plane.
 #[derive(Clone, Default)]

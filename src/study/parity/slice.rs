@@ -3,8 +3,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::effects::slice::{Beyond, Boundary, WITHIN, spline};
-use crate::synth::tables::Tables;
+use crate::imaging::effects::slice::{Beyond, Boundary, WITHIN, spline};
+use crate::imaging::synth::tables::Tables;
 
 use super::rounding::ULP;
 use super::slack::{Slack, Step};

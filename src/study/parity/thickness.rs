@@ -1,15 +1,15 @@
 //! Error bounds of slice thickness: a power average over sub-planes. Only the central sub-plane is read back; the others are treated as
 //! central planes of probes moved in elevation, where every label possible within rounding is taken into account.
 
-use crate::effects::common::plane_step;
+use crate::imaging::effects::common::plane_step;
 use nalgebra::{Matrix4, Vector3};
 
 use super::rounding::{ROOT, ULP};
 use super::slack::{Slack, Step};
 use super::{Trail, geometry, slice, texture, warp};
-use crate::synth::SynthError;
-use crate::synth::layers::Beam;
-use crate::synth::tables::Tables;
+use crate::imaging::synth::SynthError;
+use crate::imaging::synth::layers::Beam;
+use crate::imaging::synth::tables::Tables;
 
 /// Rounding error of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root halves it.
 const SUM: f64 = 11.5;

@@ -2,8 +2,8 @@
 //! mapped. Automatic gain is a ratio of two sums over a depth band of terms that increase with amplitude, so its ends are mapped in the
 //! same way.
 
-use crate::effects::tone::auto_gain::{AutoGain, BANDS, HEARD, MOST, PRIOR, SILENT, at, gains, middle, range};
-use crate::effects::tone::{MID_GREY, Tone};
+use crate::imaging::effects::tone::auto_gain::{AutoGain, BANDS, HEARD, MOST, PRIOR, SILENT, at, gains, middle, range};
+use crate::imaging::effects::tone::{MID_GREY, Tone};
 
 use super::rounding::{DIVIDE, ULP, log2, pow};
 use super::slack::{Slack, Step};

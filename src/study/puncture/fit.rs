@@ -12,7 +12,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
 use super::{PunctureError, PunctureOptions, pushing};
-use crate::read;
+use crate::base::read;
 
 /// Column names.
 const COLUMNS: [&str; 2] = ["travel_mm", "force_n"];

@@ -1,7 +1,7 @@
 //! Output of a puncture as text, table and plot.
 
 use super::{NAMES, Puncture};
-use crate::report::plot::{Axis, Plot, PlotError, Series};
+use crate::base::report::plot::{Axis, Plot, PlotError, Series};
 
 impl Puncture {
     /// Returns a CSV table with one row per step.

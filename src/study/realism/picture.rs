@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use image::{ImageFormat, ImageReader, Limits};
 
-use crate::output::sidecar::Sidecar;
-use crate::read;
-use crate::synth::layers::Layer;
+use crate::anatomy::volume::{At, VolumeError};
+use crate::base::read;
+use crate::imaging::sidecar::Sidecar;
+use crate::imaging::synth::layers::Layer;
 use crate::tracking::sequence::Sequence;
-use crate::volume::{At, VolumeError};
 
 /// Least difference between the channels of a coloured overlay pixel: grey maps of scanners are tinted by less.
 const COLOURED: u8 = 40;

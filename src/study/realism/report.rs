@@ -6,11 +6,11 @@ use image::{GrayImage, imageops};
 
 use super::picture::Picture;
 use super::{CLASS, FrameReport, LIMIT, Report, Row, Verdict};
-use crate::report::number::fixed;
-use crate::report::page::{Page, escape};
-use crate::report::plot::{Axis, Plot, PlotError, Series};
-use crate::report::table::{Cell, Table};
-use crate::text;
+use crate::base::report::number::fixed;
+use crate::base::report::page::{Page, escape};
+use crate::base::report::plot::{Axis, Plot, PlotError, Series};
+use crate::base::report::table::{Cell, Table};
+use crate::base::text;
 
 /// Largest width of the pictures on a page, pixels.
 const WIDE: u32 = 480;

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use serde::{Serialize, Serializer};
 
 use super::case::Effort;
-use crate::random::{hash3, seed_words};
+use crate::base::random::{hash3, seed_words};
 
 /// Measured figure.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::case::{Case, Effort};
 use super::record::Measure;
-use crate::report::machine::Machine;
-use crate::report::number::figure;
-use crate::report::table::Table;
+use crate::base::report::machine::Machine;
+use crate::base::report::number::figure;
+use crate::base::report::table::Table;
 
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -8,8 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::real_time::Beat;
 use super::{Row, Table};
-use crate::report::number::significant;
-use crate::report::pareto;
+use crate::base::report::number::significant;
+use crate::base::report::pareto;
 
 /// Tolerance for positions in an image, mm, with its reason.
 pub const SHIFT_MM: (f64, &str) = (0.1, "a third of a pixel at 150 mm in 512 rows");

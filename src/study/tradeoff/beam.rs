@@ -11,8 +11,8 @@ mod tests;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Study};
+use crate::base::report::machine::Machine;
 use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Problem, Shape};
-use crate::report::machine::Machine;
 use crate::study::beam::INITIAL_LENGTH_MM;
 
 /// Registration of this study.

@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use super::report::{Chapter, Missing, Report};
 use super::{Pace, Study, beam, history, image, insertion, remesh, tissue};
+use crate::base::report::machine::{self, Machine};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
-use crate::report::machine::{self, Machine};
 use crate::study::stability::Effort;
 
 /// Callback that receives the current task of a study and the completed fraction.

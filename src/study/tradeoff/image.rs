@@ -31,12 +31,12 @@ use std::time::Duration;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
+use crate::base::report::machine::Machine;
 use crate::gpu::{Gpu, GpuError};
+use crate::imaging::synth::SynthError;
+use crate::input::scene::SceneError;
 use crate::mechanics::mesh::InvalidMesh;
-use crate::report::machine::Machine;
-use crate::scene::SceneError;
 use crate::study::stability::Effort;
-use crate::synth::SynthError;
 
 /// Options of the study.
 #[derive(Debug)]

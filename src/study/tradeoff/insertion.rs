@@ -30,7 +30,7 @@ pub use error::InsertionStudyError;
 
 use super::gather::Entry;
 use super::{Figure, Study, Table};
-use crate::report::machine::Machine;
+use crate::base::report::machine::Machine;
 use crate::study::stability::Effort;
 
 /// Part of the study.

@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::advice::{Goal, SAME, Variant};
 
 use super::{Row, Table};
-use crate::report::number::significant;
-use crate::report::pareto::{Choice, choose};
+use crate::base::report::number::significant;
+use crate::base::report::pareto::{Choice, choose};
 
 /// Share of the tolerance below which errors count as zero.
 pub(super) const NOTHING: f64 = 0.1;

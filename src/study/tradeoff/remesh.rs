@@ -31,12 +31,12 @@ use std::time::{Duration, Instant};
 
 use super::Study;
 use super::gather::Entry;
+use crate::base::memory;
 use crate::gpu::Gpu;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::inverse::invert;
 use crate::mechanics::tissue::remesh::Source;
 use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::memory;
 use crate::study::stability::Effort;
 use contender::{Contender, Kind, Sources};
 pub use error::StudyError;

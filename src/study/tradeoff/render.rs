@@ -6,11 +6,11 @@ use std::path::Path;
 use serde_json::{Map, Value, json};
 
 use super::{Figure, Row, Study, Table};
-use crate::output::png;
-use crate::output::{OutputError, atomic};
-use crate::report::number;
-use crate::report::plot::{self, Marker, Plot, PlotError, Series};
-use crate::report::table::{self, Cell};
+use crate::base::output::png;
+use crate::base::output::{OutputError, atomic};
+use crate::base::report::number;
+use crate::base::report::plot::{self, Marker, Plot, PlotError, Series};
+use crate::base::report::table::{self, Cell};
 
 /// Error of writing the files of a study.
 #[derive(Debug, thiserror::Error)]

@@ -16,10 +16,10 @@ use serde::{Deserialize, Serialize};
 use super::advice::Advice;
 use super::render::{Files, RenderError};
 use super::{Beat, InTime, Pace, Row, Study, Table, real_time};
-use crate::report::machine::Machine;
-use crate::report::number::significant;
-use crate::report::plot::Plot;
-use crate::report::table::{self, Cell};
+use crate::base::report::machine::Machine;
+use crate::base::report::number::significant;
+use crate::base::report::plot::Plot;
+use crate::base::report::table::{self, Cell};
 use crate::study::stability::Effort;
 
 /// Report of all studies.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::report::plot::Marker;
+use crate::base::report::plot::Marker;
 
 const FACTORS: [Factor; 3] = [
     Factor {

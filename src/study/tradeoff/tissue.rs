@@ -11,12 +11,12 @@ mod tests;
 
 use super::gather::Entry;
 use super::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::Spread;
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{NonlinearError, Scheme, Slope};
-use crate::report::machine::Machine;
-use crate::report::statistics::Spread;
 use crate::study::stability::Effort;
 use subject::{Model, Subject, Variant, Walked};
 

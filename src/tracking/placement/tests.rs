@@ -1,6 +1,6 @@
 use super::*;
-use crate::volume::Label;
-use crate::volume::complete::{CompleteOptions, complete};
+use crate::anatomy::volume::Label;
+use crate::anatomy::volume::complete::{CompleteOptions, complete};
 
 /// Labels: background, body, target, bone.
 fn labels() -> Vec<Label> {
@@ -137,7 +137,7 @@ fn missing_targets_and_bad_depths_are_errors() {
 
 #[test]
 fn real_organs_are_seen_from_where_a_sonographer_would_stand() {
-    let Some(volume) = crate::volume::complete::tests::nifti("tsd_s0328_labels.nii.gz") else {
+    let Some(volume) = crate::anatomy::volume::complete::tests::nifti("tsd_s0328_labels.nii.gz") else {
         return;
     };
     let volume = complete(&volume, &CompleteOptions::default()).unwrap().volume;

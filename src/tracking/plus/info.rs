@@ -6,10 +6,10 @@ use std::path::Path;
 use serde::Serialize;
 
 use super::PlusConfig;
-use crate::text;
+use crate::base::matrix::Rows;
+use crate::base::text;
 use crate::tracking::TrackingError;
 use crate::tracking::calibration::Calibration;
-use crate::tracking::matrix::Rows;
 use crate::tracking::probe::ProbeSpec;
 
 /// Summary of a device-set configuration of PLUS.

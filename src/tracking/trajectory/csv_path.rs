@@ -6,8 +6,8 @@ use std::path::Path;
 use nalgebra::{Matrix4, Vector3};
 
 use super::{Interpolation, Key, Trajectory, check_time};
-use crate::read;
-use crate::text::head;
+use crate::base::read;
+use crate::base::text::head;
 use crate::tracking::TrackingError;
 use crate::tracking::pose::Pose;
 use crate::tracking::world::World;

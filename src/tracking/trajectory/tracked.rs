@@ -5,8 +5,8 @@ use std::fmt;
 use nalgebra::Matrix4;
 
 use super::{Interpolation, Key, Trajectory, check_time};
+use crate::base::matrix;
 use crate::tracking::TrackingError;
-use crate::tracking::matrix;
 use crate::tracking::pose::Pose;
 
 /// Interval assumed between frames without time stamps, s: ten frames per second, a common rate of optical

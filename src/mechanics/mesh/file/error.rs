@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::base::memory::TooLarge;
+use crate::base::output::OutputError;
+use crate::base::read;
+use crate::base::text;
 use crate::mechanics::mesh::InvalidMesh;
-use crate::memory::TooLarge;
-use crate::output::OutputError;
-use crate::{read, text};
 
 /// Reason why a mesh file cannot be read or written.
 #[derive(Debug, thiserror::Error)]

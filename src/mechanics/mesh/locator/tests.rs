@@ -7,8 +7,8 @@ use crate::mechanics::mesh::InvalidMesh;
 use nalgebra::{Matrix3, Matrix4, Vector3};
 
 use super::*;
+use crate::base::random::{hash3, seed_words, unit};
 use crate::mechanics::mesh::Displacement;
-use crate::random::{hash3, seed_words, unit};
 
 /// Returns a pseudo-random number in [-1, 1) from integers.
 fn noise(a: u64, b: u64, seed: u64) -> f64 {

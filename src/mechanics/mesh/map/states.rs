@@ -1,10 +1,10 @@
 //! Deformed and reference state of a mesh, either of which a frame may change: tissue moves the current nodes, remeshing the
 //! reference ones.
 
+use crate::base::real::Real;
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::Locator;
-use crate::real::Real;
 
 /// Consistent locators of the deformed and the reference state of one mesh: the first carries points to the nodes among
 /// which the second locates.

@@ -4,8 +4,8 @@ use crate::mechanics::tissue::error::LinearError;
 use rayon::prelude::*;
 
 use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
+use crate::base::simd::{Simd, WithSimd, dispatch};
 use crate::mechanics::tissue::compliance::check_shape;
-use crate::simd::{Simd, WithSimd, dispatch};
 
 /// Number of parts of a product, independent of the number of threads: their sums are added in order, so the result is
 /// the same on any number. At most as many threads have work.

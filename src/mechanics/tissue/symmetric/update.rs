@@ -9,8 +9,8 @@ use faer::{Accum, Mat, MatMut, MatRef, Par};
 use rayon::prelude::*;
 
 use super::{Column, PANEL_ROWS, Scalar, Symmetric, panel_rows};
+use crate::base::simd::{Simd, WithSimd, dispatch};
 use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
-use crate::simd::{Simd, WithSimd, dispatch};
 
 /// Columns of the matrix that a tile covers.
 const WIDTH: usize = 8;

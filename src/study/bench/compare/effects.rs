@@ -5,12 +5,12 @@ use std::time::{Duration, Instant};
 
 use super::super::{Removal, removals};
 use super::{CompareError, CompareOptions, Subject, factor};
-use crate::effects::buffers::Buffer;
-use crate::plan::Plan;
-use crate::report::statistics::Spread;
+use crate::base::report::statistics::Spread;
+use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::plan::Plan;
+use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
+use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::tradeoff::{Axis, Table};
-use crate::synth::tables::{Anatomy, Settings, Tables};
-use crate::synth::{Backend, FrameState, Synthesizer};
 
 /// Minimum and maximum number of frame pairs.
 const LEAST: usize = 3;

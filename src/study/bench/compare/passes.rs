@@ -1,8 +1,8 @@
 //! Times of frames and passes, by image size.
 
 use super::{CPU_MS, Clock, CompareError, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
+use crate::imaging::synth::{Backend, Synthesizer};
 use crate::study::tradeoff::{Axis, Table};
-use crate::synth::{Backend, Synthesizer};
 
 /// Stages of a frame, each plotted with a few passes.
 pub const STAGES: [&str; 5] = ["frame", "tissue", "speckle", "echoes", "display"];
@@ -85,7 +85,7 @@ fn all_sizes(
                 }
                 sizes.push(Some(times));
             }
-            Err(CompareError::Synth(error @ crate::synth::SynthError::Gpu(_))) => {
+            Err(CompareError::Synth(error @ crate::imaging::synth::SynthError::Gpu(_))) => {
                 notes.push(format!("{name}: no frame of {} x {}: {error}", grid[0], grid[1]));
                 (stopped, _) = (true, sizes.push(None));
             }

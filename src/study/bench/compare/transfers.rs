@@ -3,12 +3,12 @@
 use std::time::Instant;
 
 use super::{CompareError, CompareOptions, GPU_MS, Subject, factor};
-use crate::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
+use crate::base::report::statistics::Spread;
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
-use crate::plan::Plan;
-use crate::report::statistics::Spread;
+use crate::imaging::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
+use crate::imaging::plan::Plan;
+use crate::imaging::synth::tables::Tables;
 use crate::study::tradeoff::{Axis, Table};
-use crate::synth::tables::Tables;
 
 /// Number of repetitions of each transfer.
 const TIMES: usize = 7;

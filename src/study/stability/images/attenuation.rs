@@ -2,8 +2,8 @@
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings, straight};
-use crate::effects::Effects;
-use crate::effects::shadow::{MOST_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::shadow::{MOST_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
 use crate::study::anatomies::{self, Acoustics, PLAIN};
 use crate::tracking::probe::ProbeShape;
 

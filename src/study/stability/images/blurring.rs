@@ -2,11 +2,11 @@
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings, straight};
-use crate::effects::Effects;
-use crate::effects::blur::Blur;
-use crate::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::blur::Blur;
+use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
+use crate::imaging::synth::layers::Beam;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::synth::layers::Beam;
 use crate::tracking::probe::ProbeShape;
 
 const LINES: u32 = 41;
@@ -19,7 +19,7 @@ const LINE_MM: f64 = WIDTH_MM / (LINES as f64 - 1.0);
 const ROUNDING: f64 = (1.5 + 2.0 * (2 * MAX_REACH + 1) as f64 + 2.5) / 8_388_608.0;
 
 /// Creates a slab of tissue in silence that only the middle scanline meets.
-fn impulse() -> crate::synth::tables::Anatomy {
+fn impulse() -> crate::imaging::synth::tables::Anatomy {
     anatomies::of(
         Frame::around([0.0; 3], [81, 3, 3], 0.5).stretched([1.0, 400.0, 400.0]),
         &[SILENT, PLAIN],

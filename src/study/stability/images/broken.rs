@@ -2,14 +2,14 @@
 
 use super::super::record::{Record, Unexpected};
 use super::setup::{everywhere, gpus, name, settings, straight};
-use crate::effects::{Effects, slice::Boundary};
+use crate::base::real::Real;
+use crate::imaging::effects::{Effects, slice::Boundary};
+use crate::imaging::synth::FrameState;
+use crate::imaging::synth::layers::Beam;
+use crate::imaging::synth::tables::Anatomy;
 use crate::mechanics::mesh::locator::{Locator, LocatorReport};
 use crate::mechanics::mesh::{NONE, TetMesh};
-use crate::real::Real;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::synth::FrameState;
-use crate::synth::layers::Beam;
-use crate::synth::tables::Anatomy;
 use crate::tracking::probe::ProbeShape;
 
 /// Mesh with a defective state.

@@ -2,11 +2,11 @@
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings, straight};
-use crate::effects::Effects;
-use crate::effects::tone::Tone;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::SynthError;
+use crate::imaging::synth::tables::Anatomy;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::synth::SynthError;
-use crate::synth::tables::Anatomy;
 use crate::tracking::probe::ProbeShape;
 
 /// Number of labels besides the background.
@@ -130,7 +130,7 @@ pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
             ..Effects::default()
         };
         let settings = settings(ProbeShape::Linear { width_mm: 10.0 }, 25.0, [2, 64], effects);
-        let answer = crate::synth::tables::Tables::new(anatomy.clone(), settings);
+        let answer = crate::imaging::synth::tables::Tables::new(anatomy.clone(), settings);
         record.refused(
             what,
             answer,

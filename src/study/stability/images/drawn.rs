@@ -3,24 +3,24 @@
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
 
 use super::super::record::noise;
-use crate::effects::Effects;
-use crate::effects::blur::Blur;
-use crate::effects::interface::Interface;
-use crate::effects::needle::NeedleEcho;
-use crate::effects::noise::Noise;
-use crate::effects::receiver::Receiver;
-use crate::effects::refraction::Refraction;
-use crate::effects::shadow::Shadow;
-use crate::effects::slice::Boundary;
-use crate::effects::speckle::Speckle;
-use crate::effects::texture::Texture;
-use crate::effects::thickness::Thickness;
-use crate::effects::tone::{Curve, Tone};
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::blur::Blur;
+use crate::imaging::effects::interface::Interface;
+use crate::imaging::effects::needle::NeedleEcho;
+use crate::imaging::effects::noise::Noise;
+use crate::imaging::effects::receiver::Receiver;
+use crate::imaging::effects::refraction::Refraction;
+use crate::imaging::effects::shadow::Shadow;
+use crate::imaging::effects::slice::Boundary;
+use crate::imaging::effects::speckle::Speckle;
+use crate::imaging::effects::texture::Texture;
+use crate::imaging::effects::thickness::Thickness;
+use crate::imaging::effects::tone::{Curve, Tone};
+use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::{FrameState, NeedleShaft};
 use crate::mechanics::mesh::Displacement;
 use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
 use crate::study::parity::Case;
-use crate::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::synth::{FrameState, NeedleShaft};
 use crate::tracking::probe::{Probe, ProbeShape};
 
 /// Random number stream of one scene.

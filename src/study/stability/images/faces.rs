@@ -4,12 +4,12 @@ use nalgebra::{Matrix4, Rotation3, Vector3};
 
 use super::super::record::{Record, Unexpected};
 use super::setup::{Tally, everywhere, gpus, name, settings};
-use crate::effects::Effects;
-use crate::effects::slice::Boundary;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::slice::Boundary;
+use crate::imaging::synth::FrameState;
+use crate::imaging::synth::tables::Anatomy;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::study::parity::{Case, check};
-use crate::synth::FrameState;
-use crate::synth::tables::Anatomy;
 use crate::tracking::probe::ProbeShape;
 
 /// Creates random labels at every voxel of 1 mm, with faces at whole millimetres.

@@ -4,12 +4,12 @@ use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
 
 use super::super::record::{Record, Unexpected, largest};
 use super::setup::{everywhere, gpus, name, settings};
-use crate::effects::Effects;
-use crate::effects::slice::Boundary;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::slice::Boundary;
+use crate::imaging::synth::FrameState;
+use crate::imaging::synth::layers::{Beam, world_position};
+use crate::imaging::synth::tables::{Anatomy, Tables};
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::synth::FrameState;
-use crate::synth::layers::{Beam, world_position};
-use crate::synth::tables::{Anatomy, Tables};
 use crate::tracking::probe::ProbeShape;
 
 /// Probe in a volume, both at `centre`, with voxels of `voxel_mm`.

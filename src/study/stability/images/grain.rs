@@ -5,13 +5,13 @@ use nalgebra::{Matrix4, Vector3};
 use super::super::record::{Record, Unexpected};
 use super::hashes;
 use super::setup::{everywhere, gpus, name, settings, straight};
-use crate::effects::Effects;
-use crate::effects::noise::Noise;
-use crate::effects::speckle::Speckle;
 use crate::gpu::Gpu;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::noise::Noise;
+use crate::imaging::effects::speckle::Speckle;
+use crate::imaging::synth::tables::Settings;
+use crate::imaging::synth::{FrameState, Synthesizer};
 use crate::study::anatomies::{self, Acoustics, PLAIN};
-use crate::synth::tables::Settings;
-use crate::synth::{FrameState, Synthesizer};
 use crate::tracking::probe::ProbeShape;
 
 /// Number of frames in the criterion.

@@ -1,7 +1,7 @@
 //! Test of the random hash on a GPU.
 
+use crate::base::random::{hash3, seed_words};
 use crate::gpu::{Access, Dispatch, Gpu, GpuError, Parameters, PassSource, Pipeline, Readback, StorageBuffer};
-use crate::random::{hash3, seed_words};
 
 /// Hash of each point, where `points` holds each point followed by its seed.
 const SHADER: &str = concat!(

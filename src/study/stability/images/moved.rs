@@ -8,9 +8,9 @@ use super::super::record::{Record, Unexpected, largest};
 use super::drawn::scene;
 use super::setup::{Tally, gpus, name};
 use crate::gpu::Gpu;
+use crate::imaging::synth::{NeedleShaft, Synthesizer};
 use crate::mechanics::mesh::TetMesh;
 use crate::study::parity::{Case, check};
-use crate::synth::{NeedleShaft, Synthesizer};
 
 /// Offsets of whole metres, on and off the axes, mm.
 const METRES: [[f64; 3]; 4] = [

@@ -3,11 +3,11 @@
 use nalgebra::Matrix4;
 
 use super::super::record::{Record, Unexpected};
-use crate::effects::Effects;
 use crate::gpu::{AdapterChoice, Gpu, Needs, adapter};
+use crate::imaging::effects::Effects;
+use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::study::parity::{Case, Verdict};
-use crate::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 
 /// Opens every adapter of the machine and records how many there are. An adapter that cannot be opened is reported but is no failure, as it

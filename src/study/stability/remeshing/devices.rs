@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::precision::difference;
 use super::setup::{BACKENDS, Now, Start};
+use crate::mechanics::remesh_gpu::follow;
 use crate::mechanics::tissue::remesh::{Level, Options, Precision, Remesher, Source};
-use crate::remesh_gpu::follow;
 use crate::study::stability::images::setup::gpus;
 use crate::study::stability::record::{Record, Unexpected};
 

@@ -1,12 +1,12 @@
 //! Cases of needle tip positions: point location and the choice of a corner.
 
 use super::setup::Start;
+use crate::base::real::Real;
 use crate::mechanics::mesh::{Locator, NONE};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::AdaptedMesh;
 use crate::mechanics::tissue::remesh::RemeshError;
 use crate::mechanics::tissue::remesh::corner::best_corner;
-use crate::real::Real;
 use crate::study::stability::record::{Record, Unexpected};
 use crate::study::stability::solving::problem::{Problem, two_parts};
 

@@ -1,9 +1,9 @@
 //! HTML page of the report.
 
 use super::{CaseReport, Report, limit, margin, sentence};
-use crate::report::number::figure;
-use crate::report::page::{Page, escape};
-use crate::report::table::{Cell, Table};
+use crate::base::report::number::figure;
+use crate::base::report::page::{Page, escape};
+use crate::base::report::table::{Cell, Table};
 use crate::study::stability::record::Measure;
 
 impl Report {

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::{CaseReport, Report};
-use crate::report::page::escape;
+use crate::base::report::page::escape;
 use crate::study::stability::record::Measure;
 
 /// Widths of names, scale, exact results and border, and line height, pixels.

@@ -4,8 +4,8 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use super::{FINE_MM, apart, axis, factor, solve};
+use crate::base::report::statistics::Spread;
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam};
-use crate::report::statistics::Spread;
 use crate::study::beam::{TISSUES, problem};
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 

@@ -1,8 +1,8 @@
 //! Material and compression models: tip error with right parameters, wrong ones and those of the other tissue (figures 7 and 8).
 
 use super::{FINE_MM, axis, factor, solve};
+use crate::base::report::statistics::percentile;
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
-use crate::report::statistics::percentile;
 use crate::study::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, TISSUES, Tissue, problem};
 use crate::study::tradeoff::{Figure, Table};
 

@@ -5,8 +5,8 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Vector3};
 
 use super::{axis, factor};
+use crate::base::report::statistics::Spread;
 use crate::mechanics::needle::{CentreLine, Flexible, InvalidNeedleModel, Load, Needle, Row, Shaft, Stiffness};
-use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
 const LENGTHS_MM: [f64; 5] = [20.0, 10.0, 5.0, 2.0, 1.0];

@@ -1,8 +1,8 @@
 //! Table and figures of the study.
 
 use super::{Contender, HistoryOptions, Lengths, MOST_UNEVEN, Measured};
+use crate::base::report::machine::Machine;
 use crate::mechanics::tissue::viscoelastic::Rule;
-use crate::report::machine::Machine;
 use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 3] = [

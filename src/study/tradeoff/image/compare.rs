@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use crate::report::statistics::{Spread, percentile};
-use crate::synth::{FrameState, SynthError, Synthesizer};
+use crate::base::report::statistics::{Spread, percentile};
+use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
 
 /// Minimum number of timed frames, after one untimed frame.
 const LEAST: usize = 3;

@@ -3,10 +3,10 @@
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened};
 use super::{ImageError, ImageOptions, PICTURE, Table, factor};
-use crate::effects::Effects;
-use crate::effects::slice::{Beyond, Boundary};
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::slice::{Beyond, Boundary};
+use crate::imaging::synth::Backend;
 use crate::study::tradeoff::{GREY_LEVELS, Goal};
-use crate::synth::Backend;
 
 /// Simplification of a frame: its name and the change of effects.
 type Simpler = (&'static str, fn(&mut Effects));

@@ -3,14 +3,14 @@
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened, without_grain};
 use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor, lookup};
-use crate::effects::Effects;
-use crate::effects::noise::Noise;
-use crate::effects::speckle::Speckle;
-use crate::effects::tone::Tone;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::noise::Noise;
+use crate::imaging::effects::speckle::Speckle;
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::tables::{ImageSize, Settings};
+use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::anatomies::{self, PLAIN};
 use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
-use crate::synth::tables::{ImageSize, Settings};
-use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 use nalgebra::Matrix4;
 

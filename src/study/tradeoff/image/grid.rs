@@ -4,9 +4,9 @@ use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened, silent, single, too_large, without_grain};
 use super::{BACKEND, ImageError, ImageOptions, PICTURE, Table, factor};
 use crate::gpu::Gpu;
+use crate::imaging::synth::Backend;
+use crate::imaging::synth::tables::Settings;
 use crate::study::tradeoff::{Axis, Beat, GREY_LEVELS, Goal};
-use crate::synth::Backend;
-use crate::synth::tables::Settings;
 
 fn name([lines, samples]: [u32; 2]) -> String {
     format!("{lines} x {samples}")

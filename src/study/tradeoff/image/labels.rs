@@ -3,13 +3,13 @@
 use super::compare::{Apart, inside, picture, values};
 use super::scene::coarsened;
 use super::{ImageError, ImageOptions, PICTURE, Table, factor};
-use crate::effects::Effects;
-use crate::effects::slice::Boundary;
-use crate::effects::tone::Tone;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::slice::Boundary;
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::study::tradeoff::{Axis, Goal, SHIFT_MM};
-use crate::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::synth::{Backend, FrameState, Synthesizer};
 use crate::tracking::probe::{Probe, ProbeShape};
 use nalgebra::Matrix4;
 
@@ -72,7 +72,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Image
     let (line_mm, sample_mm) = (tables.grid.lateral_spacing_mm(0.0), tables.sample_mm());
     let exact: Vec<u8> = (0..beam.label.len())
         .map(|at| {
-            let p = crate::synth::layers::world_position(
+            let p = crate::imaging::synth::layers::world_position(
                 tables,
                 &state.probe_to_world,
                 at / beam.samples,

@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use super::{ImageError, ImageOptions, Table, factor};
+use crate::base::report::statistics::Spread;
 use crate::mechanics::mesh::locator::Locator;
 use crate::mechanics::mesh::{Displacement, NONE, TetMesh};
-use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Axis, Goal, SHIFT_MM};
 
 const BOX_MM: [[f64; 3]; 2] = [[-60.0, 0.0, -40.0], [60.0, 100.0, 40.0]];

@@ -4,11 +4,11 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use super::{Table, factor};
-use crate::effects::tone::Tone;
-use crate::report::statistics::Spread;
+use crate::anatomy::acoustics::bank;
+use crate::anatomy::volume::texture::SolidTexture;
+use crate::base::report::statistics::Spread;
+use crate::imaging::effects::tone::Tone;
 use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
-use crate::tissue::bank;
-use crate::volume::texture::SolidTexture;
 
 /// Textures of coarse and fine structure, with and without a preferred direction.
 const TEXTURES: [&str; 3] = ["liver", "muscle", "fat"];

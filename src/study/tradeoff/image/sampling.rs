@@ -3,11 +3,11 @@
 use super::compare::{Apart, inside, picture, values};
 use super::scene::{Subject, coarsened};
 use super::{ImageError, ImageOptions, PICTURE, Table, factor};
-use crate::effects::Effects;
-use crate::effects::tone::Tone;
+use crate::imaging::effects::Effects;
+use crate::imaging::effects::tone::Tone;
+use crate::imaging::synth::Backend;
+use crate::imaging::synth::tables::Settings;
 use crate::study::tradeoff::{GREY_LEVELS, Goal};
-use crate::synth::Backend;
-use crate::synth::tables::Settings;
 
 /// One effect on its own over slices, and the grids that refine its sums.
 struct Variant {
@@ -42,7 +42,7 @@ const WAYS: [Variant; 3] = [
             shadow: effects
                 .shadow
                 .clone()
-                .map(|shadow| crate::effects::shadow::Shadow { beam_mm: 0.0, ..shadow }),
+                .map(|shadow| crate::imaging::effects::shadow::Shadow { beam_mm: 0.0, ..shadow }),
             ..bare(effects)
         },
         grids: SAMPLES,

@@ -4,10 +4,10 @@ use nalgebra::Matrix4;
 
 use super::{ImageError, ImageOptions};
 use crate::gpu::Gpu;
-use crate::plan::Plan;
-use crate::scene::{Scene, SceneFile};
-use crate::synth::tables::{Settings, Tables};
-use crate::synth::{Backend, FrameState, SynthError, Synthesizer};
+use crate::imaging::plan::Plan;
+use crate::imaging::synth::tables::{Settings, Tables};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use crate::input::scene::{Scene, SceneFile};
 
 /// Lowest level that a receiver accepts, dB.
 const QUIETEST_DB: f64 = -200.0;

@@ -1,10 +1,10 @@
 use super::compare::{Apart, picture};
 use super::grid::rounding;
 use super::*;
+use crate::imaging::synth::{Backend, Synthesizer};
 use crate::study::testing;
-use crate::synth::{Backend, Synthesizer};
 
-fn frame(change: impl Fn(&mut crate::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
+fn frame(change: impl Fn(&mut crate::imaging::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
     let (anatomy, mut settings, state) = testing::scene();
     settings.effects.noise = None;
     change(&mut settings);

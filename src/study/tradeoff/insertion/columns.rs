@@ -1,7 +1,7 @@
 //! Columns common to the insertion tables.
 
 use super::course::Step;
-use crate::report::statistics::percentile;
+use crate::base::report::statistics::percentile;
 use crate::study::tradeoff::{Axis, Factor, Figure};
 
 /// Axes for the step times of an insertion.

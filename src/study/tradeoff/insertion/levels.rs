@@ -3,11 +3,11 @@
 use super::columns::{TIMES, UNSETTLED, factor, largest, lines, mean_square, times, unsettled};
 use super::course::{self, Course, ENTRY, Step};
 use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use crate::base::memory;
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::needle::Stiffness;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::memory;
 use crate::study::block;
 use crate::study::tradeoff::remesh::FROZEN;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};

@@ -8,11 +8,11 @@ use faer::{Mat, MatRef};
 use super::subject::Subject;
 use super::{Measured, RemeshOptions, StudyError};
 use crate::gpu::Gpu;
+use crate::mechanics::remesh_gpu::{DeviceLevels, follow};
 use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change, Level, Options, Precision, Remesher, Source, make};
-use crate::remesh_gpu::{DeviceLevels, follow};
 
 /// Report of an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

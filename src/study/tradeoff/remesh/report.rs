@@ -3,10 +3,10 @@
 use super::contender::{Kind, Promise};
 use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions, StudyError, bandwidth};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::Spread;
 use crate::gpu::Gpu;
 use crate::mechanics::tissue::symmetric::Symmetric;
-use crate::report::machine::Machine;
-use crate::report::statistics::Spread;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 4] = [

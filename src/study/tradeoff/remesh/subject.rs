@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::{RemeshOptions, StudyError};
+use crate::base::random::{hash3, seed_words, unit};
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
 use crate::mechanics::tissue::dofs::Dofs;
@@ -11,7 +12,6 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
 use crate::mechanics::tissue::rigid;
-use crate::random::{hash3, seed_words, unit};
 
 /// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.
 const CONTACTS: usize = 20;

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use super::{Chapter, Report, Section};
-use crate::report::machine;
-use crate::report::number::significant;
-use crate::report::page::{Page, escape};
-use crate::report::plot::PlotError;
-use crate::report::table::{Cell, Table};
+use crate::base::report::machine;
+use crate::base::report::number::significant;
+use crate::base::report::page::{Page, escape};
+use crate::base::report::plot::PlotError;
+use crate::base::report::table::{Cell, Table};
 use crate::study::tradeoff::{Pace, Study};
 
 /// Number of table rows above which a table is folded.

@@ -1,5 +1,5 @@
 use super::*;
-use crate::report::page::escape;
+use crate::base::report::page::escape;
 use crate::study::tradeoff::gather::{Entry, Means, STUDIES, gather};
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, InTime, Pace};
 

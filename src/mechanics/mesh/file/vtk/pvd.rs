@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::MeshFileError;
 use super::write::escape;
-use crate::output::atomic;
+use crate::base::output::atomic;
 
 /// Writes a time series: the time of each file (any unit, finite) and its name, relative to the folder of `path`.
 ///

@@ -15,9 +15,9 @@ use flate2::write::ZlibEncoder;
 
 use super::MeshFileError;
 use super::grid::TETRA;
+use crate::base::output::atomic;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::DISPLACEMENT;
-use crate::output::atomic;
 
 /// Name of the cell array of region numbers.
 pub const REGION: &str = "region";

@@ -1,8 +1,8 @@
 use std::collections::HashMap;
 
 use super::{Bisection, Lattice};
+use crate::base::random::{hash3, unit};
 use crate::mechanics::mesh::generate::shape::{sharpest_cosine, six_volumes};
-use crate::random::{hash3, unit};
 
 fn cubes(cells: [usize; 3]) -> Bisection {
     Bisection::new(&Lattice {

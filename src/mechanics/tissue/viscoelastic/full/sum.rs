@@ -1,6 +1,6 @@
 //! Weighted sums over a history.
 
-use crate::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, vectorised};
 
 /// Values summed in a block; block sums are then added up, which keeps rounding small in long histories.
 const BLOCK: usize = 512;

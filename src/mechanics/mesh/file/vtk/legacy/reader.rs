@@ -1,7 +1,7 @@
 //! Reader of names, types and numbers of a legacy file.
 
 use super::{Cursor, Fault, Kind, quote, word};
-use crate::read;
+use crate::base::read;
 
 pub(super) struct Reader<'a> {
     pub cursor: Cursor<'a>,

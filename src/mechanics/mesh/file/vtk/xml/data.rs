@@ -4,7 +4,7 @@ use super::super::kind::{Kind, word};
 use super::packed::{Packed, Source};
 use super::tags::{Scanner, Tag};
 use super::{Fault, quote};
-use crate::read;
+use crate::base::read;
 
 /// Encoding common to all arrays of a file.
 pub(super) struct Encoding {

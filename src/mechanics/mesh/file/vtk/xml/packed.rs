@@ -7,7 +7,7 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::Fault;
 use super::data::Encoding;
-use crate::read;
+use crate::base::read;
 
 /// Maximum compression ratio of zlib: a block that claims more has a broken or hostile header.
 const ZLIB_RATIO: usize = 1032;

@@ -1,0 +1,349 @@
+//! Assignment of tissues to the labels of a volume.
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Tissue, TissueError, TissueOverride, TissueTable, presets, totalsegmentator};
+use crate::anatomy::volume::Label;
+use crate::base::document::plain;
+use crate::base::text;
+
+/// Assignment of tissues to labels without an explicit one.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum Preset {
+    /// By name, as a tissue, a TotalSegmentator class or a word such as "rib"; for unnamed labels by value, as
+    /// TotalSegmentator, BTCV or AMOS number organs, whichever fits the volumes of the labels.
+    #[default]
+    Auto,
+    /// Like `auto`, with unnamed labels by TotalSegmentator's values.
+    TotalSegmentator,
+    /// Like `auto`, with unnamed labels by the values of BTCV, 1 to 13.
+    Btcv,
+    /// Like `auto`, with unnamed labels by the values of AMOS, 1 to 15.
+    Amos,
+    /// By exact names of built-in tissues, as phantoms have them.
+    Phantom,
+    /// None: only explicit tissues count, except for the labels of a body added by completion.
+    None,
+}
+
+/// Evidence for the tissue of a label.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// The label name is that of a tissue.
+    Name,
+    /// The label name is that of a TotalSegmentator class.
+    ClassName,
+    /// A word in the label name.
+    Word,
+    /// The label value, in the numbering of this preset.
+    Value(Preset),
+    /// No evidence: the fallback tissue.
+    Fallback,
+}
+
+impl Origin {
+    /// Whether the tissue follows from a complete name.
+    pub fn is_sure(self) -> bool {
+        matches!(self, Self::Name | Self::ClassName)
+    }
+}
+
+impl std::fmt::Display for Origin {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Name => f.write_str("name"),
+            Self::ClassName => f.write_str("class name"),
+            Self::Word => f.write_str("word"),
+            Self::Value(preset) => write!(f, "{} value", preset.title()),
+            Self::Fallback => f.write_str("fallback"),
+        }
+    }
+}
+
+/// Words that determine the tissue without an exact name. The first row with a word of the label wins; a trailing
+/// `*` matches any ending, otherwise only a plural `s` is allowed.
+const KEYWORDS: &[(&str, &str)] = &[
+    ("background", "background"),
+    ("cyst*", "cyst"),
+    ("tumo*", "lesion"),
+    ("lesion", "lesion"),
+    ("metasta*", "lesion"),
+    ("cord", "nerve"),
+    ("nerve", "nerve"),
+    ("cartilag*", "cartilage"),
+    ("disc", "disc"),
+    ("disk", "disc"),
+    ("rib", "bone"),
+    ("vertebra*", "bone"),
+    ("spine", "bone"),
+    ("sacrum", "bone"),
+    ("bone", "bone"),
+    ("skull", "bone"),
+    ("pelvis", "bone"),
+    ("pubi*", "bone"),
+    ("femur", "bone"),
+    ("sternum", "bone"),
+    ("vein", "vessel"),
+    ("vena", "vessel"),
+    ("arter*", "vessel"),
+    ("aort*", "vessel"),
+    ("vessel", "vessel"),
+    ("blood", "vessel"),
+    ("portal", "vessel"),
+    ("lung", "lung"),
+    ("trachea", "gas"),
+    ("airway", "gas"),
+    ("gas", "gas"),
+    ("air", "air"),
+    ("gallbladder", "bile"),
+    ("bile", "bile"),
+    ("bladder", "urine"),
+    ("kidney", "kidney_cortex"),
+    ("hepat*", "liver"),
+    ("liver", "liver"),
+    ("spleen", "spleen"),
+    ("pancrea*", "pancreas"),
+    ("prostat*", "prostate_central"),
+    ("thyroid", "thyroid"),
+    ("adrenal", "adrenal"),
+    ("stomach", "bowel_content"),
+    ("colon", "bowel_content"),
+    ("rectum", "bowel_content"),
+    ("duoden*", "small_bowel"),
+    ("bowel", "small_bowel"),
+    ("intestin*", "small_bowel"),
+    ("esophag*", "stomach_wall"),
+    ("oesophag*", "stomach_wall"),
+    ("heart", "heart"),
+    ("myocard*", "heart"),
+    ("brain", "brain"),
+    ("urethra", "urethra"),
+    ("ligament", "ligament"),
+    ("tendon", "ligament"),
+    ("diaphragm", "diaphragm"),
+    ("fascia", "fascia"),
+    ("muscle", "muscle"),
+    ("muscular", "muscle"),
+    ("glute*", "muscle"),
+    ("iliopsoas", "muscle_paraspinal"),
+    ("psoas", "muscle_paraspinal"),
+    ("autochthon", "muscle_paraspinal"),
+    ("fat", "fat"),
+    ("adipos*", "fat"),
+    ("skin", "skin"),
+    ("tissue", "soft_tissue"),
+    ("body", "soft_tissue"),
+];
+
+/// Tissue of labels without evidence.
+pub(crate) fn fallback() -> &'static Tissue {
+    presets::get("soft_tissue").unwrap_or(&presets::all()[0])
+}
+
+/// A normalised name without the words left and right.
+pub(crate) fn without_side(normalised: &str) -> String {
+    let words: Vec<&str> = normalised
+        .split('_')
+        .filter(|&word| word != "left" && word != "right")
+        .collect();
+    words.join("_")
+}
+
+fn by_class_name(normalised: &str) -> Option<&'static Tissue> {
+    let bare = without_side(normalised);
+    let same = |class: &&totalsegmentator::Class| {
+        let name = class.name.to_lowercase();
+        name == normalised || without_side(&name) == bare
+    };
+    totalsegmentator::classes()
+        .iter()
+        .chain(totalsegmentator::body())
+        .find(same)
+        .and_then(totalsegmentator::Class::preset)
+}
+
+fn by_keyword(normalised: &str) -> Option<&'static Tissue> {
+    let has = |keyword: &str| {
+        normalised.split('_').any(|word| match keyword.strip_suffix('*') {
+            Some(stem) => word.starts_with(stem),
+            None => word == keyword || word.strip_suffix('s') == Some(keyword),
+        })
+    };
+    let (_, tissue) = KEYWORDS.iter().find(|(keyword, _)| has(keyword))?;
+    presets::get(tissue)
+}
+
+/// Tissue identified by a name alone, and the evidence.
+pub(crate) fn known(name: &str) -> Option<(&'static Tissue, Origin)> {
+    let name = plain(name);
+    let tissue = |name: &str| presets::get(name).map(|tissue| (tissue, Origin::Name));
+    tissue(&name)
+        .or_else(|| by_class_name(&name).map(|found| (found, Origin::ClassName)))
+        .or_else(|| tissue(&without_side(&name)))
+        .or_else(|| by_keyword(&name).map(|found| (found, Origin::Word)))
+}
+
+fn by_name(name: &str, hint: Preset, of_file: bool) -> Option<&'static Tissue> {
+    match hint {
+        // Labels without voxels in the file are those of completion, named after their tissues.
+        Preset::None if !of_file => presets::get(name),
+        Preset::None => None,
+        Preset::Phantom => presets::get(&plain(name)),
+        _ => known(name).map(|(tissue, _)| tissue),
+    }
+}
+
+fn shown(label: &Label) -> String {
+    match &label.name {
+        Some(name) => format!("{} (\"{name}\")", label.value),
+        None => label.value.to_string(),
+    }
+}
+
+/// Index of the override that claims each label.
+fn claims(labels: &[Label], overrides: &[TissueOverride]) -> Result<Vec<Option<usize>>, TissueError> {
+    labels
+        .iter()
+        .map(|label| {
+            let name = label.name.as_deref().map(plain);
+            let mut claiming = overrides.iter().enumerate().filter(|(_, tissue)| {
+                tissue.labels.contains(&label.value)
+                    || name.is_some() && tissue.label_names.iter().any(|claimed| Some(plain(claimed)) == name)
+            });
+            let first = claiming.next();
+            match (first, claiming.next()) {
+                (Some((_, first)), Some((_, second))) => Err(TissueError::ClaimedTwice {
+                    label: shown(label),
+                    first: first.name.clone(),
+                    second: second.name.clone(),
+                }),
+                _ => Ok(first.map(|(position, _)| position)),
+            }
+        })
+        .collect()
+}
+
+impl TissueTable {
+    /// Assigns a tissue to each of `labels` (by label index; the first is the background).
+    ///
+    /// In this order: an override that claims the label by value or name; an override or preset of the same name; a TotalSegmentator class of that
+    /// name (case, spaces and side are ignored); a word such as "rib"; else soft tissue, with a warning. `hint` restricts this, except for the labels
+    /// appended by completion. An override named as a preset changes that preset wherever it is used. Unnamed labels have been named before by
+    /// [`segmentation::open`](crate::anatomy::segmentation::open).
+    ///
+    /// Returns the table and the warnings: the assumptions, and which key of the scene overrides them.
+    ///
+    /// ```
+    /// use insonify::anatomy::acoustics::{Preset, TissueTable};
+    /// use insonify::anatomy::volume::Label;
+    /// let label = |value, name: &str| Label { value, name: Some(name.into()), voxels: 1 };
+    /// let labels = [label(0, "background"), label(7, "Right kidney")];
+    /// let (table, warnings) = TissueTable::resolve(&labels, &[], Preset::Auto)?;
+    /// assert_eq!(table.of(1).name, "kidney_cortex");
+    /// assert!(warnings.is_empty());
+    /// # Ok::<(), insonify::anatomy::acoustics::TissueError>(())
+    /// ```
+    pub fn resolve(
+        labels: &[Label],
+        overrides: &[TissueOverride],
+        hint: Preset,
+    ) -> Result<(Self, Vec<String>), TissueError> {
+        let mut custom: Vec<Tissue> = Vec::with_capacity(overrides.len());
+        for (index, written) in overrides.iter().enumerate() {
+            if written.name.trim().is_empty() {
+                return Err(TissueError::Unnamed { position: index + 1 });
+            }
+            if custom.iter().any(|tissue| tissue.name == written.name) {
+                return Err(TissueError::Duplicate(written.name.clone()));
+            }
+            custom.push(written.apply()?);
+        }
+        let claims = claims(labels, overrides)?;
+        let mut warnings = unmatched_claims(labels, overrides);
+
+        let mut table = Self {
+            tissues: Vec::new(),
+            of_label: Vec::with_capacity(labels.len()),
+        };
+        if labels.is_empty() {
+            table.tissues.push(presets::all()[0].clone());
+        }
+        let mut unknown = Vec::new();
+        for (index, (label, claim)) in labels.iter().zip(&claims).enumerate() {
+            let same_name = |name: &String| custom.iter().find(|tissue| plain(&tissue.name) == plain(name));
+            let preset = match &label.name {
+                _ if index == 0 => presets::all().first(),
+                Some(name) => by_name(name, hint, label.voxels > 0),
+                None => None,
+            };
+            let tissue = match (claim, label.name.as_ref().and_then(same_name)) {
+                (Some(position), _) => &custom[*position],
+                (None, Some(named)) if index > 0 => named,
+                _ => {
+                    let preset = preset.unwrap_or_else(|| {
+                        unknown.push(shown(label));
+                        fallback()
+                    });
+                    custom
+                        .iter()
+                        .find(|tissue| tissue.name == preset.name)
+                        .unwrap_or(preset)
+                }
+            };
+            table.push(tissue);
+        }
+        if !unknown.is_empty() {
+            warnings.push(format!(
+                "no tissue known for label{} {}; taken as soft_tissue; to choose, name the labels with --names FILE or \
+                 volume.names, or write [[tissue]] with name and labels = [VALUE, ...]",
+                if unknown.len() == 1 { "" } else { "s" },
+                text::some_of(&unknown)
+            ));
+        }
+        Ok((table, warnings))
+    }
+
+    /// Appends the tissue of the next label index; labels number at most 256, and tissues no more than labels.
+    fn push(&mut self, tissue: &Tissue) {
+        let known = self.tissues.iter().position(|known| known.name == tissue.name);
+        let index = known.unwrap_or_else(|| {
+            self.tissues.push(tissue.clone());
+            self.tissues.len() - 1
+        });
+        self.of_label.push(index as u8);
+    }
+}
+
+/// Warnings about claims that match no label of the volume.
+fn unmatched_claims(labels: &[Label], overrides: &[TissueOverride]) -> Vec<String> {
+    let mut warnings = Vec::new();
+    let names: Vec<String> = labels
+        .iter()
+        .filter_map(|label| label.name.as_deref())
+        .map(plain)
+        .collect();
+    for tissue in overrides {
+        for value in &tissue.labels {
+            if !labels.iter().any(|label| label.value == *value) {
+                warnings.push(format!(
+                    "tissue \"{}\": labels: the volume has no label {value}",
+                    tissue.name
+                ));
+            }
+        }
+        for name in &tissue.label_names {
+            if !names.contains(&plain(name)) {
+                warnings.push(format!(
+                    "tissue \"{}\": label_names: the volume has no label \"{name}\"",
+                    tissue.name
+                ));
+            }
+        }
+    }
+    warnings
+}
+
+#[cfg(test)]
+mod tests;

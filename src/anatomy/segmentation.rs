@@ -1,0 +1,193 @@
+//! Segmentations: a label file or a folder of masks, with labels named by the file, a table, file names or label values.
+
+mod folder;
+mod info;
+mod naming;
+mod table;
+
+use std::path::Path;
+
+use crate::anatomy::acoustics::{Preset, known};
+use crate::anatomy::volume::{LabelVolume, Loaded, VolumeError, load};
+pub use info::Info;
+use naming::Sizes;
+pub use table::Names;
+
+/// File extensions of volumes, longer ones before their suffixes.
+const ENDINGS: [&str; 9] = [
+    ".seg.nrrd",
+    ".nrrd",
+    ".nhdr",
+    ".nii.gz",
+    ".nii",
+    ".hdr",
+    ".img",
+    ".mha",
+    ".mhd",
+];
+
+/// Sources of label names.
+#[derive(Clone, Debug, Default)]
+pub struct Naming<'a> {
+    /// Names by value, which take precedence over those in the file.
+    pub names: Option<Names>,
+    /// Numbering used to name labels without names.
+    pub preset: Preset,
+    /// Values of labels that need no name.
+    pub claimed: &'a [i64],
+}
+
+/// A label volume with named labels.
+#[derive(Clone, Debug)]
+pub struct Segmentation {
+    /// The volume.
+    pub volume: LabelVolume,
+    /// Numbering by which labels were named, and the values of these labels.
+    pub by_value: Option<(Preset, Vec<i64>)>,
+    /// Sources of the names, one sentence each.
+    pub notes: Vec<String>,
+    /// Warnings, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+impl From<LabelVolume> for Segmentation {
+    fn from(volume: LabelVolume) -> Self {
+        Self {
+            volume,
+            by_value: None,
+            notes: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+}
+
+impl From<Loaded> for Segmentation {
+    fn from(loaded: Loaded) -> Self {
+        Self {
+            warnings: loaded.warnings,
+            ..loaded.volume.into()
+        }
+    }
+}
+
+/// Name of a volume's file without folder and extension; `None` if the extension is not that of a volume.
+pub fn stem(path: &Path) -> Option<String> {
+    let name = path.file_name()?.to_string_lossy().into_owned();
+    let lower = name.to_ascii_lowercase();
+    let ending = ENDINGS.iter().find(|ending| lower.ends_with(*ending))?;
+    Some(name[..name.len() - ending.len()].to_owned())
+}
+
+/// Opens a label file, or a folder of binary masks named by their files, and names its labels: by `names`, or else by the
+/// file, by a table beside it (`liver.csv` for `liver.nii.gz`), by the name of a file that is a single mask, and by the
+/// values of a numbering.
+///
+/// # Errors
+/// [`VolumeError`] as in [`load`], for folders without masks and for masks that are not binary or lie on other
+/// grids.
+pub fn open(path: &Path, naming: &Naming) -> Result<Segmentation, VolumeError> {
+    let is_folder = path.is_dir();
+    let mut segmentation = if is_folder {
+        folder::read(path)?
+    } else {
+        load(path)?.into()
+    };
+    let by_table = match &naming.names {
+        Some(names) => {
+            segmentation.take_names(names);
+            true
+        }
+        None => segmentation.nameless(naming).next().is_some() && segmentation.take_names_beside(path),
+    };
+    segmentation.name_mask(path, naming);
+    let sizes = Sizes::of(&segmentation.volume);
+    // Values missing from a table belong to its own numbering.
+    if !by_table || naming.preset != Preset::Auto {
+        segmentation.read_values(naming, &sizes);
+    }
+    segmentation.warnings.extend(segmentation.doubts(&sizes));
+    Ok(segmentation)
+}
+
+impl Segmentation {
+    /// Indices of unnamed labels that need a name.
+    fn nameless<'a>(&'a self, naming: &'a Naming) -> impl Iterator<Item = usize> + 'a {
+        let labels = self.volume.labels().iter().enumerate().skip(1);
+        labels
+            .filter(|(_, label)| label.name.is_none() && !naming.claimed.contains(&label.value))
+            .map(|(index, _)| index)
+    }
+
+    fn take_names(&mut self, names: &Names) {
+        let mut without = Vec::new();
+        for index in 1..self.volume.labels().len() {
+            let label = &self.volume.labels()[index];
+            match names.of(label.value) {
+                Some(name) => self.volume.name(index, name.to_owned()),
+                None if label.name.is_none() => without.push(label.value),
+                None => {}
+            }
+        }
+        let file = names.path().display();
+        self.notes.push(format!("labels are named by {file}"));
+        if !without.is_empty() {
+            self.warnings
+                .push(format!("{file} names no label {}", listed(&without)));
+        }
+    }
+
+    /// Takes the names from the table of the same stem beside a label file, and returns whether it did: an unreadable table
+    /// belongs to something else.
+    fn take_names_beside(&mut self, path: &Path) -> bool {
+        let table = stem(path).map(|stem| path.with_file_name(format!("{stem}.csv")));
+        let Some(table) = table.filter(|table| table.is_file()) else {
+            return false;
+        };
+        match Names::read(&table) {
+            Ok(names) => self.take_names(&names),
+            Err(error) => {
+                self.notes.push(format!("not used as label names: {error}"));
+                return false;
+            }
+        }
+        true
+    }
+
+    /// Names the only label of a mask after its file, if the name identifies a tissue.
+    fn name_mask(&mut self, path: &Path, naming: &Naming) {
+        let [_, only] = self.volume.labels() else {
+            return;
+        };
+        if only.name.is_some() {
+            return;
+        }
+        let Some(stem) = stem(path) else {
+            return;
+        };
+        if known(&stem).is_some() {
+            self.notes.push(format!("the only label is named by its file: {stem}"));
+            self.volume.name(1, stem);
+        } else if naming::is_mask(only.value) && naming.preset == Preset::Auto && !naming.claimed.contains(&only.value)
+        {
+            self.warnings.push(format!(
+                "the only label, {}, has no name, and the file name \"{stem}\" tells no tissue: name the file after it, such \
+                 as kidney_right.nii.gz, or name it with --names FILE",
+                only.value
+            ));
+        }
+    }
+}
+
+/// Lists values for a sentence: all if few, otherwise the first ones.
+fn listed(values: &[i64]) -> String {
+    const SHOWN: usize = 12;
+    let shown: Vec<String> = values.iter().take(SHOWN).map(i64::to_string).collect();
+    let more = values.len().saturating_sub(SHOWN);
+    match more {
+        0 => shown.join(", "),
+        _ => format!("{} and {more} more", shown.join(", ")),
+    }
+}
+
+#[cfg(test)]
+mod tests;

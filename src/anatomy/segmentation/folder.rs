@@ -1,0 +1,223 @@
+//! Folders of binary masks, one per file, named by their files.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Point3;
+use rayon::prelude::*;
+
+use super::{Segmentation, stem};
+use crate::anatomy::acoustics::totalsegmentator;
+use crate::anatomy::volume::complete::is_body;
+use crate::anatomy::volume::{At, Label, LabelVolume, Loaded, VolumeError, load};
+
+/// Value of the first label whose name is not a class of TotalSegmentator.
+const FREE: i64 = 301;
+
+/// Names of the image beside the masks in public data sets.
+const IMAGES: [&str; 2] = ["ct", "mri"];
+
+/// Largest distance between the corners of two equal grids, mm.
+const SAME_MM: f64 = 0.01;
+
+/// File of a mask and its stem, the name of the label.
+struct Mask {
+    path: PathBuf,
+    name: String,
+}
+
+impl Mask {
+    fn is_image(&self) -> bool {
+        IMAGES.contains(&self.name.to_lowercase().as_str())
+    }
+
+    /// Loads the volume of the file; its values are not yet checked.
+    fn load(&self) -> Result<Loaded, VolumeError> {
+        load(&self.path).map_err(|error| match error {
+            VolumeError::Fractional { value, .. } => no_mask(&self.path, format!("the value {value:?}")),
+            VolumeError::Volume { cause, .. } if let VolumeError::TooManyLabels(count) = *cause => {
+                no_mask(&self.path, format!("{count} or more values"))
+            }
+            other => other,
+        })
+    }
+}
+
+/// Error of a file that is not a mask.
+fn no_mask(path: &Path, found: impl Into<String>) -> VolumeError {
+    let expected = "a binary mask, as all files of a folder are: move another file, such as the CT, out of the folder";
+    VolumeError::malformed(path, At::Voxels, found, expected)
+}
+
+/// Lists the files of a folder that hold volumes.
+fn volumes(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
+    let fail = |cause| VolumeError::read(folder, cause);
+    let mut masks = Vec::new();
+    for entry in fs::read_dir(folder).map_err(fail)? {
+        let path = entry.map_err(fail)?.path();
+        let data_of_header = path
+            .extension()
+            .is_some_and(|ending| ending.eq_ignore_ascii_case("img"));
+        if let Some(name) = stem(&path)
+            && !name.starts_with('.')
+            && !data_of_header
+            && path.is_file()
+        {
+            masks.push(Mask { path, name });
+        }
+    }
+    Ok(masks)
+}
+
+/// Lists the masks of a folder by name, those of the entire body first: later ones take precedence.
+fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
+    let mut masks = volumes(folder)?;
+    if masks.iter().all(Mask::is_image) {
+        let mut expected = "masks such as liver.nii.gz, in NIfTI, NRRD or MetaImage".to_owned();
+        let inner = folder.join("segmentations");
+        if volumes(&inner).is_ok_and(|inner| !inner.is_empty()) {
+            expected.push_str(&format!("; there are some in {}: give that folder", inner.display()));
+        }
+        return Err(VolumeError::malformed(folder, At::Folder, "no mask", expected));
+    }
+    if let Some(image) = masks.iter().find(|mask| mask.is_image()) {
+        return Err(no_mask(&image.path, "an image, by its name"));
+    }
+    masks.sort_by_cached_key(|mask| (!is_body(&mask.name), mask.name.clone(), mask.path.clone()));
+    if let Some([one, two]) = masks.array_windows().find(|[one, two]| one.name == two.name) {
+        let found = format!("{} and {}", file_name(&one.path), file_name(&two.path));
+        return Err(VolumeError::malformed(folder, At::Folder, found, "one file a name"));
+    }
+    Ok(masks)
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// Reads the masks of a folder as one volume. Labels have the values of TotalSegmentator's classes, or free ones; empty
+/// masks give no label.
+pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
+    let masks = masks(folder)?;
+    let first = masks[0].load()?;
+    let mut union = Union {
+        voxels: vec![0; first.volume.voxels().len()],
+        labels: Vec::new(),
+        overlaps: 0,
+    };
+    union.add(&masks[0], &first.volume)?;
+    for some in masks[1..].chunks(rayon::current_num_threads()) {
+        let loaded: Vec<_> = some.par_iter().map(Mask::load).collect();
+        for (mask, loaded) in some.iter().zip(loaded) {
+            let volume = loaded?.volume;
+            same_grid(&masks[0].path, &first.volume, &mask.path, &volume)?;
+            union.add(mask, &volume)?;
+        }
+    }
+    let (labels, overlaps) = (union.labels.len(), union.overlaps);
+    let volume = union.volume(&first.volume).map_err(|error| error.in_file(folder))?;
+    let mut segmentation = Segmentation::from(volume);
+    segmentation.warnings = first.warnings;
+    segmentation.notes.push(format!(
+        "{} holds {} masks, {} of them empty; each is the label of its file's name",
+        folder.display(),
+        masks.len(),
+        masks.len() - labels
+    ));
+    if overlaps > 0 {
+        segmentation.warnings.push(format!(
+            "{overlaps} voxels belong to several masks: the last by name counts"
+        ));
+    }
+    Ok(segmentation)
+}
+
+/// Union of masks.
+struct Union {
+    voxels: Vec<u8>,
+    /// Labels in the order of their masks, without values.
+    labels: Vec<Label>,
+    overlaps: u64,
+}
+
+impl Union {
+    fn add(&mut self, mask: &Mask, volume: &LabelVolume) -> Result<(), VolumeError> {
+        if let [_, one, two, ..] = volume.labels() {
+            let found = format!("values {} and {}", one.value, two.value);
+            return Err(no_mask(&mask.path, found));
+        }
+        if !volume.holds(1) {
+            return Ok(());
+        }
+        let mut voxels = 0;
+        // Past 255 the volume is refused below; only the count of labels still matters.
+        let index = (self.labels.len() + 1) as u8;
+        for (voxel, _) in self.voxels.iter_mut().zip(volume.voxels()).filter(|(_, own)| **own > 0) {
+            voxels += 1;
+            self.overlaps += u64::from(*voxel > 0);
+            *voxel = index;
+        }
+        self.labels.push(Label {
+            value: 0,
+            name: Some(mask.name.clone()),
+            voxels,
+        });
+        Ok(())
+    }
+
+    /// Returns the volume on the grid of `like`, its labels by ascending value.
+    fn volume(mut self, like: &LabelVolume) -> Result<LabelVolume, VolumeError> {
+        if self.labels.len() > 255 {
+            return Err(VolumeError::TooManyLabels(self.labels.len() + 1));
+        }
+        let mut free = FREE;
+        for label in &mut self.labels {
+            let class = label.name.as_deref().and_then(totalsegmentator::by_name);
+            label.value = class.map_or(free, |class| class.value);
+            free += i64::from(class.is_none());
+        }
+        let mut order: Vec<usize> = (0..self.labels.len()).collect();
+        order.sort_by_key(|&at| self.labels[at].value);
+        let mut place = [0; 256];
+        let mut labels = vec![Label {
+            value: 0,
+            name: None,
+            voxels: self.voxels.iter().filter(|voxel| **voxel == 0).count() as u64,
+        }];
+        for at in order {
+            place[at + 1] = labels.len() as u8;
+            labels.push(self.labels[at].clone());
+        }
+        for voxel in &mut self.voxels {
+            *voxel = place[usize::from(*voxel)];
+        }
+        LabelVolume::new(like.size(), self.voxels, labels, *like.index_to_world())
+    }
+}
+
+/// Checks that a mask lies on the grid of the first.
+fn same_grid(first: &Path, grid: &LabelVolume, path: &Path, mask: &LabelVolume) -> Result<(), VolumeError> {
+    let (size, other) = (grid.size(), mask.size());
+    let first = first.display();
+    if size != other {
+        let found = format!("{other:?} voxels");
+        let expected = format!("the {size:?} voxels of {first}: the masks of a folder share a grid");
+        return Err(VolumeError::malformed(path, At::Header, found, expected));
+    }
+    let corner = |volume: &LabelVolume, which: usize| {
+        let index = [0, 1, 2].map(|axis| (which >> axis & 1) as f64 * (size[axis] - 1) as f64);
+        volume.index_to_world().transform_point(&Point3::from(index))
+    };
+    let apart = (0..8).map(|which| (which, (corner(grid, which) - corner(mask, which)).norm()));
+    let (which, distance) = apart.fold((0, 0.0), |worst, next| if next.1 > worst.1 { next } else { worst });
+    if distance > SAME_MM {
+        let place = |volume| {
+            let [x, y, z] = corner(volume, which).into();
+            format!("{x:.3}, {y:.3}, {z:.3} mm")
+        };
+        let found = format!("a corner at {} (LPS)", place(mask));
+        let expected = format!("{} as in {first}: the masks of a folder share a grid", place(grid));
+        return Err(VolumeError::malformed(path, At::Header, found, expected));
+    }
+    Ok(())
+}

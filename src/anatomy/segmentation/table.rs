@@ -1,0 +1,137 @@
+//! Tables of label names: CSV, colour tables of 3D Slicer, label descriptions of ITK-SNAP.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::anatomy::volume::{At, VolumeError};
+use crate::base::read;
+
+/// Accepted headers of the value and name columns, without capitals, blanks and punctuation; the first one present counts.
+const VALUES: [&str; 5] = ["value", "labelvalue", "index", "id", "label"];
+const NAMES: [&str; 4] = ["name", "labelname", "structure", "label"];
+
+/// Names of label values.
+#[derive(Clone, Debug)]
+pub struct Names {
+    path: PathBuf,
+    by_value: BTreeMap<i64, String>,
+}
+
+impl Names {
+    /// Reads a table: CSV with columns such as `value` (or `label`) and `name`, or these two without a header; a colour table of 3D Slicer (number,
+    /// name and colour per line); label descriptions of ITK-SNAP.
+    ///
+    /// # Errors
+    /// [`VolumeError`] with the line, for tables of other formats, values that are not integers, and values with two
+    /// names.
+    pub fn read(path: &Path) -> Result<Self, VolumeError> {
+        let text = read::text(path, read::CSV).map_err(|cause| VolumeError::read(path, cause))?;
+        let mut names = Self {
+            path: path.to_owned(),
+            by_value: BTreeMap::new(),
+        };
+        let first = text
+            .lines()
+            .map(str::trim)
+            .find(|line| !line.is_empty() && !line.starts_with('#'));
+        let first = first.unwrap_or_default();
+        let after = first.trim_start_matches(|c: char| c.is_ascii_digit());
+        let is_value = after.len() < first.len();
+        if is_value && !after.trim_start().starts_with([',', ';']) {
+            names.read_colours(&text)?;
+        } else {
+            names.read_csv(&text, first, !is_value)?;
+        }
+        Ok(names)
+    }
+
+    /// Path of the table.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Name of a label value.
+    pub fn of(&self, value: i64) -> Option<&str> {
+        self.by_value.get(&value).map(String::as_str)
+    }
+
+    fn add(&mut self, line: usize, value: &str, name: &str) -> Result<(), VolumeError> {
+        let fail =
+            |found: String, expected: &str| Err(VolumeError::malformed(&self.path, At::Line(line), found, expected));
+        let Ok(number) = value.parse::<i64>() else {
+            return fail(format!("{value:?}"), "a label value, a whole number");
+        };
+        if name.is_empty() {
+            return fail(format!("no name for {number}"), "a name");
+        }
+        match self.by_value.get(&number) {
+            Some(known) if known != name => fail(
+                format!("{number} {name:?} after {number} {known:?}"),
+                "one name a value",
+            ),
+            _ => {
+                self.by_value.insert(number, name.to_owned());
+                Ok(())
+            }
+        }
+    }
+
+    /// Parses lines of a number, a name and a colour, or of a number, a colour and a name in quotes.
+    fn read_colours(&mut self, text: &str) -> Result<(), VolumeError> {
+        for (line, row) in text.lines().enumerate() {
+            let row = row.trim();
+            if row.is_empty() || row.starts_with('#') {
+                continue;
+            }
+            let mut words = row.split_whitespace();
+            let (value, second) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
+            let quoted = row.split_once('"').map(|(_, rest)| rest.trim_end_matches('"'));
+            self.add(line + 1, value, quoted.unwrap_or(second).trim())?;
+        }
+        Ok(())
+    }
+
+    /// Parses rows by their columns; without a header, of a value and a name. `first` is the first line.
+    fn read_csv(&mut self, text: &str, first: &str, has_header: bool) -> Result<(), VolumeError> {
+        let fail = |line: u64, found: String, expected: &str| {
+            VolumeError::malformed(&self.path, At::Line(line as usize), found, expected)
+        };
+        let delimiter = ['\t', ';'].into_iter().find(|c| first.contains(*c)).unwrap_or(',');
+        let mut reader = csv::ReaderBuilder::new()
+            .trim(csv::Trim::All)
+            .has_headers(has_header)
+            .comment(Some(b'#'))
+            .delimiter(delimiter as u8)
+            .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+        let broken = |error: csv::Error| {
+            let line = error.position().map_or(1, csv::Position::line);
+            fail(line, error.to_string(), "a CSV table")
+        };
+        let headers: Vec<String> = reader.headers().map_err(broken)?.iter().map(plain).collect();
+        let column = |wanted: &[&str], not: Option<usize>| {
+            let at = |name: &&str| (0..headers.len()).find(|at| headers[*at] == *name && Some(*at) != not);
+            wanted.iter().find_map(at)
+        };
+        let (value, name) = match has_header {
+            true => {
+                let value = column(&VALUES, None);
+                (value, column(&NAMES, value))
+            }
+            false => (Some(0), Some(1)),
+        };
+        let (Some(value), Some(name)) = (value, name) else {
+            let found = format!("columns {}", headers.join(", "));
+            return Err(fail(1, found, "columns `value` (or `label`) and `name`"));
+        };
+        let rows: Vec<_> = reader.records().collect::<Result<_, _>>().map_err(broken)?;
+        for row in rows {
+            let line = row.position().map_or(1, csv::Position::line) as usize;
+            self.add(line, &row[value], &row[name])?;
+        }
+        Ok(())
+    }
+}
+
+fn plain(header: &str) -> String {
+    header.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect()
+}

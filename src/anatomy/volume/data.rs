@@ -1,0 +1,334 @@
+//! Image data: seeking, decompression and size checks, never more than the header promises.
+
+use std::fs::File;
+use std::io::{self, BufRead, BufReader, Read, Seek, SeekFrom};
+
+use bzip2::bufread::BzDecoder;
+use flate2::bufread::{GzDecoder, ZlibDecoder};
+
+use super::element::Element;
+use super::error::{At, VolumeError, quoted};
+use super::header::{Encoding, Header, Skip};
+use crate::base::memory::TooLarge;
+use crate::base::read;
+
+/// Maximum number of bytes decompressed past the last needed one, to reach the checksum at the end.
+pub(crate) const MAX_EXCESS: u64 = 64 << 20;
+
+/// Maximum number of bytes skipped where each must be read: lines, and bytes of compressed data.
+const MAX_SKIP: u64 = 256 << 20;
+
+/// Longest word of text data, bytes: a double takes some 300 without an exponent.
+const MAX_WORD: u64 = 1024;
+
+/// Number of bytes decompressed at a time.
+const CHUNK: usize = 64 << 10;
+
+/// Reads the numbers of an image into values, one for each `group` of bytes. `push` appends those of a slice of complete
+/// groups; numbers have the byte order of [`Header::data_order`].
+pub(crate) fn read_into<V>(header: &mut Header, group: usize, push: Push<V>) -> Result<Vec<V>, VolumeError> {
+    let (_, expected) = header.extent()?;
+    let (reader, begin, stored) = open(header, expected)?;
+    let most = match header.data.encoding {
+        Encoding::Raw | Encoding::Text => expected,
+        // Maximum expansion per byte: "An Explanation of the Deflate Algorithm" (zlib) and twice the run length of blocks of bzip2.
+        Encoding::Gzip | Encoding::Zlib => expected.min(stored.saturating_mul(1032) as usize),
+        Encoding::Bzip2 => expected.min(stored.saturating_mul(1 << 21) as usize),
+    };
+    let what = format!("an image of {}", header.sizes());
+    let fail = |cause: TooLarge| header.unreadable(cause.into());
+    let values = read::room(most / group, &what).map_err(fail)?;
+    let part = read::room(group.min(most), &what).map_err(fail)?;
+    let mut sink = Sink {
+        skip: 0,
+        wanted: expected,
+        excess: 0,
+        part,
+        group,
+        chunk: vec![0; CHUNK],
+        values,
+        push,
+        failed: None,
+    };
+    match header.data.encoding {
+        Encoding::Raw => raw(header, reader, begin, stored, &mut sink)?,
+        Encoding::Text => text(header, reader, begin, stored, &mut sink)?,
+        Encoding::Gzip | Encoding::Zlib | Encoding::Bzip2 => unpack(header, reader, begin, expected, &mut sink)?,
+    }
+    sink.failed.map_or(Ok(sink.values), Err)
+}
+
+/// Reads exactly the bytes required by an image's sizes and element type.
+pub(crate) fn read(header: &mut Header) -> Result<Vec<u8>, VolumeError> {
+    read_into(header, 1, &mut |bytes, all| {
+        all.extend_from_slice(bytes);
+        Ok(())
+    })
+}
+
+/// Appends the values of a slice of bytes.
+pub(crate) type Push<'a, V> = &'a mut dyn FnMut(&[u8], &mut Vec<V>) -> Result<(), VolumeError>;
+
+/// Opens the data file after the lines to skip, and returns its position and remaining length; an error if these cannot hold
+/// `expected` bytes.
+fn open(header: &Header, expected: usize) -> Result<(BufReader<File>, u64, u64), VolumeError> {
+    let fail = |cause| header.unreadable(cause);
+    let place = &header.data;
+    let file = read::open(&place.path).map_err(fail)?;
+    let end = file.metadata().map_err(fail)?.len();
+    let mut reader = BufReader::new(file);
+    reader.seek(SeekFrom::Start(place.start)).map_err(fail)?;
+    let mut skipped = 0;
+    for _ in 0..place.skip_lines {
+        let left = MAX_SKIP - skipped;
+        let line = (&mut reader).take(left).skip_until(b'\n').map_err(fail)? as u64;
+        skipped += line;
+        if line == left {
+            let found = format!("more than {MAX_SKIP} bytes in the {} lines to skip", place.skip_lines);
+            return Err(VolumeError::malformed(
+                &place.path,
+                At::Byte(place.start),
+                found,
+                "fewer",
+            ));
+        }
+        // A shortage is detected below.
+        if line == 0 {
+            break;
+        }
+    }
+    let begin = place.start + skipped;
+    let stored = end.saturating_sub(begin);
+    // In text, every number but the last takes at least a digit and a blank.
+    let least = match place.encoding {
+        Encoding::Raw => expected as u64,
+        Encoding::Text => 2 * (expected / header.element()?.bytes()) as u64 - 1,
+        _ => 0,
+    };
+    match stored < least {
+        true => Err(short(header, end, stored, least)),
+        false => Ok((reader, begin, stored)),
+    }
+}
+
+fn short(header: &Header, at: u64, found: u64, expected: u64) -> VolumeError {
+    let element = header.element.map_or("no type", Element::name);
+    VolumeError::malformed(
+        &header.data.path,
+        At::Byte(at),
+        format!("the end of the data after {found} bytes"),
+        format!("{expected} bytes ({} of {element})", header.sizes()),
+    )
+}
+
+fn raw<V>(
+    header: &Header,
+    mut reader: BufReader<File>,
+    begin: u64,
+    stored: u64,
+    sink: &mut Sink<V>,
+) -> Result<(), VolumeError> {
+    let wanted = sink.wanted as u64;
+    let skip = match header.data.skip {
+        Skip::Bytes(bytes) => bytes,
+        Skip::AllButTheImage => stored.saturating_sub(wanted),
+    };
+    let available = stored.saturating_sub(skip);
+    if available < wanted {
+        return Err(short(header, begin + stored, available, wanted));
+    }
+    let fail = |cause| header.unreadable(cause);
+    reader.seek(SeekFrom::Start(begin + skip)).map_err(fail)?;
+    sink.drain(reader.take(wanted)).map_err(fail)?;
+    match sink.wanted {
+        0 => Ok(()),
+        // The file has shrunk since its length was queried.
+        left => Err(short(
+            header,
+            begin + skip + wanted - left as u64,
+            wanted - left as u64,
+            wanted,
+        )),
+    }
+}
+
+fn text<V>(
+    header: &Header,
+    mut reader: BufReader<File>,
+    begin: u64,
+    stored: u64,
+    sink: &mut Sink<V>,
+) -> Result<(), VolumeError> {
+    let element = header.element()?;
+    let Skip::Bytes(skip) = header.data.skip else {
+        return Err(header.unsupported("a byte skip of -1 in text data", "it goes with raw data"));
+    };
+    let fail = |cause| header.unreadable(cause);
+    let expected = sink.wanted;
+    let mut at = begin + skip.min(stored);
+    reader.seek(SeekFrom::Start(at)).map_err(fail)?;
+    let (mut word, mut number) = (Vec::new(), Vec::new());
+    let parts = |byte: u8| byte.is_ascii_whitespace() || byte == b',';
+    while sink.wanted > 0 && sink.failed.is_none() {
+        word.clear();
+        let start = at;
+        for byte in (&mut reader).take(MAX_WORD).bytes() {
+            let byte = byte.map_err(fail)?;
+            at += 1;
+            if parts(byte) {
+                break;
+            }
+            word.push(byte);
+        }
+        if at == start {
+            let read = (expected - sink.wanted) as u64;
+            return Err(short(header, at, read, expected as u64));
+        }
+        if word.is_empty() {
+            continue;
+        }
+        number.clear();
+        let text = String::from_utf8_lossy(&word);
+        let parsed = element.push_text(&text, &mut number);
+        parsed.filter(|()| word.len() < MAX_WORD as usize).ok_or_else(|| {
+            let expected = format!("a number of type {}", element.name());
+            VolumeError::malformed(&header.data.path, At::Byte(start), quoted(&text), expected)
+        })?;
+        sink.take(&number);
+    }
+    Ok(())
+}
+
+/// Receiver of decompressed bytes: drops the first `skip`, passes on the wanted ones and counts those after.
+struct Sink<'a, V> {
+    skip: u64,
+    wanted: usize,
+    excess: u64,
+    /// Bytes of an incomplete group.
+    part: Vec<u8>,
+    group: usize,
+    /// Bytes read at a time.
+    chunk: Vec<u8>,
+    values: Vec<V>,
+    push: Push<'a, V>,
+    /// First error of `push`: the data are still drained, since broken compression may be the cause.
+    failed: Option<VolumeError>,
+}
+
+impl<V> Sink<'_, V> {
+    fn take(&mut self, bytes: &[u8]) {
+        let dropped = self.skip.min(bytes.len() as u64) as usize;
+        self.skip -= dropped as u64;
+        let rest = &bytes[dropped..];
+        let (mut rest, excess) = rest.split_at(rest.len().min(self.wanted));
+        self.excess += excess.len() as u64;
+        self.wanted -= rest.len();
+        if !self.part.is_empty() {
+            let (end, after) = rest.split_at(rest.len().min(self.group - self.part.len()));
+            self.part.extend_from_slice(end);
+            rest = after;
+            if self.part.len() < self.group {
+                return;
+            }
+            let mut part = std::mem::take(&mut self.part);
+            self.hand_on(&part);
+            part.clear();
+            self.part = part;
+        }
+        let (whole, part) = rest.split_at(rest.len() - rest.len() % self.group);
+        self.part.extend_from_slice(part);
+        self.hand_on(whole);
+    }
+
+    fn hand_on(&mut self, bytes: &[u8]) {
+        if self.failed.is_none() {
+            self.failed = (self.push)(bytes, &mut self.values).err();
+        }
+    }
+
+    /// Drains a decoder to its end, where it verifies its checksum, unless that is too far away.
+    fn drain(&mut self, mut decoder: impl Read) -> io::Result<()> {
+        let mut chunk = std::mem::take(&mut self.chunk);
+        let drained = loop {
+            match decoder.read(&mut chunk) {
+                Ok(read) if read > 0 && self.excess <= MAX_EXCESS => self.take(&chunk[..read]),
+                Ok(_) => break Ok(()),
+                Err(cause) if cause.kind() == io::ErrorKind::Interrupted => {}
+                Err(cause) => break Err(cause),
+            }
+        };
+        self.chunk = chunk;
+        drained
+    }
+}
+
+fn unpack<V>(
+    header: &mut Header,
+    mut reader: BufReader<File>,
+    begin: u64,
+    expected: usize,
+    sink: &mut Sink<V>,
+) -> Result<(), VolumeError> {
+    sink.skip = match header.data.skip {
+        Skip::Bytes(skip) if skip <= MAX_SKIP => skip,
+        Skip::Bytes(skip) => {
+            let found = format!("a skip of {skip} bytes in compressed data");
+            return Err(header.unsupported(found, format!("at most {MAX_SKIP} are skipped")));
+        }
+        Skip::AllButTheImage => {
+            return Err(header.unsupported("a byte skip of -1 in compressed data", "it goes with raw data"));
+        }
+    };
+    let encoding = header.data.encoding;
+    loop {
+        let drained = match encoding {
+            Encoding::Bzip2 => sink.drain(BzDecoder::new(&mut reader)),
+            Encoding::Zlib => sink.drain(ZlibDecoder::new(&mut reader)),
+            _ => sink.drain(GzDecoder::new(&mut reader)),
+        };
+        let at = reader.stream_position().unwrap_or(begin);
+        if let Err(cause) = drained {
+            return Err(broken(header, at, expected - sink.wanted, expected, &cause));
+        }
+        let more = reader.fill_buf().map_err(|cause| header.unreadable(cause))?;
+        let another_member = match encoding {
+            Encoding::Bzip2 => more.starts_with(b"BZh"),
+            Encoding::Zlib => false,
+            _ => more.starts_with(&[0x1f, 0x8b]),
+        };
+        if sink.excess > 0 || !another_member {
+            break;
+        }
+    }
+    if sink.wanted > 0 {
+        let at = reader.stream_position().unwrap_or(begin);
+        return Err(short(header, at, (expected - sink.wanted) as u64, expected as u64));
+    }
+    if sink.excess > 0 {
+        let warning =
+            format!("the data go on past the {expected} bytes that the header calls for; the rest is ignored");
+        header.warnings.push(warning);
+    }
+    Ok(())
+}
+
+fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
+    if !says_broken(cause) {
+        return header.unreadable(io::Error::new(cause.kind(), cause.to_string()));
+    }
+    let wanted = match unpacked == expected {
+        true => "an intact end of the compressed data".to_owned(),
+        false => format!("{expected} bytes unpacked"),
+    };
+    let found = format!("broken compressed data ({cause}) after {unpacked} bytes unpacked");
+    VolumeError::malformed(&header.data.path, At::Byte(at), found, wanted)
+}
+
+/// Whether an error of a decoder is due to the data rather than the system.
+pub(crate) fn says_broken(cause: &io::Error) -> bool {
+    use io::ErrorKind as Kind;
+    matches!(
+        cause.kind(),
+        Kind::UnexpectedEof | Kind::InvalidInput | Kind::InvalidData | Kind::Other
+    )
+}

@@ -1,0 +1,210 @@
+//! Errors of image files.
+
+use std::fmt;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use crate::base::memory::TooLarge;
+use crate::base::output::OutputError;
+use crate::base::read;
+use crate::base::text;
+
+/// Position of an error in a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum At {
+    /// The header in general.
+    Header,
+    /// A line of a text header, counted from 1.
+    Line(usize),
+    /// A byte of the file, counted from 0.
+    Byte(u64),
+    /// The voxels in general.
+    Voxels,
+    /// The pixels of a picture.
+    Pixels,
+    /// The files of a folder.
+    Folder,
+}
+
+impl fmt::Display for At {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Header => write!(f, "header"),
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Byte(byte) => write!(f, "byte {byte}"),
+            Self::Voxels => write!(f, "voxels"),
+            Self::Pixels => write!(f, "pixels"),
+            Self::Folder => write!(f, "folder"),
+        }
+    }
+}
+
+/// Why an image cannot be read, made, completed or written.
+#[derive(Debug, thiserror::Error)]
+pub enum VolumeError {
+    /// The file cannot be read.
+    #[error("{}: cannot be read: {cause}", path.display())]
+    Read {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+    /// The data file named in the header cannot be read.
+    #[error("{}, {at}: the data file {} cannot be read: {cause}", path.display(), text::clipped(&data.to_string_lossy(), text::MESSAGE))]
+    Data {
+        /// Path of the header file.
+        path: PathBuf,
+        /// Position of the name in the header.
+        at: At,
+        /// Path of the data file.
+        data: PathBuf,
+        /// Error of the operating system.
+        cause: io::Error,
+    },
+    /// The file contains an invalid value.
+    #[error("{}, {at}: found {found}, expected {expected}", path.display())]
+    Malformed {
+        /// Path of the file.
+        path: PathBuf,
+        /// Position in the file.
+        at: At,
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// The file may be valid, but uses an unsupported feature.
+    #[error("{}, {at}: {found} is not supported; {expected}", path.display())]
+    Unsupported {
+        /// Path of the file.
+        path: PathBuf,
+        /// Position in the file.
+        at: At,
+        /// What is not supported.
+        found: String,
+        /// What is supported, or what to do.
+        expected: String,
+    },
+    /// A label volume holds a number that is not a label.
+    #[error(
+        "{}: voxel ({}, {}, {}) is {value:?}, expected a whole number: this is no label volume (label values lie within 2^63 of 0)",
+        path.display(), voxel[0], voxel[1], voxel[2]
+    )]
+    Fractional {
+        /// Path of the file.
+        path: PathBuf,
+        /// Index of the first such voxel.
+        voxel: [usize; 3],
+        /// Value of the voxel.
+        value: f64,
+    },
+    /// The numbers are valid but do not form a label volume.
+    #[error("{}: {cause}", path.display())]
+    Volume {
+        /// Path of the file.
+        path: PathBuf,
+        /// Cause of the error.
+        cause: Box<VolumeError>,
+    },
+    /// More distinct labels than a byte can index.
+    #[error("at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
+    TooManyLabels(usize),
+    /// An option, or a part of a volume or texture, is invalid.
+    #[error("{text}")]
+    Value {
+        /// Name of the option, if it is one.
+        key: Option<&'static str>,
+        /// What was found and expected.
+        text: String,
+    },
+    /// More memory is needed than is available.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
+    /// The file cannot be written.
+    #[error(transparent)]
+    Write(#[from] OutputError),
+}
+
+impl VolumeError {
+    /// Whether the machine is at fault rather than the input: errors of writing, and of reading except for a file
+    /// that is missing, forbidden or not a file.
+    pub fn is_machine(&self) -> bool {
+        match self {
+            Self::Write(_) | Self::Memory(_) => true,
+            Self::Read { cause, .. } | Self::Data { cause, .. } => read::is_machine(cause),
+            _ => false,
+        }
+    }
+
+    /// Name of the option at fault, if it is one.
+    pub(crate) fn key(&self) -> Option<&'static str> {
+        match self {
+            Self::Value { key, .. } => *key,
+            _ => None,
+        }
+    }
+
+    pub(crate) fn new(text: impl Into<String>) -> Self {
+        let (key, text) = (None, text.into());
+        Self::Value { key, text }
+    }
+
+    pub(crate) fn option(key: &'static str, text: String) -> Self {
+        let key = Some(key);
+        Self::Value { key, text }
+    }
+
+    pub(super) fn wrong_count(found: usize, expected: usize) -> Self {
+        Self::new(format!("{found} voxels for a size that needs {expected}"))
+    }
+
+    /// An error if there are more labels than a byte can index.
+    pub(crate) fn check_labels(labels: usize) -> Result<(), Self> {
+        match labels > 256 {
+            true => Err(Self::TooManyLabels(labels)),
+            false => Ok(()),
+        }
+    }
+
+    /// The error as one of a file.
+    pub(crate) fn in_file(self, path: &Path) -> Self {
+        let (path, cause) = (path.to_owned(), Box::new(self));
+        Self::Volume { path, cause }
+    }
+
+    pub(crate) fn read(path: &Path, cause: io::Error) -> Self {
+        Self::Read {
+            path: path.to_owned(),
+            cause,
+        }
+    }
+
+    pub(crate) fn malformed(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
+        Self::Malformed {
+            path: path.to_owned(),
+            at,
+            found: text::clipped(&found.into(), text::MESSAGE),
+            expected: expected.into(),
+        }
+    }
+
+    pub(crate) fn unsupported(path: &Path, at: At, found: impl Into<String>, expected: impl Into<String>) -> Self {
+        Self::Unsupported {
+            path: path.to_owned(),
+            at,
+            found: text::clipped(&found.into(), text::MESSAGE),
+            expected: expected.into(),
+        }
+    }
+}
+
+/// Text of a file as shown in an error: quoted and truncated to a readable length.
+pub(crate) fn quoted(text: &str) -> String {
+    const SHOWN: usize = 60;
+    let mut shown: String = text.chars().take(SHOWN).collect();
+    if shown.len() < text.len() {
+        shown.push('…');
+    }
+    format!("{shown:?}")
+}

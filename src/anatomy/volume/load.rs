@@ -1,0 +1,120 @@
+//! Loading of image files, with their format detected by content.
+
+use std::io::Read;
+use std::path::Path;
+
+use nalgebra::Matrix4;
+
+use super::element::{Sample, with_sample};
+use super::error::{At, VolumeError, quoted};
+use super::header::Header;
+use super::{LabelVolume, data, labels, metaimage, nifti, nrrd};
+use crate::base::read;
+
+/// A label volume with the warnings of the reader.
+#[derive(Clone, Debug)]
+pub struct Loaded {
+    /// Loaded volume.
+    pub volume: LabelVolume,
+    /// Assumptions and warnings, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+/// A grey volume, used for solid textures.
+#[derive(Clone, Debug)]
+pub struct ScalarImage {
+    /// Number of voxels along each index axis.
+    pub size: [usize; 3],
+    /// Distance between voxel centres along each index axis, mm.
+    pub spacing_mm: [f64; 3],
+    /// Transform from voxel index to LPS millimetres.
+    pub index_to_world: Matrix4<f64>,
+    /// Finite values, x fastest, with the file's own scale applied.
+    pub data: Vec<f32>,
+}
+
+/// Loads a label volume: NIfTI-1 (`.nii`, `.nii.gz`, `.hdr` with `.img`), NRRD (`.nrrd`, `.nhdr`, `.seg.nrrd`) or
+/// MetaImage (`.mha`, `.mhd`). A two-dimensional image is a volume of one slice, 1 mm thick.
+///
+/// # Errors
+/// [`VolumeError`] with the file, the place in it, what was found and what was expected: for files that are unreadable,
+/// of another format or broken, or hold no labels (fractions, or more than 256 distinct values).
+pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
+    labels::volume(read_header(path)?)
+}
+
+/// Loads a grey volume from the formats of [`load`], any element type.
+///
+/// # Errors
+/// The errors of [`load`], and for values that are not finite; fractions and any number of distinct values are accepted.
+pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
+    let mut header = read_header(path)?;
+    let grid = header.grid()?;
+    let (order, scale) = (header.data_order(), header.scale);
+    let values = with_sample!(header.element()?, T => {
+        let value = |number: &[u8]| {
+            let stored = T::decode(number, order).as_f64();
+            scale.map_or(stored, |scale| scale.apply(stored)) as f32
+        };
+        data::read_into(&mut header, T::BYTES, &mut |bytes, values| {
+            values.extend(bytes.chunks_exact(T::BYTES).map(value));
+            Ok(())
+        })
+    })?;
+    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+        let [x, y, _] = grid.size;
+        let found = format!("{} at voxel ({}, {}, {})", values[at], at % x, at / x % y, at / x / y);
+        return Err(header.malformed(found, "finite grey values"));
+    }
+    Ok(ScalarImage {
+        size: grid.size,
+        spacing_mm: [0, 1, 2].map(|axis| grid.index_to_world.fixed_view::<3, 1>(0, axis).norm()),
+        index_to_world: grid.index_to_world,
+        data: values,
+    })
+}
+
+/// Parses the header of an image of any known format.
+pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
+    let fail = |cause| VolumeError::read(path, cause);
+    if path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("img"))
+    {
+        let header = path.with_extension("hdr");
+        if header.is_file() {
+            return nifti::read_header(&header);
+        }
+    }
+    let mut start = Vec::new();
+    read::open(path)
+        .and_then(|file| file.take(4096).read_to_end(&mut start))
+        .map_err(fail)?;
+    if start.starts_with(nrrd::MAGIC) {
+        return nrrd::read_header(path);
+    }
+    if metaimage::is_header(&start) {
+        return metaimage::read_header(path);
+    }
+    let gzipped = start.starts_with(&[0x1f, 0x8b]);
+    if gzipped || nifti::is_header(&start) {
+        return nifti::read_header(path);
+    }
+    if start.get(128..132) == Some(b"DICM") {
+        let instead = "convert it to NIfTI, NRRD or MetaImage";
+        return Err(VolumeError::unsupported(path, At::Byte(128), "DICOM", instead));
+    }
+    const MESHES: [&[u8]; 4] = [b"$MeshFormat", b"# vtk DataFile", b"<VTKFile", b"<?xml"];
+    if MESHES.iter().any(|first| start.starts_with(first)) {
+        let instead = "give a volume of labels; `insonify mesh info` looks into a mesh, and `mesh = \"FILE\"` in a file for `solve` or \
+                       `insert` calculates on it as it is";
+        return Err(VolumeError::unsupported(path, At::Byte(0), "a mesh", instead));
+    }
+    let found = if start.is_empty() {
+        "an empty file".to_owned()
+    } else {
+        quoted(&String::from_utf8_lossy(&start[..start.len().min(16)]))
+    };
+    let expected = "the start of a NIfTI-1, NRRD or MetaImage file";
+    Err(VolumeError::malformed(path, At::Byte(0), found, expected))
+}

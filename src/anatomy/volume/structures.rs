@@ -1,0 +1,329 @@
+//! Synthetic structures within organs that a segmentation labels as one piece, and within soft tissue filled by
+//! completion.
+//!
+//! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart without chambers four
+//! chambers, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is drawn voxel by voxel: structures narrower
+//! than about two voxels are left out. Structures that the file labels itself are not drawn. [`LabelVolume::undivided`] returns the organs
+//! without structures.
+//!
+//! Sources: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et al., J. Am. Soc. Echocardiogr.
+//! 28 (2015) 1 (walls of 6 to 10 mm). Patches, the proportion of pyramids and fat around kidneys are set by eye.
+
+pub(crate) mod organ;
+mod vessels;
+
+use nalgebra::{Matrix3, Point3, Vector3};
+use rayon::prelude::*;
+
+use super::{Label, LabelVolume, VolumeError};
+use crate::anatomy::acoustics::known;
+use crate::base::random::noise::Noise;
+use organ::Organ;
+use vessels::{Root, Tree};
+
+/// Depths below the surface of a kidney at which pyramids and the sinus begin, mm, and the largest ratio of the latter to the greatest depth.
+const KIDNEY_MM: [f64; 2] = [7.0, 15.0];
+const SINUS_SHARE: f64 = 0.65;
+/// Width of a pyramid, mm, and the noise threshold for pyramids: three fifths of the volume.
+const PYRAMID_MM: f64 = 12.0;
+const PYRAMIDS_ABOVE: f64 = -0.1;
+/// Thickness of the walls of a heart, of its septum and of the plane of its valves, mm.
+const HEART_MM: f64 = 10.0;
+const SEPTUM_MM: f64 = 9.0;
+const VALVES_MM: f64 = 3.0;
+/// Distance of the plane of the valves from the centre of a heart towards its base, relative to its extent along its axis.
+const VALVES_AT: f64 = 0.1;
+/// Thickness of the fat around kidneys and adrenal glands, mm.
+const RENAL_FAT_MM: f64 = 8.0;
+/// Width of the patches in soft tissue, mm, and the noise thresholds above which they are fat, and below which
+/// muscle.
+const PATCH_MM: f64 = 18.0;
+const FAT_ABOVE: f64 = 0.25;
+const MUSCLE_BELOW: f64 = -0.5;
+
+/// A volume with synthetic structures.
+pub struct Structured {
+    /// Volume with structures. Appended labels have the names of built-in tissues; their `voxels` stay 0, since the
+    /// file had none.
+    pub volume: LabelVolume,
+    /// Note about the structures drawn; `None` if there are none.
+    pub note: Option<String>,
+}
+
+/// Voxels and labels of the volume being drawn.
+struct Drawing<'a> {
+    volume: &'a LabelVolume,
+    voxels: Vec<u8>,
+    labels: Vec<Label>,
+    told: Vec<String>,
+}
+
+/// Draws structures into the organs of a completed volume.
+///
+/// # Errors
+/// [`VolumeError::TooManyLabels`] if 256 labels do not suffice.
+pub fn add(volume: &LabelVolume) -> Result<Structured, VolumeError> {
+    let mut drawing = Drawing {
+        volume,
+        voxels: volume.voxels().to_vec(),
+        labels: volume.labels().to_vec(),
+        told: Vec::new(),
+    };
+    drawing.trees();
+    drawing.kidneys();
+    drawing.heart();
+    drawing.filler();
+    let Drawing {
+        voxels, labels, told, ..
+    } = drawing;
+    if told.is_empty() {
+        return Ok(Structured {
+            volume: volume.clone(),
+            note: None,
+        });
+    }
+    let mut structured = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
+    structured.set_undivided(volume.undivided().clone());
+    Ok(Structured {
+        volume: structured,
+        note: Some(format!(
+            "drawn into organs that are labelled in one piece: {}; `structures = false` under [volume] leaves them as they are",
+            told.join(", ")
+        )),
+    })
+}
+
+impl Drawing<'_> {
+    /// Labels of the file with a given tissue.
+    fn of_tissue(&self, tissue: &str) -> Vec<u8> {
+        let is = |label: &Label| {
+            label
+                .name
+                .as_deref()
+                .and_then(known)
+                .is_some_and(|(of, _)| of.name == tissue)
+        };
+        let labels = (0..=255u8).zip(self.volume.labels()).skip(1);
+        let held = labels.filter(|(at, label)| self.volume.holds(usize::from(*at)) && is(label));
+        held.map(|(at, _)| at).collect()
+    }
+
+    /// Whether the file has a label with voxels whose name contains one of these words.
+    fn has_named(&self, words: &[&str]) -> bool {
+        let mut names = self.volume.labels().iter().filter(|label| label.voxels > 0);
+        names.any(|label| {
+            let name = label.name.as_deref().unwrap_or_default().to_lowercase();
+            words.iter().any(|word| name.contains(word))
+        })
+    }
+
+    /// Label of a structure, appended if missing; `None` if the file has one of that name, or no label is free.
+    fn label(&mut self, name: &str) -> Option<u8> {
+        let known = self.labels.iter().find(|label| label.name.as_deref() == Some(name));
+        match known {
+            Some(label) if label.voxels > 0 => return None,
+            None if self.labels.len() > 255 => return None,
+            _ => {}
+        }
+        Some(super::complete::label(&mut self.labels, name))
+    }
+
+    fn world(&self, voxel: [usize; 3]) -> Point3<f64> {
+        self.volume
+            .index_to_world()
+            .transform_point(&Point3::from(voxel.map(|at| at as f64)))
+    }
+
+    /// Relabels voxels of an organ: `structure` returns the label at a depth, mm, and a position in the world, mm, if it is inside a
+    /// structure.
+    fn relabel(&mut self, organ: &Organ, structure: impl Fn(f64, &Point3<f64>) -> Option<u8>) -> usize {
+        let mut drawn = 0;
+        for (voxel, depth) in organ.voxels() {
+            if let Some(label) = structure(depth, &self.world(voxel)) {
+                self.voxels[self.volume.offset(voxel)] = label;
+                drawn += 1;
+            }
+        }
+        drawn
+    }
+
+    /// Draws the veins of livers and spleens.
+    fn trees(&mut self) {
+        let by_ct = self
+            .volume
+            .labels()
+            .iter()
+            .position(|label| label.name.as_deref() == Some("hepatic_vein"));
+        if by_ct.is_some_and(|at| self.volume.holds(at)) || self.has_named(&["hepat", "liver_v", "liver v"]) {
+            return;
+        }
+        let vessels = |words: &[&str]| -> Vec<u8> {
+            let named = |label: &Label| {
+                let name = label.name.as_deref().unwrap_or_default().to_lowercase();
+                words.iter().any(|word| name.contains(word))
+            };
+            let labels = (0..=255u8).zip(self.volume.labels());
+            labels.filter(|(_, label)| named(label)).map(|(at, _)| at).collect()
+        };
+        let portal = vessels(&["portal"]);
+        let caval = vessels(&["inferior_vena_cava", "inferior vena cava", "postcava", "ivc"]);
+        let splenic = if portal.is_empty() {
+            vessels(&["splenic"])
+        } else {
+            portal.clone()
+        };
+        let trees = [
+            ("liver", &caval, Root::Highest, "hepatic_vein", "hepatic veins"),
+            ("liver", &portal, Root::Innermost, "portal_branch", "portal branches"),
+            ("spleen", &splenic, Root::Innermost, "splenic_vein", "splenic veins"),
+        ];
+        for (stream, (tissue, from, root, name, told)) in (1u32..).zip(trees) {
+            let organs = self.of_tissue(tissue);
+            let Some(organ) = Organ::of(self.volume, |label| organs.contains(&label)) else {
+                continue;
+            };
+            let Some(tree) = Tree::grown(self.volume, &organ, |label| from.contains(&label), root, stream) else {
+                continue;
+            };
+            let Some(label) = self.label(name) else {
+                return;
+            };
+            let mut drawn = 0;
+            tree.paint(self.volume, |at| {
+                if organs.contains(&self.voxels[at]) {
+                    self.voxels[at] = label;
+                    drawn += 1;
+                }
+            });
+            if drawn > 0 {
+                self.told
+                    .push(format!("{told} (label {})", self.labels[usize::from(label)].value));
+            }
+        }
+    }
+
+    /// Draws the sinus and pyramids of kidneys.
+    fn kidneys(&mut self) {
+        let kidneys = self.of_tissue("kidney_cortex");
+        let kidneys: Vec<u8> = kidneys.into_iter().filter(|at| self.is_named(*at, "kidney")).collect();
+        if kidneys.is_empty() || self.has_named(&["medulla", "renal_sinus", "pyramid", "kidney_cortex"]) {
+            return;
+        }
+        let [Some(sinus), Some(medulla)] = ["renal_sinus", "kidney_medulla"].map(|name| self.label(name)) else {
+            return;
+        };
+        let noise = Noise::new(0, 21, PYRAMID_MM);
+        let mut drawn = 0;
+        for kidney in kidneys {
+            let Some(organ) = Organ::of(self.volume, |label| label == kidney) else {
+                continue;
+            };
+            let [cortex_mm, parenchyma_mm] = KIDNEY_MM;
+            let sinus_mm = parenchyma_mm.min(SINUS_SHARE * organ.deepest_mm());
+            drawn += self.relabel(&organ, |depth, at| match depth {
+                _ if depth > sinus_mm => Some(sinus),
+                _ if depth > cortex_mm && noise.at(&at.coords) > PYRAMIDS_ABOVE => Some(medulla),
+                _ => None,
+            });
+        }
+        if drawn > 0 {
+            let value = |at: u8| self.labels[usize::from(at)].value;
+            let told = format!("sinus ({}) and pyramids ({}) of kidneys", value(sinus), value(medulla));
+            self.told.push(told);
+        }
+    }
+
+    fn is_named(&self, label: u8, word: &str) -> bool {
+        let name = self.volume.labels()[usize::from(label)].name.as_deref();
+        name.is_some_and(|name| name.to_lowercase().contains(word))
+    }
+
+    /// Draws the chambers of a heart with a single label: the part deeper than its walls, except a septum along its axis and a plane of valves
+    /// across it.
+    fn heart(&mut self) {
+        let hearts = self.of_tissue("heart");
+        let [heart] = hearts[..] else { return };
+        if self.has_named(&["ventric", "atrium", "myocard", "blood"]) {
+            return;
+        }
+        let Some(organ) = Organ::of(self.volume, |label| label == heart) else {
+            return;
+        };
+        let (mut middle, mut spread, mut count) = (Vector3::zeros(), Matrix3::zeros(), 0.0);
+        for (voxel, _) in organ.voxels() {
+            let at = self.world(voxel).coords;
+            middle += at;
+            spread += at * at.transpose();
+            count += 1.0;
+        }
+        middle /= count;
+        let axes = (spread / count - middle * middle.transpose()).symmetric_eigen();
+        let longest = axes.eigenvalues.imax();
+        // The apex points to the left, anteriorly and inferiorly; the right heart lies anterior and to the right of the left
+        // one (LPS).
+        let axis = axes.eigenvectors.column(longest).into_owned();
+        let axis = axis * axis.dot(&Vector3::new(1.0, -1.0, -1.0)).signum();
+        let across = Vector3::new(1.0, 1.0, 0.0);
+        let across = (across - axis * axis.dot(&across)).normalize();
+        // Twice the standard deviation of a solid ellipsoid is nine tenths of its half axis.
+        let valves = -VALVES_AT * 4.0 * axes.eigenvalues[longest].sqrt();
+        let Some(blood) = self.label("blood") else {
+            return;
+        };
+        let drawn = self.relabel(&organ, |depth, at| {
+            let from = at.coords - middle;
+            let (along, aside) = (from.dot(&axis) - valves, from.dot(&across));
+            let is_wall = depth <= HEART_MM || aside.abs() < 0.5 * SEPTUM_MM || along.abs() < 0.5 * VALVES_MM;
+            (!is_wall).then_some(blood)
+        });
+        if drawn > 0 {
+            let told = format!("chambers of the heart ({})", self.labels[usize::from(blood)].value);
+            self.told.push(told);
+        }
+    }
+
+    /// Draws fat around kidneys and patches of fat and muscle, in soft tissue filled by completion.
+    fn filler(&mut self) {
+        let appended = |name: &str| {
+            let own = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;
+            self.volume.labels().iter().position(own).map(|at| at as u8)
+        };
+        let (Some(soft), Some(muscle)) = (appended("soft_tissue"), appended("muscle")) else {
+            return;
+        };
+        if !self.volume.holds(usize::from(soft)) || self.has_named(&["peritoneal_fat"]) {
+            return;
+        }
+        let Some(fat) = self.label("peritoneal_fat") else {
+            return;
+        };
+        let mut renal = self.of_tissue("kidney_cortex");
+        renal.extend(self.of_tissue("adrenal"));
+        let around = Organ::around(self.volume, |label| renal.contains(&label), RENAL_FAT_MM);
+        let noise = Noise::new(0, 22, PATCH_MM);
+        let [nx, ny, _] = self.volume.size();
+        let to_world = self.volume.index_to_world();
+        let rows = self.voxels.par_chunks_mut(nx).enumerate();
+        rows.for_each(|(row, line)| {
+            let [j, k] = [row % ny, row / ny];
+            let mut noise = noise.nearby();
+            for (i, voxel) in line.iter_mut().enumerate().filter(|(_, voxel)| **voxel == soft) {
+                let near = around.as_ref().is_some_and(|around| around.holds([i, j, k]));
+                let at = to_world.transform_point(&Point3::new(i as f64, j as f64, k as f64));
+                let patch = noise.at(&at.coords);
+                if near || patch > FAT_ABOVE {
+                    *voxel = fat;
+                } else if patch < MUSCLE_BELOW {
+                    *voxel = muscle;
+                }
+            }
+        });
+        let value = self.labels[usize::from(fat)].value;
+        self.told.push(format!(
+            "fat around kidneys and patches of fat ({value}) and muscle in soft tissue"
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests;

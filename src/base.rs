@@ -1,0 +1,12 @@
+//! Foundations without ultrasound: files, text, memory, numbers, reports.
+
+pub mod document;
+pub mod matrix;
+pub mod memory;
+pub mod output;
+pub mod random;
+pub mod read;
+pub mod real;
+pub mod report;
+pub mod simd;
+pub mod text;

@@ -1,0 +1,192 @@
+//! Error of a file with its key and position.
+
+use std::fmt;
+use std::ops::Range;
+use std::sync::Arc;
+
+use miette::{Diagnostic, LabeledSpan, SourceCode};
+
+use super::Source;
+use crate::base::text::{MESSAGE, clipped, head, printable, tail};
+
+/// An error of a file: its cause, the key concerned and the place in the text.
+///
+/// As a [`miette::Diagnostic`] it shows the line with a caret; as text it names key, file and line.
+#[derive(Debug)]
+pub struct Fault<P>(Box<Inner<P>>);
+
+#[derive(Debug)]
+struct Inner<P> {
+    problem: P,
+    key: Option<String>,
+    /// Name of the file.
+    file: Option<String>,
+    /// Position of the key in the file.
+    place: Option<Place>,
+    help: Option<String>,
+}
+
+/// The line of an error with its context, shortened to a readable length.
+#[derive(Debug)]
+struct Place {
+    /// Name of the file.
+    name: String,
+    /// The line in the file, from 1.
+    line: usize,
+    /// Number of characters before the error in its line.
+    column: usize,
+    text: String,
+    /// Number of lines of the file before the excerpt.
+    lines_before: usize,
+    /// Position of the error in the excerpt.
+    span: Range<usize>,
+}
+
+impl<P> Fault<P> {
+    pub(crate) fn new(problem: impl Into<P>) -> Self {
+        Self(Box::new(Inner {
+            problem: problem.into(),
+            key: None,
+            file: None,
+            place: None,
+            help: None,
+        }))
+    }
+
+    pub(crate) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
+        self.0.file = Some(source.name().to_owned());
+        self.0.place = span.map(|span| Place::new(source, &span));
+        self
+    }
+
+    /// Attaches a key such as `effects.speckle.axial_mm`, with its position if there is a source text.
+    pub(crate) fn at_key(mut self, key: impl Into<String>, source: Option<&Arc<Source>>) -> Self {
+        let key = key.into();
+        if let Some(source) = source {
+            self = self.in_text(source, source.find(&key));
+        }
+        self.0.key = Some(key);
+        self
+    }
+
+    pub(crate) fn with_help(mut self, help: Option<String>) -> Self {
+        self.0.help = help;
+        self
+    }
+
+    /// Converts the cause into that of a containing file.
+    pub(crate) fn map<Q>(self, problem: impl FnOnce(P) -> Q) -> Fault<Q> {
+        let inner = *self.0;
+        Fault(Box::new(Inner {
+            problem: problem(inner.problem),
+            key: inner.key,
+            file: inner.file,
+            place: inner.place,
+            help: inner.help,
+        }))
+    }
+
+    /// Cause of the error.
+    pub fn problem(&self) -> &P {
+        &self.0.problem
+    }
+
+    /// Path of the key concerned, such as `effects.speckle.axial_mm`, if any.
+    pub fn key(&self) -> Option<&str> {
+        self.0.key.as_deref()
+    }
+
+    /// Name of the file and line (from 1) of the key, if it is written in a file.
+    pub fn location(&self) -> Option<(&str, usize)> {
+        self.0.place.as_ref().map(|place| (place.name.as_str(), place.line))
+    }
+}
+
+impl<P: fmt::Display> fmt::Display for Fault<P> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(key) = &self.0.key {
+            write!(f, "{key}: ")?;
+        }
+        f.write_str(&clipped(&self.0.problem.to_string(), MESSAGE / 4))?;
+        match self.location() {
+            Some((name, line)) => write!(f, " ({name}, line {line})"),
+            None => self.0.file.as_ref().map_or(Ok(()), |name| write!(f, " ({name})")),
+        }
+    }
+}
+
+impl<P: std::error::Error> std::error::Error for Fault<P> {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        self.0.problem.source()
+    }
+}
+
+impl<P: std::error::Error> Diagnostic for Fault<P> {
+    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
+        self.0.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
+    }
+
+    fn source_code(&self) -> Option<&dyn SourceCode> {
+        self.0.place.as_ref().map(|place| place as &dyn SourceCode)
+    }
+
+    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
+        let span = self.0.place.as_ref()?.span.clone();
+        let label = LabeledSpan::new_primary_with_span(Some("here".to_owned()), span);
+        Some(Box::new(std::iter::once(label)))
+    }
+}
+
+impl Place {
+    fn new(source: &Source, span: &Range<usize>) -> Self {
+        /// Maximum columns of text before an error, of the error, after it, and of another line.
+        const SHOWN: [usize; 4] = [40, 60, 40, 120];
+        let text = source.text();
+        let start = text.floor_char_boundary(span.start);
+        let begin = text[..start].rfind('\n').map_or(0, |feed| feed + 1);
+        let until_feed = |from: usize| text[from..].find('\n').map_or(text.len(), |feed| from + feed);
+        let end = until_feed(start);
+        let fault_end = text.ceil_char_boundary(span.end).clamp(start, end);
+        let whole = |line: &str| head(line.trim_end_matches('\r'), SHOWN[3]);
+        let before = begin.checked_sub(1).map(|feed| {
+            let from = text[..feed].rfind('\n').map_or(0, |feed| feed + 1);
+            whole(&text[from..feed]) + "\n"
+        });
+        let after = (end < text.len()).then(|| "\n".to_owned() + &whole(&text[end + 1..until_feed(end + 1)]));
+        let line = source.line(start);
+        let mut shown = before.clone().unwrap_or_default() + &tail(&text[begin..start], SHOWN[0]);
+        let first = shown.len();
+        shown += &head(&text[start..fault_end], SHOWN[1]);
+        let span = first..shown.len();
+        shown += &head(text[fault_end..end].trim_end_matches('\r'), SHOWN[2]);
+        shown += &after.unwrap_or_default();
+        Self {
+            name: printable(source.name()).into_owned(),
+            line,
+            column: text[begin..start].chars().count(),
+            lines_before: line - 1 - usize::from(before.is_some()),
+            text: shown,
+            span,
+        }
+    }
+}
+
+impl SourceCode for Place {
+    fn read_span<'a>(
+        &'a self,
+        span: &miette::SourceSpan,
+        before: usize,
+        after: usize,
+    ) -> Result<Box<dyn miette::SpanContents<'a> + 'a>, miette::MietteError> {
+        let inner = self.text.read_span(span, before, after)?;
+        Ok(Box::new(miette::MietteSpanContents::new_named(
+            self.name.clone(),
+            inner.data(),
+            *inner.span(),
+            self.lines_before + inner.line(),
+            // With context lines, the excerpt begins with a line.
+            if before == 0 { self.column } else { 0 },
+            inner.line_count(),
+        )))
+    }
+}

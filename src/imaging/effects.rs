@@ -1,0 +1,288 @@
+//! Ordered registry of effects: the only place where an effect is declared.
+//!
+//! An effect states when a scene calls for it and which passes it consists of. A pass is declared once: its name, shader,
+//! bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame runs the passes of
+//! the enabled effects in the order of [`REGISTRY`].
+//!
+//! An effect owns its data: its parameters ([`Parameters`]), the tables that it derives from anatomy and settings
+//! (`Derived`, `derive`), its buffers ([`Buffer`]) and its vectors on the CPU (`Columns`). `registry!` lists the effects
+//! and what each has of these.
+
+pub mod blur;
+pub mod buffers;
+pub mod common;
+pub mod contact;
+pub mod geometry;
+pub mod interface;
+pub mod lateral;
+pub mod needle;
+pub mod noise;
+pub mod pass;
+pub mod point_spread;
+pub mod quantise;
+pub mod receiver;
+pub mod refraction;
+pub mod scan_conversion;
+pub mod shadow;
+pub mod slice;
+pub mod speckle;
+pub mod texture;
+pub mod thickness;
+pub mod tone;
+pub mod warp;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::base::real::Real;
+use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::effects::pass::Pass;
+use crate::imaging::plan::Plan;
+use crate::imaging::synth::tables::{Inputs, LabelRow, Settings, Tables};
+use crate::imaging::synth::{FrameState, SynthError};
+
+/// Whether a scene calls for an effect, and why.
+pub type Verdict = Result<String, String>;
+
+/// Part of a frame. Its effects run before those of the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Stage {
+    /// Places, labels and echoes of the samples.
+    Echoes,
+    /// What the beam makes of the echoes.
+    Beam,
+    /// Grey levels and pixels.
+    Display,
+}
+
+/// An effect: when it runs, which passes it consists of, and what else depends on it.
+pub struct Effect {
+    /// Name, also the stem of its source, shader and parity test.
+    pub name: &'static str,
+    /// Part of the frame in which it runs.
+    pub stage: Stage,
+    /// `Ok(reason)` if the scene calls for it, `Err(reason)` if not.
+    pub wanted: fn(&Tables) -> Verdict,
+    /// Passes of the effect, in order.
+    pub passes: fn(&Tables) -> Vec<&'static Pass>,
+    /// Buffers of the effect alone.
+    pub buffers: &'static [&'static Buffer],
+    /// Whether what it derives differs between two settings: its tables, buffers filled from them, and `label_row`.
+    pub differs: fn(&Settings, &Settings) -> bool,
+    /// Writes what it needs to know of a label index.
+    pub label_row: Option<fn(&Tables, usize, &mut LabelRow)>,
+    /// Deviations of the output from the settings, for the user.
+    pub warnings: fn(&Tables) -> Vec<String>,
+    /// Number of things in a frame that it does not show because there are too many.
+    pub left_out: fn(&Tables, &FrameState) -> usize,
+    /// Memory besides the buffers for so many samples, bytes.
+    pub memory: fn(&Settings, u64) -> u64,
+    /// Takes it out of the settings; `None` if every frame needs it.
+    pub remove: Option<fn(&mut Settings)>,
+}
+
+impl Effect {
+    /// An effect without data of its own.
+    const PLAIN: Self = Self {
+        name: "",
+        stage: Stage::Echoes,
+        wanted: |_| Err(String::new()),
+        passes: |_| Vec::new(),
+        buffers: &[],
+        differs: |_, _| false,
+        label_row: None,
+        warnings: |_| Vec::new(),
+        left_out: |_, _| 0,
+        memory: |_, _| 0,
+        remove: None,
+    };
+}
+
+/// Parameters of an effect that a scene may do without.
+pub trait Parameters: Default {
+    /// Whether it is among the usual effects.
+    const USUAL: bool = true;
+
+    /// Checks the ranges.
+    fn validate(&self) -> Result<(), OutOfRange>;
+}
+
+/// A key of [`Effects`].
+pub trait Setting: Default {
+    /// Its value among the usual effects.
+    fn usual() -> Self;
+
+    /// Checks the ranges.
+    fn validate(&self) -> Result<(), OutOfRange>;
+}
+
+impl<P: Parameters> Setting for Option<P> {
+    fn usual() -> Self {
+        P::USUAL.then(P::default)
+    }
+
+    fn validate(&self) -> Result<(), OutOfRange> {
+        self.as_ref().map_or(Ok(()), P::validate)
+    }
+}
+
+/// Declares the effects. A line holds the name; the key of a scene, with its type and description; the tables, which
+/// `derive` makes; and the vectors on the CPU.
+macro_rules! registry {
+    ($($name:ident $(: $key:ty = $doc:literal)? $(, derives $derived:ty)? $(, columns $columns:ty)?;)+) => {
+        /// All effects, in the order of this list.
+        pub const LISTED: &[&Effect] = &[$(&$name::EFFECT),+];
+
+        registry!(@effects $($([$name: $key = $doc])?)+);
+        registry!(@tables $($([$name: $derived])?)+);
+        registry!(@columns $($([$name: $columns])?)+);
+    };
+    (@effects $([$name:ident: $key:ty = $doc:literal])+) => {
+        /// Effects enabled in a scene, with their parameters. An effect that is `None` is not simulated and costs nothing.
+        #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct Effects {
+            $(#[doc = $doc] pub $name: $key,)+
+        }
+
+        impl Effects {
+            /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle does
+            /// physically.
+            pub fn usual() -> Self {
+                Self {
+                    $($name: Setting::usual(),)+
+                }
+            }
+
+            /// Checks every parameter against its range.
+            pub fn validate(&self) -> Result<(), OutOfRange> {
+                $(Setting::validate(&self.$name)?;)+
+                Ok(())
+            }
+        }
+    };
+    (@tables $([$name:ident: $derived:ty])+) => {
+        /// Tables of the effects.
+        #[derive(Clone, Debug)]
+        pub struct EffectTables {
+            $(#[doc = concat!("Those of `", stringify!($name), "`.")] pub $name: $derived,)+
+        }
+
+        impl EffectTables {
+            /// Derives all tables.
+            pub fn new(inputs: &Inputs) -> Result<Self, SynthError> {
+                Ok(Self {
+                    $($name: $name::derive(inputs)?,)+
+                })
+            }
+
+            /// Derives the tables that differ from those of `old` settings; unchanged on an error.
+            pub fn set(&mut self, old: &Settings, inputs: &Inputs) -> Result<(), SynthError> {
+                $(
+                    let differs = ($name::EFFECT.differs)(old, inputs.settings);
+                    let $name = differs.then(|| $name::derive(inputs)).transpose()?;
+                )+
+                $(
+                    if let Some(tables) = $name {
+                        self.$name = tables;
+                    }
+                )+
+                Ok(())
+            }
+        }
+    };
+    (@columns $([$name:ident: $columns:ty])+) => {
+        /// Vectors of the effects on the CPU.
+        #[derive(Debug, Default)]
+        pub struct EffectColumns<T> {
+            $(#[doc = concat!("Those of `", stringify!($name), "`.")] pub $name: $columns,)+
+        }
+
+        impl<T: Real> EffectColumns<T> {
+            /// Allocates what a plan uses and frees the rest.
+            pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
+                $(self.$name.fit(plan, tables);)+
+            }
+
+            /// Memory in use, bytes.
+            pub fn bytes(&self) -> usize {
+                0 $(+ self.$name.bytes())+
+            }
+        }
+    };
+}
+
+registry! {
+    geometry;
+    contact: Option<contact::Contact> = "Skin that conforms to the array.",
+        columns contact::Columns;
+    warp;
+    slice: slice::Slice = "How labels are read from the volume.";
+    texture: Option<texture::Texture> = "Solid textures of the tissues that name one.",
+        derives texture::Derived;
+    thickness: Option<thickness::Thickness> = "Finite elevational thickness of the scan plane.";
+    speckle: Option<speckle::Speckle> = "Fully developed speckle.",
+        derives speckle::Derived, columns speckle::Columns<T>;
+    interface: Option<interface::Interface> = "Specular echoes where the acoustic impedance changes.";
+    needle: Option<needle::NeedleEcho> = "Echo of the needle; needs a needle in the scene.",
+        columns needle::Columns;
+    shadow: Option<shadow::Shadow> = "Attenuation, and shadows of bone, gas and the needle.",
+        derives shadow::Derived, columns shadow::Columns<T>;
+    refraction: Option<refraction::Refraction>
+        = "Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.";
+    blur: Option<blur::Blur> = "Radial blur about the probe's virtual apex.",
+        derives blur::Derived;
+    receiver: Option<receiver::Receiver> = "Electronic noise and acoustic clutter.",
+        derives receiver::Derived;
+    tone: Option<tone::Tone>
+        = "Gain, time-gain compensation and log compression; without it the amplitude is shown linearly.",
+        derives tone::Derived, columns tone::Columns<T>;
+    scan_conversion;
+    noise: Option<noise::Noise> = "Additive Gaussian noise on grey levels.";
+    quantise;
+}
+
+/// All effects, in the order of execution within a frame: by stage, then as listed.
+pub static REGISTRY: &[&Effect] = &in_order();
+
+const fn in_order() -> [&'static Effect; LISTED.len()] {
+    let mut order = [LISTED[0]; LISTED.len()];
+    let (mut stage, mut placed) = (0, 0);
+    while placed < LISTED.len() {
+        let mut at = 0;
+        while at < LISTED.len() {
+            if LISTED[at].stage as usize == stage {
+                order[placed] = LISTED[at];
+                placed += 1;
+            }
+            at += 1;
+        }
+        stage += 1;
+    }
+    order
+}
+
+/// A parameter outside its range.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("`{key}` is {found}; expected {expected}")]
+pub struct OutOfRange {
+    /// Key path below `effects`, such as `speckle.axial_mm`.
+    pub key: String,
+    /// Value found.
+    pub found: String,
+    /// Expected range.
+    pub expected: String,
+}
+
+/// Checks that `value` is a number within `range`.
+pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
+    if range.contains(&value) {
+        return Ok(());
+    }
+    let expected = format!("a number from {} to {}", range.start(), range.end());
+    Err(OutOfRange {
+        key: key.to_owned(),
+        found: value.to_string(),
+        expected,
+    })
+}

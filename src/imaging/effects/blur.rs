@@ -1,0 +1,176 @@
+//! Radial blur about the probe's virtual apex (Zhu et al. 2007, section 2.4): a lateral Gaussian along arcs of constant depth.
+//!
+//! In beam space an arc of constant depth is a row of samples, so the blur is an exact lateral convolution. At the edges of
+//! the sector the weights are renormalised, so that a constant stays constant. The axial direction is not blurred, and
+//! neither is the apex.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
+use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::base::real::Real;
+use crate::base::simd::{Kernel, vectorised};
+use crate::imaging::synth::SynthError;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::{Inputs, Tables};
+use crate::tracking::probe::BeamGrid;
+
+/// Radial blur.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Blur {
+    /// Full width at half maximum at the array, mm (0 to 20). Default: 2.1 mm over the frequency in MHz.
+    pub width_mm: Option<f64>,
+    /// Growth of that width with depth, mm per cm (0 to 5). Default: 0.21 mm/cm over the frequency in MHz.
+    pub growth_mm_cm: Option<f64>,
+}
+
+impl Parameters for Blur {
+    fn validate(&self) -> Result<(), OutOfRange> {
+        within("blur.width_mm", self.width_mm.unwrap_or(0.0), 0.0..=20.0)?;
+        within("blur.growth_mm_cm", self.growth_mm_cm.unwrap_or(0.0), 0.0..=5.0)
+    }
+}
+
+impl Blur {
+    /// Full width at half maximum at a depth, mm: by default 0.6 mm and 0.06 mm/cm at 3.5 MHz, in proportion to the
+    /// wavelength.
+    pub fn width_at(&self, depth_mm: f64, frequency_mhz: f64) -> f64 {
+        let width = self.width_mm.unwrap_or((2.1 / frequency_mhz).min(20.0));
+        width + self.growth_mm_cm.unwrap_or((0.21 / frequency_mhz).min(5.0)) * depth_mm / 10.0
+    }
+
+    /// Kernel with the weights at each sample depth.
+    pub fn kernel(&self, grid: &BeamGrid, frequency_mhz: f64) -> LateralKernel {
+        let sigma_lines = |sample: usize| {
+            let depth = grid.sample_depth_mm(sample);
+            self.width_at(depth, frequency_mhz) / FWHM_PER_SIGMA / grid.lateral_spacing_mm(depth).max(1e-6)
+        };
+        LateralKernel::gaussian(grid.samples(), sigma_lines, |_, _| 1.0)
+    }
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "blur",
+    stage: Stage::Beam,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    buffers: &[&BLUR_KERNEL],
+    differs: |old, new| old.probe != new.probe || old.effects.blur != new.effects.blur,
+    warnings: |tables| {
+        let kernel = tables.effects.blur.as_ref();
+        let share = kernel.map_or(1.0, |kernel| kernel.least_share);
+        narrowed("effects.blur.width_mm", share, "scanlines")
+            .into_iter()
+            .collect()
+    },
+    remove: Some(|settings| settings.effects.blur = None),
+    ..Effect::PLAIN
+};
+
+/// Kernel of the blur.
+pub type Derived = Option<LateralKernel>;
+
+/// Makes the kernel.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let (own, mhz) = (&inputs.settings.effects.blur, inputs.settings.probe.frequency_mhz);
+    Ok(own.as_ref().map(|own| own.kernel(inputs.grid, mhz)))
+}
+
+/// Weights of the blur, one row per depth (`f32`).
+static BLUR_KERNEL: Buffer =
+    Buffer::new(200, "BlurKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
+
+fn weights(tables: &Tables) -> &[f32] {
+    tables.effects.blur.as_ref().map_or(&[], |kernel| kernel.weights.of())
+}
+
+static PASSES: &[Pass] = &[Pass {
+    name: "blur",
+    shader: include_str!("../../../shaders/blur.wgsl"),
+    entry: "main",
+    bindings: &[(&AMPLITUDE, Read), (&BLUR_KERNEL, Read), (&AMPLITUDE_NEXT, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: true,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match &tables.settings.effects.blur {
+        Some(blur) if tables.lines() > 1 => Ok(format!(
+            "the scene blurs laterally by {:.2} mm and more with depth",
+            blur.width_at(0.0, tables.settings.probe.frequency_mhz)
+        )),
+        Some(_) => Err("one scanline has no neighbours to blur with".into()),
+        None => Err("the scene names no blur".into()),
+    }
+}
+
+/// Parameter block of `blur.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Reach of the kernel on each side, scanlines.
+    pub reach: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        reach: tables.effects.blur.as_ref().map_or(0, |kernel| kernel.reach as u32),
+        unused: 0,
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let Some(kernel) = &tables.effects.blur else { return };
+    let input = &store.amplitude[..lines * samples];
+    store.amplitude_next[..lines * samples]
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, output)| {
+            vectorised(Scanline {
+                kernel,
+                input,
+                place: [line, lines],
+                output,
+            });
+        });
+}
+
+/// A blurred scanline.
+struct Scanline<'a, T> {
+    kernel: &'a LateralKernel,
+    input: &'a [T],
+    place: [usize; 2],
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (block, output) in self.output.chunks_mut(BLOCK).enumerate() {
+            self.kernel.mean(self.input, self.place, block * BLOCK, output);
+        }
+    }
+}

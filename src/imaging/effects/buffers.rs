@@ -1,0 +1,238 @@
+//! Declaration of buffers, and the buffers that several effects share. Those of one effect alone are in its own file.
+
+use std::cmp::Ordering;
+use std::fmt;
+
+use bytemuck::Pod;
+
+use super::pass::Band;
+use crate::imaging::synth::FrameState;
+use crate::imaging::synth::tables::{LabelRow, Tables};
+use crate::mechanics::mesh::pack::WarpCapacities;
+
+/// Contents of a buffer from the tables; of a per-pixel one, those of a band of rows.
+type Contents = fn(&Tables, Band) -> Vec<u8>;
+
+/// Numbers of a buffer in a frame.
+type PerFrame = fn(&Tables, &FrameState, &mut Vec<f32>);
+
+/// A buffer shared by passes. On the CPU it is a vector of [`Store`](crate::imaging::synth::store::Store) or a table; on the GPU a storage
+/// buffer.
+pub struct Buffer {
+    /// Name, unique over all effects.
+    pub name: &'static str,
+    /// Place in the lists of plans, unique over all effects.
+    pub place: u32,
+    /// Size of an element on the GPU, bytes.
+    pub element: usize,
+    /// Number of elements on the GPU.
+    pub len: fn(&Tables) -> usize,
+    /// Contents before the first frame, and after a change of what they depend on; `None` if passes write them.
+    pub contents: Option<Contents>,
+    /// Contents before every frame, if they follow its state.
+    pub per_frame: Option<PerFrame>,
+    /// Whether its size is proportional to the pixels of the image, so that a large one is processed in bands of rows.
+    pub is_per_pixel: bool,
+}
+
+impl Buffer {
+    /// A buffer that passes write.
+    pub const fn new(place: u32, name: &'static str, element: usize, len: fn(&Tables) -> usize) -> Self {
+        Self {
+            name,
+            place,
+            element,
+            len,
+            contents: None,
+            per_frame: None,
+            is_per_pixel: false,
+        }
+    }
+
+    /// The buffer, filled from the tables.
+    pub const fn of(self, contents: Contents) -> Self {
+        let contents = Some(contents);
+        Self { contents, ..self }
+    }
+
+    /// The buffer, filled before every frame.
+    pub const fn per_frame(self, numbers: PerFrame) -> Self {
+        let per_frame = Some(numbers);
+        Self { per_frame, ..self }
+    }
+
+    const fn per_pixel(self) -> Self {
+        let is_per_pixel = true;
+        Self { is_per_pixel, ..self }
+    }
+
+    /// Size on the GPU, bytes.
+    pub fn bytes(&self, tables: &Tables) -> u64 {
+        (self.element * (self.len)(tables)) as u64
+    }
+}
+
+impl PartialEq for Buffer {
+    fn eq(&self, other: &Self) -> bool {
+        self.place == other.place
+    }
+}
+
+impl Eq for Buffer {}
+
+impl PartialOrd for Buffer {
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
+}
+
+impl Ord for Buffer {
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.place.cmp(&other.place)
+    }
+}
+
+impl fmt::Debug for Buffer {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.write_str(self.name)
+    }
+}
+
+impl serde::Serialize for Buffer {
+    /// The name in snake case.
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut name = String::new();
+        for letter in self.name.chars() {
+            if letter.is_uppercase() && !name.is_empty() {
+                name.push('_');
+            }
+            name.push(letter.to_ascii_lowercase());
+        }
+        serializer.serialize_str(&name)
+    }
+}
+
+/// Bytes of plain values.
+pub fn bytes_of<P: Pod>(values: &[P]) -> Vec<u8> {
+    bytemuck::cast_slice(values).to_vec()
+}
+
+/// Number of samples of a plane.
+pub fn beam(tables: &Tables) -> usize {
+    tables.lines() * tables.samples()
+}
+
+/// Number of samples of all sub-planes.
+pub fn planes(tables: &Tables) -> usize {
+    beam(tables) * tables.planes()
+}
+
+fn pixels(tables: &Tables) -> usize {
+    tables.width() * tables.height()
+}
+
+fn mesh(tables: &Tables, pick: fn(&WarpCapacities) -> usize) -> usize {
+    tables.warp.as_ref().map_or(0, pick)
+}
+
+/// Fixed-point units of [`LOSS`] per decibel.
+pub const UNITS_PER_DB: f64 = 1_048_576.0;
+
+/// Per scanline: origin and direction in the probe plane (`vec4<f32>`).
+pub static RAYS: Buffer = Buffer::new(0, "Rays", 16, Tables::lines).of(|tables, _| {
+    let rays: Vec<f32> = tables.rays.iter().flatten().map(|&x| x as f32).collect();
+    bytes_of(&rays)
+});
+
+/// Per sample and sub-plane: current, then reference position, relative to the local origin, and a flag (`vec4<f32>`).
+pub static POSITION: Buffer = Buffer::new(20, "Position", 16, planes);
+
+/// Per sample and sub-plane: element that contained it in the last frame (`u32`).
+pub static ELEMENT: Buffer =
+    Buffer::new(30, "Element", 4, planes).of(|tables, _| vec![0xff; ELEMENT.bytes(tables) as usize]);
+
+/// Affine maps of the deformed and reference elements (`vec4<f32>`).
+pub static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tables| mesh(tables, |warp| warp.frames));
+
+/// Neighbours of the elements through their faces (`vec4<u32>`).
+pub static ADJACENCY: Buffer = Buffer::new(50, "Adjacency", 16, |tables| mesh(tables, |warp| warp.neighbours));
+
+/// Starts of the cells of the search grids (`u32`).
+pub static CELL_STARTS: Buffer = Buffer::new(60, "CellStarts", 4, |tables| mesh(tables, |warp| warp.starts));
+
+/// Elements of the cells of the search grids (`u32`).
+pub static CELL_ELEMENTS: Buffer = Buffer::new(70, "CellElements", 4, |tables| mesh(tables, |warp| warp.lists));
+
+/// Label indices of the volume, four to a `u32`.
+pub static VOXELS: Buffer =
+    Buffer::new(80, "Voxels", 4, |tables| tables.volume.voxels().len().div_ceil(4)).of(|tables, _| {
+        let mut bytes = tables.volume.voxels().to_vec();
+        bytes.resize(bytes.len().next_multiple_of(4), 0);
+        bytes
+    });
+
+/// Per label index: its imaging properties ([`LabelRow`]).
+pub static LABEL_ROWS: Buffer = Buffer::new(90, "LabelRows", size_of::<LabelRow>(), |tables| tables.label_rows.len())
+    .of(|tables, _| bytes_of(&tables.label_rows));
+
+/// Per sample and sub-plane: label index (`u32`).
+pub static LABEL: Buffer = Buffer::new(120, "Label", 4, planes);
+
+/// Per sample (and sub-plane, up to their average): echo amplitude; after tone, grey level (`f32`).
+pub static AMPLITUDE: Buffer = Buffer::new(130, "Amplitude", 4, planes);
+
+/// Second buffer of the pair that [`AMPLITUDE`] is swapped with (`f32`).
+pub static AMPLITUDE_NEXT: Buffer = Buffer::new(140, "AmplitudeNext", 4, beam);
+
+/// Per sample: complex echo of surfaces and needles, before the point spread (`vec2<f32>`).
+pub static SPECULAR: Buffer = Buffer::new(150, "Specular", 8, beam);
+
+/// Per sample: fractions of the scan plane's thickness and of the beam filled by needle and seeds (`vec2<f32>`).
+pub static NEEDLE_MASK: Buffer = Buffer::new(230, "NeedleMask", 8, beam);
+
+/// Per sample: two-way loss down to it, in units of [`UNITS_PER_DB`] (`u32`).
+pub static LOSS: Buffer = Buffer::new(240, "Loss", 4, beam);
+
+/// Per pixel: scanline and sample coordinates, or -1 (`vec2<f32>`).
+pub static SCAN_MAP: Buffer = Buffer::new(310, "ScanMap", 8, pixels).per_pixel().of(|tables, band| {
+    let first = band.first_row as usize * tables.width();
+    bytes_of(&tables.scan_map[first..][..band.rows as usize * tables.width()])
+});
+
+/// Per pixel: grey level (`f32`).
+pub static IMAGE: Buffer = Buffer::new(320, "Image", 4, pixels).per_pixel();
+
+/// Per pixel: grey level, four to a `u32`.
+pub static PIXELS: Buffer =
+    Buffer::new(330, "Pixels", 4, |tables| tables.words_per_row() * tables.height()).per_pixel();
+
+/// Declares the vectors of an effect on the CPU: each with its element, the buffer without which it is empty, its length
+/// and its first value.
+macro_rules! columns {
+    ($(#[$doc:meta])* pub struct $name:ident $(<$t:ident>)? {
+        $($(#[$field_doc:meta])* $field:ident: [$type:ty; $len:expr] = $fill:expr, $buffer:ident;)+
+    }) => {
+        $(#[$doc])*
+        #[derive(Debug, Default)]
+        pub struct $name $(<$t>)? {
+            $($(#[$field_doc])* pub $field: Vec<$type>,)+
+        }
+
+        impl $(<$t: crate::base::real::Real>)? $name $(<$t>)? {
+            /// Allocates what a plan uses and frees the rest.
+            pub fn fit(&mut self, plan: &crate::imaging::plan::Plan, tables: &crate::imaging::synth::tables::Tables) {
+                $(
+                    let len: fn(&crate::imaging::synth::tables::Tables) -> usize = $len;
+                    let len = if plan.uses(&$buffer) { len(tables) } else { 0 };
+                    crate::imaging::synth::store::resize(&mut self.$field, len, $fill);
+                )+
+            }
+
+            /// Memory in use, bytes.
+            pub fn bytes(&self) -> usize {
+                0 $(+ self.$field.capacity() * size_of::<$type>())+
+            }
+        }
+    };
+}
+pub(crate) use columns;

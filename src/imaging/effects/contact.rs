@@ -1,0 +1,206 @@
+//! Contact: conformation of the skin to the array.
+//!
+//! A body at rest touches a curved or straight array in a few points only; in practice both are pressed together and gel fills the remaining gaps. On
+//! each scanline the gap between array and body is found, up to a reach, and samples are shifted to deeper tissue by the gap at the array and less
+//! below: `s -> s + gap (1 - s / fade)^2`, which preserves the order of tissue along the beam as long as the gap is less than half the fade. If the
+//! gap is wider there is no contact, and the scanline shows the void. Gaps are those of the tissue at rest, smoothed over neighbouring scanlines
+//! because skin is smooth.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
+use nalgebra::Point3;
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buffers::{Buffer, POSITION, RAYS, columns};
+use super::common::{plane_step, rows};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::base::real::Real;
+use crate::imaging::synth::FrameState;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+/// Contact between skin and array.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Contact {
+    /// Widest gap between array and body that is closed by pressure, mm (0 to 20).
+    pub reach_mm: f64,
+    /// Depth at which the shift vanishes, mm (50 to 1000).
+    pub fade_mm: f64,
+}
+
+impl Default for Contact {
+    fn default() -> Self {
+        Self {
+            reach_mm: 12.0,
+            fade_mm: 50.0,
+        }
+    }
+}
+
+impl Parameters for Contact {
+    fn validate(&self) -> Result<(), OutOfRange> {
+        within("contact.reach_mm", self.reach_mm, 0.0..=20.0)?;
+        within("contact.fade_mm", self.fade_mm, 50.0..=1000.0)
+    }
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "contact",
+    stage: Stage::Echoes,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    buffers: &[&GAPS],
+    remove: Some(|settings| settings.effects.contact = None),
+    ..Effect::PLAIN
+};
+
+/// Per scanline and sub-plane: gap between array and body, mm (`f32`).
+static GAPS: Buffer = Buffer::new(10, "Gaps", 4, |tables| tables.lines() * tables.planes()).per_frame(gaps);
+
+columns! {
+    /// Vectors of the contact.
+    pub struct Columns {
+        /// Data of [`GAPS`], and as much again to smooth them.
+        gaps: [f32; |tables| 2 * tables.lines() * tables.planes()] = 0.0, GAPS;
+    }
+}
+
+static PASSES: &[Pass] = &[Pass {
+    name: "contact",
+    shader: include_str!("../../../shaders/contact.wgsl"),
+    entry: "main",
+    bindings: &[(&RAYS, Read), (&GAPS, Read), (&POSITION, Write)],
+    params,
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match &tables.settings.effects.contact {
+        Some(own) => Ok(format!("skin within {} mm of the array touches it", own.reach_mm)),
+        None => Err("the scene names no contact".into()),
+    }
+}
+
+/// Step of the search for the body, mm.
+const STEP_MM: f64 = 0.25;
+/// Number of bisections of the last step.
+const HALVINGS: usize = 4;
+/// Number of scanlines on each side over which gaps are smoothed.
+const SMOOTHED: usize = 2;
+
+/// Gap on each scanline of each sub-plane, mm: 0 if the array touches the body, or no body is in reach.
+pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
+    let reach = tables.settings.effects.contact.as_ref().map_or(0.0, |own| own.reach_mm);
+    let lines = tables.lines();
+    let is_body = |plane: usize, line: usize, s: f64| {
+        let [x, y, dx, dy] = tables.rays[line];
+        let z = f64::from(plane_step(plane)) * tables.plane_mm();
+        let at = state
+            .probe_to_world
+            .transform_point(&Point3::new(x + s * dx, y + s * dy, z));
+        tables.volume.label_index_at(&at).is_some_and(|label| label > 0)
+    };
+    let found = |at: usize| {
+        let is_body = |s: f64| is_body(at / lines, at % lines, s);
+        let steps = (reach / STEP_MM) as usize;
+        let Some(first) = (0..=steps).find(|step| is_body(*step as f64 * STEP_MM)) else {
+            return -1.0;
+        };
+        if first == 0 {
+            return 0.0;
+        }
+        let mut ends = [first - 1, first].map(|step| step as f64 * STEP_MM);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (ends[0] + ends[1]);
+            ends[usize::from(is_body(middle))] = middle;
+        }
+        ends[1]
+    };
+    gaps.clear();
+    gaps.resize(2 * lines * tables.planes(), 0.0);
+    let (raw, smooth) = gaps.split_at_mut(lines * tables.planes());
+    // Multiples of 1/64 mm: exact in single precision.
+    raw.iter_mut().enumerate().for_each(|(at, gap)| *gap = found(at) as f32);
+    for (raw, smooth) in raw.chunks(lines).zip(smooth.chunks_mut(lines)) {
+        for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
+            let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];
+            let touching = near.iter().filter(|gap| **gap >= 0.0);
+            let (sum, count) = touching.fold((0.0, 0.0), |(sum, count), gap| (sum + f64::from(*gap), count + 1.0));
+            // Rounded once, for all backends.
+            *gap = (sum / count) as f32;
+        }
+    }
+    gaps.drain(..lines * tables.planes());
+}
+
+/// Parameter block of `contact.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// First three rows of the probe-to-world transform.
+    pub probe_to_world: [Vec4; 3],
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Distance between samples, mm.
+    pub sample_mm: f32,
+    /// Inverse of the depth at which the shift vanishes, 1/mm.
+    pub per_fade: f32,
+}
+
+fn per_fade(tables: &Tables) -> f64 {
+    let own = tables.settings.effects.contact.clone().unwrap_or_default();
+    1.0 / own.fade_mm
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        sample_mm: tables.sample_mm() as f32,
+        per_fade: per_fade(tables) as f32,
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    gaps(tables, view.state, &mut store.effects.contact.gaps);
+    let matrix = rows::<T>(&view.state.probe_to_world);
+    let (sample_mm, per_fade) = (T::of(tables.sample_mm()), T::of(per_fade(tables)));
+    store
+        .position
+        .par_chunks_mut(samples)
+        .zip(&store.effects.contact.gaps)
+        .enumerate()
+        .filter(|(_, (_, gap))| **gap > 0.0)
+        .for_each(|(index, (positions, gap))| {
+            let [_, _, dx, dy] = tables.rays[index % lines].map(T::of);
+            let step = matrix.map(|row| (row[0] * dx + row[1] * dy) * T::of(f64::from(*gap)));
+            for (i, position) in positions.iter_mut().enumerate() {
+                let s = (T::from_signed(i as i32) + T::of(0.5)) * sample_mm;
+                let left = (T::one() - s * per_fade).max(T::zero());
+                let share = left * left;
+                for axis in 0..3 {
+                    position[axis] += step[axis] * share;
+                }
+            }
+        });
+}

@@ -1,0 +1,102 @@
+//! Geometry: world position of each sample of each scanline, relative to the local origin ([`crate::imaging::synth::local_origin`]).
+//!
+//! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose. With the
+//! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
+use rayon::prelude::*;
+
+use super::buffers::{POSITION, RAYS};
+use super::common::{plane_step, rows};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, Stage, Verdict};
+use crate::base::real::Real;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "geometry",
+    stage: Stage::Echoes,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
+};
+
+static PASSES: &[Pass] = &[Pass {
+    name: "geometry",
+    shader: include_str!("../../../shaders/geometry.wgsl"),
+    entry: "main",
+    bindings: &[(&RAYS, Read), (&POSITION, Write)],
+    params,
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(_: &Tables) -> Verdict {
+    Ok("every frame needs the place of its samples".into())
+}
+
+/// Parameter block of `geometry.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// First three rows of the probe-to-world transform.
+    pub probe_to_world: [Vec4; 3],
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Distance between samples, mm.
+    pub sample_mm: f32,
+    /// Distance between sub-planes, mm.
+    pub plane_mm: f32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        sample_mm: tables.sample_mm() as f32,
+        plane_mm: tables.plane_mm() as f32,
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let matrix = rows::<T>(&view.state.probe_to_world);
+    let (sample_mm, plane_mm) = (T::of(tables.sample_mm()), T::of(tables.plane_mm()));
+    store
+        .position
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(index, positions)| {
+            let ray = tables.rays[index % lines].map(T::of);
+            let z = T::of(f64::from(plane_step(index / lines))) * plane_mm;
+            scanline(ray, z, sample_mm, &matrix, positions);
+        });
+}
+
+/// Positions of the samples of one scanline; the fourth component, the flag, is cleared.
+#[inline(always)]
+pub fn scanline<T: Real>(ray: [T; 4], z: T, sample_mm: T, matrix: &[[T; 4]; 3], positions: &mut [[T; 4]]) {
+    let half = T::of(0.5);
+    for (i, position) in positions.iter_mut().enumerate() {
+        let s = (T::from_signed(i as i32) + half) * sample_mm;
+        let (x, y) = (ray[0] + ray[2] * s, ray[1] + ray[3] * s);
+        let [px, py, pz] = matrix.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3]);
+        *position = [px, py, pz, T::zero()];
+    }
+}

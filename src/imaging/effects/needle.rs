@@ -1,0 +1,279 @@
+//! Needle: echo of the shaft where it crosses the thickened scan plane (Zhu et al. 2007, section 2.3), and of seeds.
+//!
+//! The brightness of a sample is the fraction of the plane's thickness, by default the needle's diameter, that the shaft fills
+//! there: the length of the elevational chord through the cylinder, in closed form, for every segment of a bent shaft. The echo
+//! is strongest where the shaft is perpendicular to the beam and falls with a power of the sine of the angle between them.
+//! Reverberation inside the shaft repeats the echo further down the beam. Grains along the shaft make the line uneven, and the
+//! bevel at a needle's tip is brighter. Brachytherapy seeds are modelled as short shafts.
+//!
+//! With speckle the echo is added to that of the scatterers before the point spread is applied; without, its modulus is added
+//! to the amplitude.
+
+mod segments;
+mod shaft;
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::base::random::seed_words;
+use crate::base::real::Real;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+pub use segments::{MAX_SEGMENTS, Segment, left_out, segments};
+pub use shaft::Shaft;
+
+/// Echo of the needle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct NeedleEcho {
+    /// Echo of a shaft in the plane and perpendicular to the beam, dB relative to liver (-40 to 80).
+    pub echo_db: f64,
+    /// Thickness of the scan plane for the needle, mm (0.05 to 20); without it the needle's diameter.
+    pub thickness_mm: Option<f64>,
+    /// Exponent of the sine of the angle between shaft and beam (0 to 64).
+    pub directivity: f64,
+    /// Number of repetitions of the echo below the shaft (0 to 8).
+    pub reverberations: u32,
+    /// Distance between repetitions, mm (0.1 to 20).
+    pub reverberation_mm: f64,
+    /// Loss from one repetition to the next, dB (0 to 60).
+    pub reverberation_db: f64,
+    /// Diffuse fraction of the power of the echo (0 to 1): 0 is an even line; 0.2 has a standard deviation of 3 dB along
+    /// it.
+    pub roughness: f64,
+}
+
+impl Default for NeedleEcho {
+    fn default() -> Self {
+        Self {
+            echo_db: 30.0,
+            thickness_mm: None,
+            directivity: 4.0,
+            reverberations: 3,
+            reverberation_mm: 1.6,
+            reverberation_db: 9.0,
+            roughness: 0.2,
+        }
+    }
+}
+
+impl Parameters for NeedleEcho {
+    fn validate(&self) -> Result<(), OutOfRange> {
+        within("needle.echo_db", self.echo_db, -40.0..=80.0)?;
+        within("needle.thickness_mm", self.thickness_mm.unwrap_or(1.0), 0.05..=20.0)?;
+        within("needle.directivity", self.directivity, 0.0..=64.0)?;
+        within("needle.reverberations", f64::from(self.reverberations), 0.0..=8.0)?;
+        within("needle.reverberation_mm", self.reverberation_mm, 0.1..=20.0)?;
+        within("needle.reverberation_db", self.reverberation_db, 0.0..=60.0)?;
+        within("needle.roughness", self.roughness, 0.0..=1.0)
+    }
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "needle",
+    stage: Stage::Echoes,
+    wanted,
+    passes: |tables| match tables.effects.speckle {
+        Some(_) => vec![&BEFORE_SPECKLE],
+        None => vec![&ALONE],
+    },
+    buffers: &[&NEEDLE],
+    left_out,
+    remove: Some(|settings| {
+        settings.effects.needle = None;
+        settings.has_needle = false;
+    }),
+    ..Effect::PLAIN
+};
+
+/// Segments of needle and seeds in the probe frame (`vec4<f32>` triples).
+static NEEDLE: Buffer =
+    Buffer::new(220, "Needle", size_of::<Segment<f32>>(), |_| MAX_SEGMENTS).per_frame(|tables, state, numbers| {
+        numbers.clear();
+        numbers.extend(segments(tables, state).flatten().flatten().map(|x| x as f32));
+    });
+
+columns! {
+    /// Vectors of the needle.
+    pub struct Columns {
+        /// Data of [`NEEDLE`].
+        segments: [Segment<f64>; |_| MAX_SEGMENTS] = [[0.0; 4]; 3], NEEDLE;
+    }
+}
+
+const ALONE: Pass = needle_pass(
+    "main",
+    const {
+        &[
+            (&RAYS, Read),
+            (&NEEDLE, Read),
+            (&NEEDLE_MASK, Write),
+            (&AMPLITUDE, Write),
+        ]
+    },
+);
+
+const BEFORE_SPECKLE: Pass = needle_pass(
+    "before_speckle",
+    const {
+        &[
+            (&RAYS, Read),
+            (&NEEDLE, Read),
+            (&NEEDLE_MASK, Write),
+            (&SPECULAR, Write),
+        ]
+    },
+);
+
+const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+    Pass {
+        name: "needle",
+        shader: concat!(
+            include_str!("../../../shaders/common/hash.wgsl"),
+            include_str!("../../../shaders/common/scatterer.wgsl"),
+            include_str!("../../../shaders/common/power.wgsl"),
+            include_str!("../../../shaders/needle.wgsl")
+        ),
+        entry,
+        bindings,
+        params,
+        workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+        flips: false,
+        cpu: run::<f32>,
+        cpu_f64: run::<f64>,
+    }
+}
+
+/// Correlation length of the grains along a shaft, mm.
+pub const GRAIN_MM: f64 = 2.0;
+/// Length of the brighter part of a needle from its tip, mm: that of a bevel.
+pub const BEVEL_MM: f64 = 3.0;
+/// Amplitude factor of the bevel: 6 dB.
+pub const BEVEL: f64 = 2.0;
+
+/// Whether the scene has a needle or seeds and shows them.
+pub fn present(tables: &Tables) -> bool {
+    tables.settings.effects.needle.is_some() && tables.settings.has_needle
+}
+
+fn wanted(tables: &Tables) -> Verdict {
+    match (&tables.settings.effects.needle, tables.settings.has_needle) {
+        (Some(_), true) => Ok("the scene has a needle or seeds".into()),
+        (Some(_), false) => Err("the scene has neither needle nor seeds".into()),
+        (None, _) => Err("the scene names no needle echo".into()),
+    }
+}
+
+/// Parameter block of `needle.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Number of segments of needle and seeds.
+    pub sample_mm: f32,
+    /// Segments of needle and seeds.
+    pub segments: u32,
+    /// Inverse width of the beam used for shadows, 1/mm.
+    pub beams_per_mm: f32,
+    /// Amplitude of the echo.
+    pub echo: f32,
+    /// Exponent of the sine of the angle between shaft and beam.
+    pub directivity: f32,
+    /// Number of repetitions.
+    pub reverberations: u32,
+    /// Distance between repetitions, mm.
+    pub reverberation_mm: f32,
+    /// Amplitude factor per repetition.
+    pub reverberation: f32,
+    /// Amplitude of the constant part.
+    pub steady: f32,
+    /// Amplitude of the diffuse part.
+    pub diffuse: f32,
+    /// 1 if surfaces have already written their echoes.
+    pub after_surfaces: u32,
+    /// Seed of the grains.
+    pub seed: [u32; 2],
+    /// Padding to a multiple of 16 bytes.
+    pub unused: [u32; 2],
+}
+
+/// Beam width below which any needle shades the beam fully, mm; also used for a single scanline, which has no
+/// width.
+const LEAST_BEAM_MM: f64 = 1e-3;
+
+fn numbers(view: &View) -> Params {
+    let tables = view.tables;
+    let own = tables.settings.effects.needle.clone().unwrap_or_default();
+    let shadow = &tables.settings.effects.shadow;
+    Params {
+        samples: tables.samples() as u32,
+        sample_mm: tables.sample_mm() as f32,
+        segments: segments(tables, view.state).count() as u32,
+        beams_per_mm: shadow
+            .as_ref()
+            .map_or(0.0, |shadow| shadow.beam_mm.max(LEAST_BEAM_MM).recip()) as f32,
+        echo: 10f64.powf(own.echo_db / 20.0) as f32,
+        directivity: own.directivity as f32,
+        reverberations: own.reverberations,
+        reverberation_mm: own.reverberation_mm as f32,
+        reverberation: 10f64.powf(-own.reverberation_db / 20.0) as f32,
+        steady: (1.0 - own.roughness).sqrt() as f32,
+        diffuse: own.roughness.sqrt() as f32,
+        after_surfaces: u32::from(tables.settings.effects.interface.is_some()),
+        // A lattice different from that of the speckle.
+        seed: seed_words(!tables.settings.seed),
+        unused: [0; 2],
+    }
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    ParamBlock::of(&numbers(view))
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let samples = tables.samples();
+    let numbers = numbers(view);
+    store.effects.needle.segments.clear();
+    store.effects.needle.segments.extend(segments(tables, view.state));
+    let segments = &store.effects.needle.segments;
+    let each = |ray: &[f64; 4], mask: &mut [[T; 2]], add: &mut dyn FnMut(usize, [T; 2])| {
+        mask.fill([T::zero(); 2]);
+        for &segment in segments {
+            let shaft = Shaft::new(segment.map(|end| end.map(T::of)));
+            shaft.scanline(ray.map(T::of), &numbers, mask, &mut *add);
+        }
+    };
+    let masks = store.needle_mask.par_chunks_mut(samples).zip(&tables.rays);
+    if tables.effects.speckle.is_some() {
+        store
+            .specular
+            .par_chunks_mut(samples)
+            .zip(masks)
+            .for_each(|(out, (mask, ray))| {
+                if numbers.after_surfaces == 0 {
+                    out.fill([T::zero(); 2]);
+                }
+                each(ray, mask, &mut |i, [re, im]| {
+                    out[i][0] += re;
+                    out[i][1] += im;
+                });
+            });
+    } else {
+        let amplitude = &mut store.amplitude[..tables.lines() * samples];
+        amplitude
+            .par_chunks_mut(samples)
+            .zip(masks)
+            .for_each(|(out, (mask, ray))| {
+                each(ray, mask, &mut |i, [re, im]| out[i] += (re * re + im * im).sqrt());
+            });
+    }
+}

@@ -1,0 +1,91 @@
+//! Straight segments of needle and seeds in a frame.
+
+use nalgebra::Point3;
+
+use super::present;
+use crate::imaging::synth::FrameState;
+use crate::imaging::synth::tables::Tables;
+use crate::tracking::needle::MAX_NODES;
+
+/// Start and end of a straight segment in the probe frame (mm), followed by its radius and by the thickness of the plane for it,
+/// mm. Then the distances of its start and end from the tip (mm), the number of its shaft (0 for the needle), and the factor on
+/// its echo before a point spread.
+pub type Segment<T> = [[T; 4]; 3];
+
+/// Maximum number of segments of needle and seeds in a frame: at least 192 seeds in one plane.
+pub const MAX_SEGMENTS: usize = 256;
+
+/// Segments of needle and seeds that meet the scan plane, for the CPU and for upload. For a needle of more than 64 segments
+/// those towards the tip, then those of the seeds in their order, up to [`MAX_SEGMENTS`]. Segments that are not finite or
+/// have no thickness are skipped.
+pub fn segments(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment<f64>> {
+    crossing(tables, state).take(MAX_SEGMENTS)
+}
+
+/// Number of segments of a frame that meet its scan plane, or belong to its needle, but exceed the maximum.
+pub fn left_out(tables: &Tables, state: &FrameState) -> usize {
+    if !present(tables) {
+        return 0;
+    }
+    let hidden = state.needle.as_ref().map_or(0, |needle| first_shown(&needle.nodes));
+    hidden + crossing(tables, state).count().saturating_sub(MAX_SEGMENTS)
+}
+
+/// Index of the first node shown of a needle with too many nodes.
+fn first_shown(nodes: &[Point3<f64>]) -> usize {
+    nodes.len().saturating_sub(MAX_NODES)
+}
+
+/// All segments that meet the scan plane: the needle's, then those of the seeds.
+fn crossing(tables: &Tables, state: &FrameState) -> impl Iterator<Item = Segment<f64>> {
+    let thickness_mm = tables
+        .settings
+        .effects
+        .needle
+        .as_ref()
+        .and_then(|needle| needle.thickness_mm);
+    let shafts = state
+        .needle
+        .iter()
+        .map(|needle| (0, needle))
+        .chain((1..).zip(&state.seeds));
+    let pieces = shafts.flat_map(|(number, shaft)| {
+        let nodes = &shaft.nodes[first_shown(&shaft.nodes)..];
+        let length = |pair: &[Point3<f64>]| (pair[1] - pair[0]).norm();
+        let mut from_tip: f64 = nodes.windows(2).map(length).sum();
+        nodes.windows(2).map(move |pair| {
+            let start = from_tip;
+            from_tip -= length(pair);
+            (pair, shaft.diameter_mm, [start, from_tip.max(0.0), f64::from(number)])
+        })
+    });
+    let world_to_probe = state.probe_to_world.try_inverse();
+    let speckle = tables.effects.speckle.as_ref();
+    pieces.filter_map(move |(pair, diameter_mm, [start, end, number])| {
+        let world_to_probe = world_to_probe?;
+        let ends = [pair[0], pair[1]].map(|node| world_to_probe.transform_point(&node));
+        let [start_of, end_of] = segment(ends, diameter_mm, thickness_mm.unwrap_or(diameter_mm))?;
+        let factor = speckle.map_or(1.0, |own| 1.0 / own.thick_gain(diameter_mm / 2.0, tables.sample_mm()));
+        // If another segment is not finite, the distance from the tip is unknown.
+        let rounded = [start, end, number, factor].map(|x| if x.is_finite() { f64::from(x as f32) } else { 0.0 });
+        Some([start_of, end_of, rounded])
+    })
+}
+
+/// Both ends of a segment, if it is valid and meets the plane. Radius and thickness are rounded once, for all
+/// backends.
+fn segment([start, end]: [Point3<f64>; 2], diameter_mm: f64, thickness_mm: f64) -> Option<[[f64; 4]; 2]> {
+    let [radius, thickness] = [diameter_mm / 2.0, thickness_mm].map(|length| f64::from(length as f32));
+    let is_finite = start
+        .iter()
+        .chain(end.iter())
+        .chain([&radius, &thickness])
+        .all(|x| x.is_finite());
+    let reach = radius + thickness / 2.0;
+    let meets = start.z.min(end.z) <= reach && start.z.max(end.z) >= -reach;
+    let shown = is_finite && radius > 0.0 && meets;
+    shown.then_some([[start.x, start.y, start.z, radius], [end.x, end.y, end.z, thickness]])
+}
+
+#[cfg(test)]
+mod tests;

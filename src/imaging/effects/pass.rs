@@ -1,0 +1,89 @@
+//! Declaration of a pass: one step of a frame, on both backends.
+
+use bytemuck::Pod;
+
+use super::buffers::Buffer;
+pub use crate::gpu::Access;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::{FrameState, tables::Tables};
+use crate::mechanics::mesh::pack::WarpParams;
+
+/// Inputs of a pass besides its resources.
+#[derive(Clone, Copy)]
+pub struct View<'a> {
+    /// Tables fixed until the scene is edited.
+    pub tables: &'a Tables,
+    /// State of the frame, relative to the local origin.
+    pub state: &'a FrameState,
+    /// Search grids of the mesh as packed for the GPU; `None` on the CPU.
+    pub warp: Option<&'a WarpParams>,
+}
+
+/// Parameter block of a pass: binding 0, at most 256 bytes.
+#[derive(Clone, Copy, Debug)]
+pub struct ParamBlock {
+    bytes: [u8; Self::CAPACITY],
+}
+
+impl ParamBlock {
+    /// Capacity of a block, bytes; also the alignment of the blocks' offsets in WebGPU's default limits.
+    pub const CAPACITY: usize = 256;
+
+    /// Copies a parameter struct.
+    pub fn of<P: Pod>(params: &P) -> Self {
+        const { assert!(size_of::<P>() <= Self::CAPACITY && size_of::<P>().is_multiple_of(16)) };
+        let mut bytes = [0; Self::CAPACITY];
+        let source = bytemuck::bytes_of(params);
+        bytes[..source.len()].copy_from_slice(source);
+        Self { bytes }
+    }
+
+    /// Parameters as seen by the shader, padded to a full slot.
+    pub fn slot(&self) -> &[u8; Self::CAPACITY] {
+        &self.bytes
+    }
+}
+
+/// Rows of an image covered by one dispatch of a per-pixel pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Band {
+    /// First row.
+    pub first_row: u32,
+    /// Number of rows.
+    pub rows: u32,
+}
+
+/// A step of a frame.
+pub struct Pass {
+    /// Name, unique over all effects.
+    pub name: &'static str,
+    /// WGSL source, common parts included.
+    pub shader: &'static str,
+    /// Entry point in the source.
+    pub entry: &'static str,
+    /// Storage bindings from binding 1 on, in order.
+    pub bindings: &'static [(&'static Buffer, Access)],
+    /// Parameter block, binding 0, for one band of rows (all rows for passes that are not per pixel).
+    pub params: fn(&View, Band) -> ParamBlock,
+    /// Number of workgroups along x, y, z.
+    pub workgroups: fn(&Tables, Band) -> [u32; 3],
+    /// Whether the executors swap `AMPLITUDE` and `AMPLITUDE_NEXT` after the pass.
+    pub flips: bool,
+    /// CPU reference in single precision, matching the shader.
+    pub cpu: fn(&View, &mut Store<f32>),
+    /// CPU reference in double precision.
+    pub cpu_f64: fn(&View, &mut Store<f64>),
+}
+
+/// Number of workgroups of `size` invocations that cover `count`.
+pub fn groups(count: usize, size: u32) -> u32 {
+    (count as u64).div_ceil(u64::from(size)) as u32
+}
+
+/// Numbers of workgroups of `size` invocations that cover `count` in one dimension, spread over y past the limit on
+/// x.
+pub fn spread(count: usize, size: u32) -> [u32; 3] {
+    const MOST: u32 = 65_535;
+    let groups = groups(count, size);
+    [groups.min(MOST), groups.div_ceil(MOST), 1]
+}

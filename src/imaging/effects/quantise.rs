@@ -1,0 +1,70 @@
+//! Quantisation: grey levels to bytes, rounded to nearest.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use super::buffers::{IMAGE, PIXELS};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, Stage, Verdict};
+use crate::base::real::Real;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "quantise",
+    stage: Stage::Display,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
+};
+
+static PASSES: &[Pass] = &[Pass {
+    name: "quantise",
+    shader: include_str!("../../../shaders/quantise.wgsl"),
+    entry: "main",
+    bindings: &[(&IMAGE, Read), (&PIXELS, Write)],
+    params,
+    workgroups: |tables, band| [groups(tables.words_per_row(), 64), band.rows, 1],
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(_: &Tables) -> Verdict {
+    Ok("a frame is made of bytes".into())
+}
+
+/// Parameter block of `quantise.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Number of words of four pixels in a row, padded.
+    pub words_per_row: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: [u32; 2],
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    ParamBlock::of(&Params {
+        width: view.tables.width() as u32,
+        words_per_row: view.tables.words_per_row() as u32,
+        unused: [0; 2],
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let width = view.tables.width();
+    let half = T::of(0.5);
+    store
+        .pixels
+        .par_chunks_mut(width)
+        .zip(store.image.par_chunks(width))
+        .for_each(|(bytes, row)| {
+            for (byte, &grey) in bytes.iter_mut().zip(row) {
+                *byte = (grey + half).max(T::zero()).min(T::of(255.0)).to_u8().unwrap_or(0);
+            }
+        });
+}

@@ -1,0 +1,302 @@
+//! Refraction: focusing and defocusing of beams where the speed of sound changes; dark lines under the edges of cysts, vessels and organs.
+//!
+//! The phase of a straight scanline is advanced by the path `d = sum (n - 1)`, where `n` is the refractive index. The gradient of `d` across the
+//! scanlines deflects the beam (paraxial approximation of geometrical optics: M. Born and E. Wolf, Principles of Optics, 1999, chapter 3), and its
+//! curvature focuses or defocuses it. With scanlines `h(s)` apart, the factor on the one-way intensity, and so on the amplitude of an echo, is `1
+//! / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
+//!
+//! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly interpolated between them. At a distance
+//! `z` below a lens the converging beam of f-number `F` is `z / F` wide at the lens and averages over it, so that the effect of a lens saturates at `F` beam
+//! widths: terms of the sum decay exponentially with that length ([`F_NUMBER`]).
+//!
+//! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s) to muscle (1.70 MRayl, 1580
+//! m/s).
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, LABEL, LABEL_ROWS};
+use super::common::spacing;
+use super::pass::{Access::*, Band, ParamBlock, Pass, View};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::base::real::Real;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+/// Refraction of beams.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Refraction {
+    /// Beam width over which refraction is averaged, mm (0.5 to 20).
+    pub beam_mm: f64,
+}
+
+impl Default for Refraction {
+    fn default() -> Self {
+        Self { beam_mm: 6.0 }
+    }
+}
+
+impl Parameters for Refraction {
+    fn validate(&self) -> Result<(), OutOfRange> {
+        within("refraction.beam_mm", self.beam_mm, 0.5..=20.0)
+    }
+}
+
+/// Largest gain of amplitude by focusing, 3 dB: the caustics of geometrical optics do not occur in beams.
+pub const MOST: f64 = 1.4;
+
+/// F-number of the beam: an aperture of 25 to 30 mm at a depth of 6 cm.
+pub const F_NUMBER: f64 = 2.0;
+
+/// Impedance of tissue with the speed of sound that scanners assume, 1540 m/s, MRayl.
+const REFERENCE_MRAYL: f64 = 1.58;
+
+/// Largest deviation of the index of soft tissue from 1; beyond it lie gas and bone.
+const FURTHEST: f64 = 0.15;
+/// Impedance whose index is used for gas and bone, MRayl: only their shadows show.
+const SOFT_MRAYL: f64 = 1.65;
+
+/// Refractive index of a tissue of an impedance, MRayl.
+pub fn index(impedance_mrayl: f64) -> f64 {
+    let of = |mrayl: f64| (REFERENCE_MRAYL / mrayl).sqrt();
+    let index = of(impedance_mrayl);
+    if (index - 1.0).abs() < FURTHEST {
+        index
+    } else {
+        of(SOFT_MRAYL)
+    }
+}
+
+/// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24, exact in any order in single
+/// precision.
+pub fn units_per_sample(tables: &Tables) -> f64 {
+    let summed = (tables.samples() * reach(tables).max(1)) as f64;
+    let units = f64::from(1 << 24) / (2.0 * FURTHEST * summed);
+    units.log2().floor().exp2()
+}
+
+/// Phase increment of a sample, from 0 on, in these units.
+pub fn units(impedance_mrayl: f64, tables: &Tables) -> u32 {
+    ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample(tables)).round() as u32
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "refraction",
+    stage: Stage::Beam,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    differs: |old, new| old.probe != new.probe || old.effects.refraction != new.effects.refraction,
+    label_row: Some(|tables, label, row| {
+        let tissue = tables.anatomy.tissues.of(label as u8);
+        row.phase = units(tissue.impedance_mrayl, tables);
+    }),
+    remove: Some(|settings| settings.effects.refraction = None),
+    ..Effect::PLAIN
+};
+
+static PASSES: &[Pass] = &[
+    Pass {
+        name: "refraction_phase",
+        shader: SHADER,
+        entry: "phase",
+        bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&AMPLITUDE_NEXT, Write)],
+        params,
+        workgroups: |tables, _| [1, (tables.lines() / reach(tables)) as u32, 1],
+        flips: false,
+        cpu: phases::<f32>,
+        cpu_f64: phases::<f64>,
+    },
+    Pass {
+        name: "refraction",
+        shader: SHADER,
+        entry: "spread",
+        bindings: &[(&AMPLITUDE_NEXT, Read), (&AMPLITUDE, Write)],
+        params,
+        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        flips: false,
+        cpu: run::<f32>,
+        cpu_f64: run::<f64>,
+    },
+];
+
+const SHADER: &str = concat!(
+    include_str!("../../../shaders/common/label_row.wgsl"),
+    include_str!("../../../shaders/refraction.wgsl")
+);
+
+fn wanted(tables: &Tables) -> Verdict {
+    if tables.settings.effects.refraction.is_none() {
+        return Err("the scene names no refraction".into());
+    }
+    if reach(tables) == 0 {
+        return Err("there are fewer than four scanlines".into());
+    }
+    let held = tables
+        .label_rows
+        .iter()
+        .enumerate()
+        .filter(|(label, _)| tables.volume.holds(*label));
+    let mut phases: Vec<u32> = held.map(|(_, row)| row.phase).collect();
+    phases.sort_unstable();
+    phases.dedup();
+    match phases.len() {
+        0 | 1 => Err("sound is equally fast in all tissues of the volume".into()),
+        n => Ok(format!("{n} speeds of sound bend beams")),
+    }
+}
+
+/// Scanlines per half beam width at half the depth, at most a quarter of all; 0 with fewer than four scanlines.
+pub fn reach(tables: &Tables) -> usize {
+    let grid = &tables.grid;
+    let half = 0.5 * beam_mm(tables);
+    let spacing = grid.lateral_spacing_mm(grid.sample_depth_mm(tables.samples() / 2));
+    let lines = (half / spacing).round().max(1.0) as usize;
+    lines.min(tables.lines() / 4)
+}
+
+fn beam_mm(tables: &Tables) -> f64 {
+    tables.settings.effects.refraction.clone().unwrap_or_default().beam_mm
+}
+
+/// Parameter block of `refraction.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Scanlines per half beam width.
+    pub reach: u32,
+    /// Average phase over half a beam width per unit of the sum, sample distances.
+    pub unit: f32,
+    /// Distance between scanlines at the array, sample distances.
+    pub spacing: f32,
+    /// Growth of the distance between scanlines per sample, sample distances.
+    pub spreading: f32,
+    /// Lower limit of the distance in second differences, a quarter of the beam width, sample distances.
+    pub least: f32,
+    /// Decay of terms per sample, as log2.
+    pub fading: f32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    let [spacing, spreading] = spacing(tables).map(|x| x as f32);
+    ParamBlock::of(&Params {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        reach: reach(tables) as u32,
+        unit: unit(tables) as f32,
+        spacing,
+        spreading,
+        least: least(tables) as f32,
+        fading: fading(tables) as f32,
+    })
+}
+
+fn unit(tables: &Tables) -> f64 {
+    1.0 / (units_per_sample(tables) * reach(tables) as f64)
+}
+
+fn least(tables: &Tables) -> f64 {
+    0.25 * beam_mm(tables) / tables.sample_mm()
+}
+
+fn fading(tables: &Tables) -> f64 {
+    -tables.sample_mm() / (F_NUMBER * beam_mm(tables)) * std::f64::consts::LOG2_E
+}
+
+/// Cumulative phase down to each sample, summed over the scanlines of each half beam width.
+fn phases<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (samples, reach) = (tables.samples(), reach(tables));
+    let halves = tables.lines() / reach;
+    let own: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
+    store.amplitude_next[..halves * samples]
+        .par_chunks_mut(samples)
+        .zip(store.label.par_chunks(reach * samples))
+        .for_each(|(phases, labels)| {
+            phases.fill(T::zero());
+            for labels in labels.chunks(samples) {
+                for (phase, label) in phases.iter_mut().zip(labels) {
+                    *phase += T::of(f64::from(own[usize::from(*label)]));
+                }
+            }
+            let mut sum = T::zero();
+            for phase in phases {
+                sum += *phase;
+                *phase = sum;
+            }
+        });
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let phases = &store.amplitude_next;
+    let spread = Spread::<T>::new(tables);
+    store.amplitude[..lines * samples]
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, amplitudes)| {
+            spread.factors(
+                line,
+                |half| &phases[half * samples..][..samples],
+                |sample, _, factor| {
+                    amplitudes[sample] *= factor;
+                },
+            );
+        });
+}
+
+/// Focusing and defocusing of the beams of a scene.
+pub struct Spread<T> {
+    lines: usize,
+    reach: usize,
+    unit: T,
+    spacing: [T; 2],
+    least: T,
+    left: T,
+}
+
+impl<T: Real> Spread<T> {
+    /// Creates the spread from the settings and the probe of a scene.
+    pub fn new(tables: &Tables) -> Self {
+        Self {
+            lines: tables.lines(),
+            reach: reach(tables),
+            unit: T::of(unit(tables)),
+            spacing: spacing(tables).map(T::of),
+            least: T::of(least(tables)),
+            left: T::of(fading(tables).exp2()),
+        }
+    }
+
+    /// Calls `each` for every sample of a scanline with its number, its term of the sum and the factor on its amplitude. `phases` returns the
+    /// cumulative phase of a half beam width. Scanlines at the sides use the nearest defined curvature.
+    #[inline(always)]
+    pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
+        let (one, two, most) = (T::one(), T::of(2.0), T::of(MOST));
+        let reach = T::of(self.reach as f64);
+        let last = (self.lines / self.reach) as i32 - 3;
+        let place = (T::of(line as f64) + T::of(0.5)) / reach - T::of(0.5);
+        let first = place.truncate().clamp(1, last);
+        let after = (place - T::from_signed(first)).max(T::zero()).min(one);
+        let [a, b, c, d] = std::array::from_fn(|at| phases(first as usize + at - 1));
+        let mut sum = T::zero();
+        for (sample, (((a, b), c), d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
+            let depth = T::of(sample as f64);
+            let apart = (reach * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
+            let near = *a - two * *b + *c;
+            let far = *b - two * *c + *d;
+            let term = (near + after * (far - near)) * self.unit / (apart * apart);
+            sum = sum * self.left + term;
+            each(sample, term, (one / (one + sum).abs()).min(most));
+        }
+    }
+}

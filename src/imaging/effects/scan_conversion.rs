@@ -1,0 +1,92 @@
+//! Scan conversion: bilinear interpolation from beam space to pixels, the last step as on scanners; pixels outside the
+//! sector take the fill level.
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+
+use super::buffers::{AMPLITUDE, IMAGE, SCAN_MAP};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, Stage, Verdict};
+use crate::base::real::Real;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "scan_conversion",
+    stage: Stage::Display,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
+};
+
+static PASSES: &[Pass] = &[Pass {
+    name: "scan_conversion",
+    shader: include_str!("../../../shaders/scan_conversion.wgsl"),
+    entry: "main",
+    bindings: &[(&AMPLITUDE, Read), (&SCAN_MAP, Read), (&IMAGE, Write)],
+    params,
+    workgroups: |tables, band| [groups(tables.width(), 64), band.rows, 1],
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(_: &Tables) -> Verdict {
+    Ok("every frame becomes pixels".into())
+}
+
+/// Parameter block of `scan_conversion.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Pixels in a row.
+    pub width: u32,
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Grey level outside the sector.
+    pub fill: f32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        width: tables.width() as u32,
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        fill: f32::from(tables.settings.image.fill),
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples, width) = (tables.lines(), tables.samples(), tables.width());
+    let fill = T::of(f64::from(tables.settings.image.fill));
+    let beam = &store.amplitude[..lines * samples];
+    store
+        .image
+        .par_chunks_mut(width)
+        .zip(tables.scan_map.par_chunks(width))
+        .for_each(|(row, map)| {
+            for (pixel, &at) in row.iter_mut().zip(map) {
+                *pixel = if at[0] < 0.0 {
+                    fill
+                } else {
+                    bilinear(beam, lines, samples, at)
+                };
+            }
+        });
+}
+
+/// Bilinear value at a scanline and sample coordinate, both within the grid.
+#[inline(always)]
+pub fn bilinear<T: Real>(beam: &[T], lines: usize, samples: usize, [line, sample]: [f32; 2]) -> T {
+    let (l0, s0) = (line as usize, sample as usize);
+    let (l1, s1) = ((l0 + 1).min(lines - 1), (s0 + 1).min(samples - 1));
+    let (a, b) = (T::of(f64::from(line - l0 as f32)), T::of(f64::from(sample - s0 as f32)));
+    let near = beam[l0 * samples + s0] + b * (beam[l0 * samples + s1] - beam[l0 * samples + s0]);
+    let far = beam[l1 * samples + s0] + b * (beam[l1 * samples + s1] - beam[l1 * samples + s0]);
+    near + a * (far - near)
+}

@@ -1,0 +1,543 @@
+//! Shadow: attenuation and occlusion along the scanlines.
+//!
+//! Transmittance is a running product down each scanline, stored as a running sum of losses in fixed-point decibels, so that it is the same for
+//! any grouping of the samples, on the CPU and in a parallel scan. A tissue contributes its two-way attenuation `2 alpha f` and, if it occludes
+//! as bone and gas do, its occlusion per millimetre; the needle contributes `needle_db_mm` where it fills the scan plane. A sample is subject to
+//! the loss of everything above it and half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. Edges
+//! of shadows are as soft as the beam is wide (`penumbra`) and widen with depth as the aperture does (`aperture`), and a needle thinner than the
+//! beam shades its fraction of it. In the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone,
+//! air and the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
+
+use std::ops::Range;
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+pub use super::buffers::UNITS_PER_DB;
+use super::buffers::{
+    AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
+};
+use super::common;
+use super::lateral::LateralKernel;
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::anatomy::acoustics::Tissue;
+use crate::base::real::Real;
+use crate::imaging::synth::SynthError;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::{Inputs, Settings, Tables};
+
+pub mod aperture;
+pub mod mirror;
+pub mod penumbra;
+pub mod reverberation;
+
+/// Attenuation and shadows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Shadow {
+    /// Whether tissues attenuate.
+    pub attenuation: bool,
+    /// Whether bone, gas and the like occlude.
+    pub occlusion: bool,
+    /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam (0 to 100); proportionally less
+    /// for a thinner one.
+    pub needle_db_mm: f64,
+    /// Full width at half maximum of the beam, mm (0 to 20), which is the softness of shadow edges. With 0, scanlines are
+    /// independent.
+    pub beam_mm: f64,
+    /// F-number on reception (0.5 to 20): the rate at which the edges of the shadows of bone, gas and needles widen. 4 lies between the 2
+    /// to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15 cm. 0 casts shadows straight down the scanlines.
+    pub f_number: f64,
+    /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array relative to the echo, before
+    /// attenuation and for a perfect reflector (0 to 1). 0 disables repeats.
+    pub reverberation: f64,
+    /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation (0 to 1): two reflections at a slightly rough
+    /// surface. Set by eye. 0 disables mirror images.
+    pub mirror: f64,
+}
+
+impl Default for Shadow {
+    fn default() -> Self {
+        Self {
+            attenuation: true,
+            occlusion: true,
+            needle_db_mm: 8.0,
+            beam_mm: 3.0,
+            f_number: 4.0,
+            reverberation: 0.35,
+            mirror: 0.5,
+        }
+    }
+}
+
+/// One-way attenuation of average soft tissue, dB/cm/MHz, that scanners compensate for (Szabo, Diagnostic Ultrasound
+/// Imaging, 2nd ed., 2014, appendix B).
+pub const SOFT_TISSUE_DB_CM_MHZ: f64 = 0.5;
+
+/// Two-way attenuation of average soft tissue, dB/cm; 0 if no attenuation is simulated.
+pub fn average_db_cm(settings: &Settings) -> f64 {
+    let own = settings.effects.shadow.as_ref();
+    if own.is_some_and(|own| own.attenuation) {
+        2.0 * SOFT_TISSUE_DB_CM_MHZ * settings.probe.frequency_mhz
+    } else {
+        0.0
+    }
+}
+
+/// Maximum loss per sample, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
+pub const MOST_PER_SAMPLE_DB: f64 = 256.0;
+
+/// Saturation value of the running sum: 2^31 - 1 units, 2,048 dB.
+pub const MOST_UNITS: u32 = 0x7fff_ffff;
+
+/// Loss for an occlusion of 1 per mm, which would be infinite, dB per mm.
+const FULL_OCCLUSION_DB_MM: f64 = 200.0;
+
+impl Parameters for Shadow {
+    fn validate(&self) -> Result<(), OutOfRange> {
+        within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)?;
+        within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)?;
+        within("shadow.reverberation", self.reverberation, 0.0..=1.0)?;
+        within("shadow.mirror", self.mirror, 0.0..=1.0)?;
+        if self.f_number == 0.0 {
+            return Ok(());
+        }
+        within("shadow.f_number", self.f_number, 0.5..=20.0).map_err(|error| OutOfRange {
+            expected: format!("0, or {}", error.expected),
+            ..error
+        })
+    }
+}
+
+impl Shadow {
+    /// Two-way loss in a tissue, dB/mm, at a frequency in MHz.
+    pub fn db_per_mm(&self, tissue: &Tissue, frequency_mhz: f64) -> f64 {
+        let attenuation = 2.0 * tissue.attenuation_db_cm_mhz * frequency_mhz / 10.0;
+        let occlusion = (-20.0 * (1.0 - tissue.occlusion_per_mm).log10()).min(FULL_OCCLUSION_DB_MM);
+        f64::from(u8::from(self.attenuation)) * attenuation + f64::from(u8::from(self.occlusion)) * occlusion
+    }
+}
+
+/// Loss over one sample in fixed-point units.
+pub fn units(db: f64) -> u32 {
+    (db.clamp(0.0, MOST_PER_SAMPLE_DB) * UNITS_PER_DB).round() as u32
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "shadow",
+    stage: Stage::Beam,
+    wanted,
+    passes: |tables| {
+        let [loss, rays] = match super::needle::present(tables) {
+            true => [&TISSUE_AND_NEEDLE, &RAYS_AND_NEEDLE],
+            false => [&TISSUE, &RAYS],
+        };
+        let (mirrors, repeats) = (mirror::mirrors(tables), reverberation::repeats(tables));
+        let all = [
+            (true, loss),
+            (opens(tables), rays),
+            (opens(tables), &APERTURE),
+            (true, &PENUMBRA),
+            (mirrors || repeats, &FIND_REFLECTORS),
+            (mirrors, &MIRROR),
+            (repeats, &REVERBERATION),
+        ];
+        all.into_iter()
+            .filter_map(|(runs, pass)| runs.then_some(pass))
+            .collect()
+    },
+    buffers: &[&PENUMBRA_KERNEL, &APERTURE_SHIFTS, &THROUGH, &REFLECTORS],
+    differs: |old, new| old.probe != new.probe || old.effects.shadow != new.effects.shadow,
+    label_row: Some(|tables, label, row| {
+        let (settings, tissue) = (&tables.settings, tables.anatomy.tissues.of(label as u8));
+        let own = settings.effects.shadow.as_ref();
+        let db_per_mm = own.map_or(0.0, |own| own.db_per_mm(tissue, settings.probe.frequency_mhz));
+        row.loss = units(db_per_mm * tables.sample_mm());
+    }),
+    // Rays of the aperture.
+    memory: |settings, samples| {
+        let opens = settings.effects.shadow.as_ref().is_some_and(|own| own.f_number > 0.0);
+        if opens { 4 * aperture::RAYS as u64 * samples } else { 0 }
+    },
+    remove: Some(|settings| settings.effects.shadow = None),
+    ..Effect::PLAIN
+};
+
+/// Tables of the shadow; empty without one.
+#[derive(Clone, Debug, Default)]
+pub struct Derived {
+    /// Kernel of the beam.
+    pub penumbra: Option<LateralKernel>,
+    /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not widen.
+    pub aperture: Vec<u32>,
+    /// Ranges of samples on which the aperture shifts are constant.
+    pub aperture_runs: Vec<Range<usize>>,
+}
+
+/// Makes kernel and aperture.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let Some(own) = &inputs.settings.effects.shadow else {
+        return Ok(Derived::default());
+    };
+    let aperture = own.shifts(inputs.grid);
+    Ok(Derived {
+        penumbra: Some(own.kernel(inputs.grid)),
+        aperture_runs: aperture::runs(&aperture, inputs.grid.samples()),
+        aperture,
+    })
+}
+
+/// Weights of the beam, one row per depth (`f32`).
+static PENUMBRA_KERNEL: Buffer =
+    Buffer::new(210, "PenumbraKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
+
+fn weights(tables: &Tables) -> &[f32] {
+    let kernel = tables.effects.shadow.penumbra.as_ref();
+    kernel.map_or(&[], |kernel| kernel.weights.of())
+}
+
+/// Per off-centre ray of the aperture and sample depth: scanlines between a point and the ray's element (`u32`).
+static APERTURE_SHIFTS: Buffer = Buffer::new(250, "ApertureShifts", 4, |tables| tables.effects.shadow.aperture.len())
+    .of(|tables, _| bytes_of(&tables.effects.shadow.aperture));
+
+/// Per ray, element and sample: one-way transmittance of the occluders on it (`f32`).
+static THROUGH: Buffer = Buffer::new(260, "Through", 4, rays_of_beam);
+
+/// Per scanline: sample of the first opaque tissue, or the number of samples (`u32`).
+static REFLECTORS: Buffer = Buffer::new(270, "Reflectors", 4, Tables::lines);
+
+fn rays_of_beam(tables: &Tables) -> usize {
+    aperture::RAYS * beam(tables)
+}
+
+columns! {
+    /// Vectors of the shadow.
+    pub struct Columns<T> {
+        /// Data of [`THROUGH`].
+        through: [T; rays_of_beam] = T::zero(), THROUGH;
+        /// Data of [`REFLECTORS`].
+        reflectors: [u32; Tables::lines] = 0, REFLECTORS;
+    }
+}
+
+const SHADER: &str = concat!(
+    include_str!("../../../shaders/common/label_row.wgsl"),
+    include_str!("../../../shaders/shadow.wgsl")
+);
+
+const TISSUE: Pass = loss_pass(
+    "tissue",
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&AMPLITUDE_NEXT, Write),
+            (&LOSS, Write),
+        ]
+    },
+);
+
+const TISSUE_AND_NEEDLE: Pass = loss_pass(
+    "tissue_and_needle",
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&AMPLITUDE_NEXT, Write),
+            (&LOSS, Write),
+            (&NEEDLE_MASK, Read),
+        ]
+    },
+);
+
+const RAYS: Pass = rays_pass(
+    "rays",
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&APERTURE_SHIFTS, Read),
+            (&THROUGH, Write),
+        ]
+    },
+);
+
+const RAYS_AND_NEEDLE: Pass = rays_pass(
+    "rays_and_needle",
+    const {
+        &[
+            (&LABEL, Read),
+            (&LABEL_ROWS, Read),
+            (&APERTURE_SHIFTS, Read),
+            (&THROUGH, Write),
+            (&NEEDLE_MASK, Read),
+        ]
+    },
+);
+
+/// Pass for the transmittance of the rays of the aperture.
+const fn rays_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+    Pass {
+        name: "shadow_rays",
+        shader: SHADER,
+        entry,
+        bindings,
+        params,
+        workgroups: |tables, _| [1, tables.lines() as u32, aperture::RAYS as u32],
+        flips: false,
+        cpu: aperture::rays::<f32>,
+        cpu_f64: aperture::rays::<f64>,
+    }
+}
+
+const APERTURE: Pass = Pass {
+    name: "shadow_aperture",
+    shader: SHADER,
+    entry: "aperture",
+    bindings: &[(&APERTURE_SHIFTS, Read), (&THROUGH, Read), (&AMPLITUDE_NEXT, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: aperture::mean::<f32>,
+    cpu_f64: aperture::mean::<f64>,
+};
+
+/// Whether shadows widen with depth: the scene has occluders.
+pub fn opens(tables: &Tables) -> bool {
+    let Some(shadow) = tables
+        .settings
+        .effects
+        .shadow
+        .as_ref()
+        .filter(|shadow| shadow.f_number > 0.0)
+    else {
+        return false;
+    };
+    let opaque = penumbra::opaque_units(tables.sample_mm());
+    let mut rows = tables.label_rows.iter().enumerate();
+    let occludes = rows.any(|(index, row)| row.loss >= opaque && tables.volume.holds(index));
+    occludes || (super::needle::present(tables) && shadow.needle_db_mm > 0.0)
+}
+
+/// Pass for the loss down each scanline, and its one-way transmittance, which is stored in `AmplitudeNext`.
+const fn loss_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+    Pass {
+        name: "shadow_loss",
+        shader: SHADER,
+        entry,
+        bindings,
+        params,
+        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        flips: false,
+        cpu: losses::<f32>,
+        cpu_f64: losses::<f64>,
+    }
+}
+
+const PENUMBRA: Pass = Pass {
+    name: "shadow",
+    shader: SHADER,
+    entry: "penumbra",
+    bindings: &[
+        (&LABEL, Read),
+        (&LABEL_ROWS, Read),
+        (&AMPLITUDE_NEXT, Read),
+        (&PENUMBRA_KERNEL, Read),
+        (&AMPLITUDE, Write),
+    ],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: penumbra::run::<f32>,
+    cpu_f64: penumbra::run::<f64>,
+};
+
+const FIND_REFLECTORS: Pass = Pass {
+    name: "shadow_reflectors",
+    shader: SHADER,
+    entry: "reflectors",
+    bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&REFLECTORS, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.lines(), 64), 1, 1],
+    flips: false,
+    cpu: reverberation::reflectors::<f32>,
+    cpu_f64: reverberation::reflectors::<f64>,
+};
+
+const MIRROR: Pass = Pass {
+    name: "shadow_mirror",
+    shader: SHADER,
+    entry: "mirror",
+    bindings: &[
+        (&REFLECTORS, Read),
+        (&LOSS, Read),
+        (&AMPLITUDE, Write),
+        (&LABEL, Read),
+        (&LABEL_ROWS, Read),
+    ],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: mirror::run::<f32>,
+    cpu_f64: mirror::run::<f64>,
+};
+
+const REVERBERATION: Pass = Pass {
+    name: "shadow_reverberation",
+    shader: SHADER,
+    entry: "reverberation",
+    bindings: MIRROR.bindings,
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: reverberation::run::<f32>,
+    cpu_f64: reverberation::run::<f64>,
+};
+
+fn wanted(tables: &Tables) -> Verdict {
+    let Some(shadow) = &tables.settings.effects.shadow else {
+        return Err("the scene names no shadow".into());
+    };
+    let losing = tables
+        .label_rows
+        .iter()
+        .enumerate()
+        .filter(|&(index, row)| row.loss > 0 && tables.volume.holds(index))
+        .count();
+    let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
+    match (losing, needle) {
+        (0, false) => Err("no tissue of the volume attenuates or occludes, and there is no needle".into()),
+        (0, true) => Ok("the needle shades".into()),
+        (n, true) => Ok(format!("{n} labels attenuate or occlude, and the needle shades")),
+        (n, false) => Ok(format!("{n} labels attenuate or occlude")),
+    }
+}
+
+/// Parameter block of `shadow.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Reach of the beam on each side, scanlines.
+    pub reach: u32,
+    /// Loss per sample above which a tissue is opaque, units.
+    pub opaque_units: u32,
+    /// Loss of a sample where the needle fills plane and beam, units.
+    pub needle_units: f32,
+    /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
+    pub exponent: f32,
+    /// 1 if occluders are handled by the rays of the aperture.
+    pub opens: u32,
+    /// Amplitude of a repeated echo relative to the echo, before attenuation.
+    pub reverberation: f32,
+    /// Distance between scanlines at the array, in sample distances.
+    pub spacing: f32,
+    /// Growth of the distance between scanlines per sample, in sample distances.
+    pub spreading: f32,
+    /// Amplitude of a mirror image relative to the echo.
+    pub mirror: f32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    let [spacing, spreading] = common::spacing(tables).map(|x| x as f32);
+    ParamBlock::of(&Params {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        reach: tables
+            .effects
+            .shadow
+            .penumbra
+            .as_ref()
+            .map_or(0, |kernel| kernel.reach as u32),
+        opaque_units: penumbra::opaque_units(tables.sample_mm()),
+        needle_units: needle_units(tables),
+        exponent: (0.5 * exponent_per_unit()) as f32,
+        opens: u32::from(opens(tables)),
+        reverberation: reverberation::share(tables) as f32,
+        spacing,
+        spreading,
+        mirror: mirror::share(tables) as f32,
+        unused: 0,
+    })
+}
+
+/// log2 of the amplitude factor of one unit of loss, both ways.
+pub fn exponent_per_unit() -> f64 {
+    -(10.0f64.log2()) / 20.0 / UNITS_PER_DB
+}
+
+/// Loss of a sample where a needle as thick as the beam is wide fills the scan plane, units. The needle pass computes the
+/// fraction of the beam that is shaded.
+pub fn needle_units(tables: &Tables) -> f32 {
+    let shadow = tables.settings.effects.shadow.as_ref();
+    units(shadow.map_or(0.0, |shadow| shadow.needle_db_mm) * tables.sample_mm()) as f32
+}
+
+fn losses<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let loss: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.loss));
+    let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
+    let mask = &store.needle_mask;
+    let exponent = T::of(0.5 * exponent_per_unit());
+    let (opens, opaque) = (opens(tables), penumbra::opaque_units(tables.sample_mm()));
+    store.amplitude_next[..lines * samples]
+        .par_chunks_mut(samples)
+        .zip(store.label.par_chunks(samples))
+        .zip(store.loss.par_chunks_mut(samples))
+        .enumerate()
+        .for_each(|(line, ((through, labels), down_to))| {
+            let own = |i: usize| {
+                let tissue = loss[usize::from(labels[i])];
+                match needle {
+                    Some(units) => tissue + (mask[line * samples + i][1] * units).to_u32().unwrap_or(0),
+                    None => tissue,
+                }
+            };
+            accumulate(own, down_to);
+            let power = |loss: u32| (T::of(f64::from(loss)) * exponent).exp2();
+            if !opens {
+                for (through, &loss) in through.iter_mut().zip(down_to.iter()) {
+                    *through = power(loss);
+                }
+                return;
+            }
+            let mut above = 0u32;
+            for (through, label) in through.iter_mut().zip(labels) {
+                let own = loss[usize::from(*label)];
+                let own = if own < opaque { own } else { 0 };
+                *through = power((above + own / 2).min(MOST_UNITS));
+                above = (above + own).min(MOST_UNITS);
+            }
+        });
+}
+
+/// Accumulates the loss down to the centre of each sample, from each sample's own loss.
+#[inline(always)]
+pub fn accumulate(own: impl Fn(usize) -> u32, down_to: &mut [u32]) {
+    let mut above = 0u32;
+    for (i, slot) in down_to.iter_mut().enumerate() {
+        let own = own(i);
+        *slot = (above + own / 2).min(MOST_UNITS);
+        above = (above + own).min(MOST_UNITS);
+    }
+}
+
+/// Amplitude factor of a loss.
+#[inline(always)]
+pub fn transmittance<T: Real>(units: u32) -> T {
+    (T::of(f64::from(units)) * T::of(exponent_per_unit())).exp2()
+}
+
+#[cfg(test)]
+mod tests;

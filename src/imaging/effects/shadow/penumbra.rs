@@ -1,0 +1,94 @@
+//! Penumbra: shadow edges as soft as the beam is wide.
+//!
+//! An obstacle shades part of the aperture. The wave that reaches a depth is the mean over the aperture of what each part
+//! transmits, and the echo returns through the same aperture: with `t` the one-way transmittance down each scanline, the echo
+//! is multiplied by `(sum w t)^2`, where `w` are Gaussian weights across scanlines of the width of the beam. At the edge of a
+//! half plane that is a quarter of the amplitude. A sample inside an opaque tissue is seen only by the part of the beam that
+//! its own scanline represents, otherwise bone would appear bright where the beam passes it.
+
+use rayon::prelude::*;
+
+use super::{Shadow, units};
+use crate::base::real::Real;
+use crate::base::simd::{Kernel, vectorised};
+use crate::imaging::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
+use crate::imaging::effects::pass::View;
+use crate::imaging::synth::store::Store;
+use crate::tracking::probe::BeamGrid;
+
+/// Loss above which a tissue is opaque, dB per mm: above that of soft tissue and below that of bone, gas and lung.
+const OPAQUE_DB_MM: f64 = 6.0;
+
+/// Loss per sample above which a tissue is opaque, units.
+pub fn opaque_units(sample_mm: f64) -> u32 {
+    units(OPAQUE_DB_MM * sample_mm)
+}
+
+impl Shadow {
+    /// Weights of the beam across scanlines at each sample depth.
+    pub fn kernel(&self, grid: &BeamGrid) -> LateralKernel {
+        let sigma_lines = |sample: usize| {
+            let spacing_mm = grid.lateral_spacing_mm(grid.sample_depth_mm(sample));
+            self.beam_mm / FWHM_PER_SIGMA / spacing_mm.max(1e-6)
+        };
+        LateralKernel::gaussian(grid.samples(), sigma_lines, |_, _| 1.0)
+    }
+}
+
+/// Attenuates each echo by the transmittance of the beam, from the one-way transmittance of each sample in
+/// `amplitude_next`.
+pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let Some(kernel) = &tables.effects.shadow.penumbra else {
+        return;
+    };
+    let opaque = opaque_units(tables.sample_mm());
+    let is_opaque: [bool; 256] =
+        std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque));
+    let through = &store.amplitude_next[..lines * samples];
+    store.amplitude[..lines * samples]
+        .par_chunks_mut(samples)
+        .zip(store.label.par_chunks(samples))
+        .enumerate()
+        .for_each(|(line, (amplitudes, labels))| {
+            vectorised(Scanline {
+                kernel,
+                through,
+                place: [line, lines],
+                is_opaque: &is_opaque,
+                labels,
+                amplitudes,
+            });
+        });
+}
+
+/// A shaded scanline.
+struct Scanline<'a, T> {
+    kernel: &'a LateralKernel,
+    through: &'a [T],
+    place: [usize; 2],
+    is_opaque: &'a [bool; 256],
+    labels: &'a [u8],
+    amplitudes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let own = &self.through[self.place[0] * self.amplitudes.len()..];
+        let rows = self.labels.chunks(BLOCK).zip(own.chunks(BLOCK));
+        for (block, (amplitudes, (labels, own))) in self.amplitudes.chunks_mut(BLOCK).zip(rows).enumerate() {
+            let mut mean = [T::zero(); BLOCK];
+            let mean = &mut mean[..amplitudes.len()];
+            self.kernel.mean(self.through, self.place, block * BLOCK, mean);
+            for i in 0..amplitudes.len() {
+                let opaque = self.is_opaque[usize::from(labels[i])];
+                let left = if opaque { own[i].min(mean[i]) } else { mean[i] };
+                amplitudes[i] *= left * left;
+            }
+        }
+    }
+}

@@ -1,0 +1,417 @@
+//! Slice: label of every sample, and the constant echo of its tissue.
+//!
+//! The label is the one with the largest sum of cubic B-spline weights over the 64 voxels around the sample, which smooths the
+//! staircase boundaries of coarse segmentations; with `boundary = "vote"` that of the trilinear weights of the eight voxels,
+//! with `"nearest"` that of the nearest voxel. Samples outside the volume, or flagged as background by the warp, are background
+//! (label index 0). With `beyond = "continue"` the body is continued where a face of the volume cuts it: labels are mirrored at
+//! the face, once.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
+use super::common::rows;
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Setting, Stage, Verdict};
+use crate::base::real::Real;
+use crate::base::simd::{Kernel, vectorised};
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+/// Sampling of labels.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Slice {
+    /// Rule for the label near a boundary.
+    pub boundary: Boundary,
+    /// Continuation of the body beyond the faces of the volume that cut it.
+    pub beyond: Beyond,
+}
+
+impl Setting for Slice {
+    fn usual() -> Self {
+        Self {
+            beyond: Beyond::Continue,
+            ..Self::default()
+        }
+    }
+
+    fn validate(&self) -> Result<(), OutOfRange> {
+        Ok(())
+    }
+}
+
+/// Continuation of the body beyond the faces of the volume that cut it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Beyond {
+    /// Void: sound passes without echo or loss.
+    #[default]
+    Void,
+    /// The labels inside, mirrored at the face.
+    Continue,
+}
+
+/// Rule for the label of a sample near a boundary.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Boundary {
+    /// The nearest voxel.
+    Nearest,
+    /// The largest sum of the trilinear weights of the eight voxels around; ties go to the lowest label index.
+    Vote,
+    /// The largest sum of cubic B-spline weights of the 64 voxels around, among the labels of the eight.
+    #[default]
+    Smooth,
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "slice",
+    stage: Stage::Echoes,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    ..Effect::PLAIN
+};
+
+static PASSES: &[Pass] = &[Pass {
+    name: "slice",
+    shader: concat!(
+        include_str!("../../../shaders/common/label_row.wgsl"),
+        include_str!("../../../shaders/common/voxels.wgsl"),
+        include_str!("../../../shaders/slice.wgsl")
+    ),
+    entry: "main",
+    bindings: &[
+        (&POSITION, Read),
+        (&VOXELS, Read),
+        (&LABEL_ROWS, Read),
+        (&LABEL, Write),
+        (&AMPLITUDE, Write),
+    ],
+    params,
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(_: &Tables) -> Verdict {
+    Ok("every frame needs the labels in its plane".into())
+}
+
+/// Parameter block of `slice.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// First three rows of the world-to-index transform.
+    pub world_to_index: [Vec4; 3],
+    /// Voxels along each axis.
+    pub size: [u32; 3],
+    /// 2 to smooth, 1 to vote, 0 for the nearest voxel.
+    pub boundary: u32,
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// 1 to continue the body beyond the volume.
+    pub mirrored: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
+        size: tables.volume.size().map(|n| n as u32),
+        boundary: tables.settings.effects.slice.boundary as u32,
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        mirrored: u32::from(tables.settings.effects.slice.beyond == Beyond::Continue),
+        unused: 0,
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let reader = LabelReader::<T>::new(tables);
+    let samples = tables.samples();
+    let echo: [T; 256] =
+        std::array::from_fn(|label| T::of(tables.label_rows.get(label).map_or(0.0, |row| f64::from(row.echo))));
+    store
+        .position
+        .par_chunks(samples)
+        .zip(store.label.par_chunks_mut(samples))
+        .zip(store.amplitude.par_chunks_mut(samples))
+        .for_each(|((positions, labels), amplitudes)| {
+            vectorised(Scanline {
+                reader: &reader,
+                echo: &echo,
+                positions,
+                labels,
+                amplitudes,
+            });
+        });
+}
+
+/// Labels and echoes of a scanline.
+struct Scanline<'a, T> {
+    reader: &'a LabelReader<'a, T>,
+    echo: &'a [T; 256],
+    positions: &'a [[T; 4]],
+    labels: &'a mut [u8],
+    amplitudes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let mut cell = Cell::default();
+        let samples = self.positions.iter().zip(self.labels).zip(self.amplitudes);
+        for ((position, label), amplitude) in samples {
+            *label = if position[3] == T::one() {
+                0
+            } else {
+                self.reader.at([position[0], position[1], position[2]], &mut cell)
+            };
+            *amplitude = self.echo[usize::from(*label)];
+        }
+    }
+}
+
+/// Cache of the voxels around the last sample.
+#[derive(Default)]
+pub struct Cell {
+    base: Option<[i32; 3]>,
+    /// Labels of the eight voxels around it; bits 0, 1, 2 of their number step along x, y, z.
+    labels: [u8; 8],
+    /// Rows along x of the 64 voxels around it, if they were read.
+    around: [[u8; 4]; 16],
+    is_wide: bool,
+}
+
+/// Distance from a face of the volume within which a mirrored position is kept, voxels: in single precision, 10,000 voxels can
+/// still be distinguished from it.
+pub const WITHIN: f64 = 1e-3;
+
+/// Reads labels at world positions.
+pub struct LabelReader<'a, T> {
+    voxels: &'a [u8],
+    size: [usize; 3],
+    world_to_index: [[T; 4]; 3],
+    boundary: Boundary,
+    mirrored: bool,
+}
+
+impl<'a, T: Real> LabelReader<'a, T> {
+    /// Creates a reader of the scene's volume.
+    pub fn new(tables: &'a Tables) -> Self {
+        Self {
+            voxels: tables.volume.voxels(),
+            size: tables.volume.size(),
+            world_to_index: rows(tables.volume.world_to_index()),
+            boundary: tables.settings.effects.slice.boundary,
+            mirrored: tables.settings.effects.slice.beyond == Beyond::Continue,
+        }
+    }
+
+    /// First three rows of the world-to-index transform.
+    pub fn rows(&self) -> &[[T; 4]; 3] {
+        &self.world_to_index
+    }
+
+    /// Continuous voxel index of a world position.
+    #[inline(always)]
+    pub fn index(&self, position: [T; 3]) -> [T; 3] {
+        self.world_to_index
+            .map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
+    }
+
+    /// Label index at a world position; 0 outside the volume and outside the body continued beyond it. `cell` caches the voxels around the previous
+    /// position.
+    #[inline(always)]
+    pub fn at(&self, position: [T; 3], cell: &mut Cell) -> u8 {
+        let half = T::of(0.5);
+        let Some((shifted, _)) = self.within(self.index(position).map(|x| x + half)) else {
+            return 0;
+        };
+        match self.boundary {
+            Boundary::Nearest => self.nearest(shifted),
+            _ => self.vote(shifted.map(|x| x - half), cell),
+        }
+    }
+
+    /// Position in the volume that corresponds to `shifted` (voxels, from the corner of the first), and the axes along which it is
+    /// mirrored; `None` if there is none.
+    #[inline(always)]
+    pub fn within(&self, mut shifted: [T; 3]) -> Option<([T; 3], [bool; 3])> {
+        let mut mirrored = [false; 3];
+        if self.holds(shifted) {
+            return Some((shifted, mirrored));
+        }
+        if !self.mirrored {
+            return None;
+        }
+        let face = shifted.map(|x| x.max(T::zero()));
+        let face = std::array::from_fn(|axis| face[axis].min(T::from_signed(self.size[axis] as i32 - 1)));
+        if self.nearest(face) == 0 {
+            return None;
+        }
+        for axis in 0..3 {
+            let size = T::from_signed(self.size[axis] as i32);
+            mirrored[axis] = shifted[axis] < T::zero() || shifted[axis] >= size;
+            if shifted[axis] < T::zero() {
+                shifted[axis] = -shifted[axis];
+            } else if shifted[axis] >= size {
+                // Slightly below the face for points on it.
+                shifted[axis] = (size + size - shifted[axis]).min(size - T::of(WITHIN));
+            }
+        }
+        self.holds(shifted).then_some((shifted, mirrored))
+    }
+
+    #[inline(always)]
+    fn holds(&self, shifted: [T; 3]) -> bool {
+        (0..3).all(|axis| shifted[axis] >= T::zero() && shifted[axis] < T::from_signed(self.size[axis] as i32))
+    }
+
+    #[inline(always)]
+    fn nearest(&self, shifted: [T; 3]) -> u8 {
+        let [i, j, k] = shifted.map(|x| x.truncate() as usize);
+        self.voxels[i + self.size[0] * (j + self.size[1] * k)]
+    }
+
+    #[inline(always)]
+    fn vote(&self, index: [T; 3], cell: &mut Cell) -> u8 {
+        // Shifting by one keeps the truncation a floor: indices start at -0.5.
+        let base = index.map(|x| (x + T::one()).truncate() - 1);
+        if cell.base != Some(base) {
+            let [columns, rows, slabs] = [0, 1, 2].map(|axis| self.offsets::<2>(axis, base[axis], 1));
+            for (corner, label) in cell.labels.iter_mut().enumerate() {
+                *label = self.voxels[columns[corner & 1] + rows[corner >> 1 & 1] + slabs[corner >> 2]];
+            }
+            (cell.base, cell.is_wide) = (Some(base), false);
+        }
+        // The eight hold more than half of the B-spline's weights, wherever the sample lies among them.
+        if cell.labels == [cell.labels[0]; 8] {
+            return cell.labels[0];
+        }
+        let fraction: [T; 3] = std::array::from_fn(|axis| index[axis] - T::from_signed(base[axis]));
+        match self.boundary {
+            Boundary::Smooth => self.smooth(base, cell, fraction),
+            _ => majority(cell.labels, fraction),
+        }
+    }
+
+    /// Label of a cell with the largest sum of B-spline weights.
+    #[inline(always)]
+    fn smooth(&self, base: [i32; 3], cell: &mut Cell, fraction: [T; 3]) -> u8 {
+        if !cell.is_wide {
+            let [columns, rows, slabs] = [0, 1, 2].map(|axis| self.offsets::<4>(axis, base[axis] - 1, 1));
+            for (at, row) in cell.around.iter_mut().enumerate() {
+                *row = self.row(&columns, rows[at % 4] + slabs[at / 4]);
+            }
+            cell.is_wide = true;
+        }
+        let (labels, around) = (&cell.labels, &cell.around);
+        let [x, y, z] = fraction.map(spline);
+        let share = |candidate: u8| {
+            let mut sums = [T::zero(); 4];
+            for (at, row) in around.iter().enumerate() {
+                let weight = y[at % 4] * z[at / 4];
+                for (sum, label) in sums.iter_mut().zip(row) {
+                    *sum += if *label == candidate { weight } else { T::zero() };
+                }
+            }
+            x[0] * sums[0] + x[1] * sums[1] + (x[2] * sums[2] + x[3] * sums[3])
+        };
+        let half = T::of(0.5);
+        let nearest = (0..3).fold(0, |corner, axis| corner | usize::from(fraction[axis] > half) << axis);
+        let (mut best, mut best_share) = (0, -T::one());
+        for at in 0..8 {
+            let candidate = labels[nearest ^ at];
+            if (0..at).any(|before| labels[nearest ^ before] == candidate) {
+                continue;
+            }
+            let share = share(candidate);
+            if share > best_share || (share == best_share && candidate < best) {
+                (best, best_share) = (candidate, share);
+            }
+            // More than half of all weights: no other label has more.
+            if share > T::of(108.0) {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Offsets of every `stride`-th voxel along an axis from `first` on, each clamped to the volume.
+    #[inline(always)]
+    pub fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
+        let pitch: usize = self.size[..axis].iter().product();
+        let last = self.size[axis] - 1;
+        std::array::from_fn(|at| ((first + at as i32 * stride).max(0) as usize).min(last) * pitch)
+    }
+
+    /// Labels at offsets along the first axis, given the sum of the offsets along the others.
+    #[inline(always)]
+    pub fn row<const N: usize>(&self, columns: &[usize; N], offset: usize) -> [u8; N] {
+        let mut row = [0; N];
+        if columns[1] == columns[0] + 1 && columns[N - 1] == columns[0] + N - 1 {
+            row.copy_from_slice(&self.voxels[columns[0] + offset..][..N]);
+        } else {
+            for (label, column) in row.iter_mut().zip(columns) {
+                *label = self.voxels[column + offset];
+            }
+        }
+        row
+    }
+}
+
+/// Label with the largest sum of trilinear weights; corner bits 0, 1, 2 step along x, y, z.
+#[inline(always)]
+pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
+    let weight = |corner: usize, axis: usize| {
+        if corner >> axis & 1 == 1 {
+            fraction[axis]
+        } else {
+            T::one() - fraction[axis]
+        }
+    };
+    let weights: [T; 8] = std::array::from_fn(|c| weight(c, 0) * weight(c, 1) * weight(c, 2));
+    let (mut best, mut best_share) = (labels[0], T::zero());
+    for candidate in labels {
+        let mut share = T::zero();
+        for corner in 0..8 {
+            if labels[corner] == candidate {
+                share += weights[corner];
+            }
+        }
+        if share > best_share || (share == best_share && candidate < best) {
+            (best, best_share) = (candidate, share);
+        }
+    }
+    best
+}
+
+/// Weights of the cubic B-spline on the four points around a fraction of a step, times 6: without thirds, samples on faces of voxels
+/// have exact sums in any precision.
+#[inline(always)]
+pub fn spline<T: Real>(t: T) -> [T; 4] {
+    let [one, three] = [1.0, 3.0].map(T::of);
+    let u = one - t;
+    let inner = |t: T, u: T| one + three * t * (one + t * u);
+    [u * u * u, inner(u, t), inner(t, u), t * t * t]
+}

@@ -1,0 +1,307 @@
+//! Speckle: fully developed, anchored in the tissue.
+//!
+//! Space is filled with a cubic lattice of scatterers in the tissue's *reference* state, starting at the local origin
+//! ([`crate::imaging::synth::local_origin`]), each a complex random number from a hash of its lattice point. A sample interpolates the eight around its
+//! reference position, weighted by its echo amplitude; the point spread of the probe is then applied in the beam frame as a separable convolution:
+//! across the plane (sub-planes of the same sample), along the beam, and across scanlines with a width that follows the focus. The envelope is the
+//! modulus. Sums of independent complex numbers make the amplitude Rayleigh distributed (mean over standard deviation 1.91; Wagner et al., IEEE
+//! Trans. Sonics Ultrason. 30(3), 1983), and since the lattice lies in the reference state the pattern moves with the tissue. Zhu et al. 2007
+//! approximate this speckle model by noise.
+//!
+//! Kernels are scaled so that the mean power of an echo is the square of its amplitude.
+
+mod elevation;
+mod power;
+mod scatter;
+mod spread;
+mod tables;
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use scatter::{add_specular, scatter};
+use spread::{axial, lateral};
+pub use tables::SpeckleTables;
+
+use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
+use super::lateral::narrowed;
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::point_spread::PointSpread;
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, needle, within};
+use crate::base::random::seed_words;
+use crate::imaging::synth::SynthError;
+use crate::imaging::synth::tables::{Inputs, Tables};
+
+/// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as
+/// measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Speckle {
+    /// Axial length, mm (0.05 to 10). Default: 2.8 mm over the frequency in MHz.
+    pub axial_mm: Option<f64>,
+    /// Lateral length at the focus, mm (0.05 to 20). Default: 5.25 mm over the frequency in MHz, and for phased probes at least the
+    /// diffraction limit of an aperture of 20 mm.
+    pub lateral_mm: Option<f64>,
+    /// Elevational length, mm (0.05 to 20). Default: 6.3 mm over the frequency in MHz. Limited to 4 times the shortest of the
+    /// three lengths.
+    pub elevational_mm: Option<f64>,
+    /// Depth of the lateral focus, mm (0 to 1000). Default: half the imaging depth.
+    pub focus_mm: Option<f64>,
+    /// Distance from the focus at which the lateral length has grown by sqrt 2, mm (1 to 10000): the Rayleigh length of a
+    /// Gaussian beam. Default: 175 mm over the frequency in MHz.
+    pub focal_zone_mm: Option<f64>,
+}
+
+impl Parameters for Speckle {
+    fn validate(&self) -> Result<(), OutOfRange> {
+        let stated = |key: &str, value: Option<f64>, range| value.map_or(Ok(()), |value| within(key, value, range));
+        stated("speckle.axial_mm", self.axial_mm, 0.05..=10.0)?;
+        stated("speckle.lateral_mm", self.lateral_mm, 0.05..=20.0)?;
+        stated("speckle.elevational_mm", self.elevational_mm, 0.05..=20.0)?;
+        stated("speckle.focus_mm", self.focus_mm, 0.0..=1000.0)?;
+        stated("speckle.focal_zone_mm", self.focal_zone_mm, 1.0..=10_000.0)
+    }
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "speckle",
+    stage: Stage::Beam,
+    wanted,
+    passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
+        (None, false) => vec![&GATHER, &AXIAL, &LATERAL],
+        (None, true) => vec![&GATHER, &ADD_SPECULAR, &AXIAL, &LATERAL],
+        (Some(_), false) => vec![&GATHER_WARPED, &AXIAL, &LATERAL],
+        (Some(_), true) => vec![&GATHER_WARPED, &ADD_SPECULAR, &AXIAL, &LATERAL],
+    },
+    buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL],
+    differs: |old, new| old.probe != new.probe || old.effects.speckle != new.effects.speckle,
+    warnings: |tables| {
+        let Some(own) = &tables.effects.speckle else {
+            return Vec::new();
+        };
+        let axial = narrowed("effects.speckle.axial_mm", own.axial_share, "samples");
+        let lateral = narrowed("effects.speckle.lateral_mm", own.lateral.least_share, "scanlines");
+        axial.into_iter().chain(lateral).collect()
+    },
+    remove: Some(|settings| settings.effects.speckle = None),
+    ..Effect::PLAIN
+};
+
+/// Lattice and kernels of the speckle.
+pub type Derived = Option<SpeckleTables>;
+
+/// Makes the lattice and the kernels.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    let (own, probe) = (&inputs.settings.effects.speckle, &inputs.settings.probe);
+    Ok(own
+        .as_ref()
+        .map(|own| SpeckleTables::new(PointSpread::new(own, probe), inputs.grid)))
+}
+
+/// Per fine scanline and sample: complex echo (`vec2<f32>`).
+static SCATTER: Buffer = Buffer::new(160, "Scatter", 8, fine_samples);
+
+/// Complex echo after the axial point spread (`vec2<f32>`).
+static SCATTER_AXIAL: Buffer = Buffer::new(170, "ScatterAxial", 8, fine_samples);
+
+/// Weights of the axial point spread, then two factors per sample (`f32`).
+static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(tables).len())
+    .of(|tables, _| bytes_of(&axial_kernel(tables)));
+
+/// Weights of the lateral point spread, one row per depth (`f32`).
+static LATERAL_KERNEL: Buffer = Buffer::new(190, "LateralKernel", 4, |tables| lateral_kernel(tables).len())
+    .of(|tables, _| bytes_of(&lateral_kernel(tables)));
+
+fn axial_kernel(tables: &Tables) -> Vec<f32> {
+    let own = tables.effects.speckle.as_ref();
+    own.map_or(Vec::new(), |own| {
+        [own.axial.of::<f32>(), own.ends.of(), own.specular.of()].concat()
+    })
+}
+
+fn lateral_kernel(tables: &Tables) -> Vec<f32> {
+    let own = tables.effects.speckle.as_ref();
+    own.map_or(Vec::new(), |own| {
+        [own.lateral.weights.of::<f32>(), own.edges.of()].concat()
+    })
+}
+
+fn fine_samples(tables: &Tables) -> usize {
+    fine_lines(tables) * tables.samples()
+}
+
+columns! {
+    /// Vectors of the speckle.
+    pub struct Columns<T> {
+        /// Data of [`SCATTER`]: for each fine scanline its real parts, then its imaginary parts.
+        scatter: [T; |tables| 2 * fine_samples(tables)] = T::zero(), SCATTER;
+        /// Data of [`SCATTER_AXIAL`]: for each fine scanline its real parts, then its imaginary parts.
+        scatter_axial: [T; |tables| 2 * fine_samples(tables)] = T::zero(), SCATTER_AXIAL;
+    }
+}
+
+const SHADER: &str = concat!(
+    include_str!("../../../shaders/common/hash.wgsl"),
+    include_str!("../../../shaders/common/scatterer.wgsl"),
+    include_str!("../../../shaders/speckle.wgsl")
+);
+
+/// Whether the scene has echoes of surfaces or needles.
+fn has_specular(tables: &Tables) -> bool {
+    tables.settings.effects.interface.is_some() || needle::present(tables)
+}
+
+const GATHER: Pass = scatter_pass(
+    "scatter_pass",
+    const { &[(&POSITION, Read), (&AMPLITUDE, Read), (&SCATTER, Write)] },
+);
+
+/// Scatter pass for a deforming mesh, whose sub-planes bend with the tissue.
+const GATHER_WARPED: Pass = scatter_pass(
+    "warped_scatter_pass",
+    const {
+        &[
+            (&POSITION, Read),
+            (&AMPLITUDE, Read),
+            (&SCATTER, Write),
+            (&ELEMENT, Read),
+            (&ELEMENT_MAPS, Read),
+        ]
+    },
+);
+
+const fn scatter_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+    Pass {
+        name: "speckle_scatter",
+        shader: SHADER,
+        entry,
+        bindings,
+        params,
+        workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+        flips: false,
+        cpu: scatter::<f32>,
+        cpu_f64: scatter::<f64>,
+    }
+}
+
+/// Adds the echoes of surfaces and needles to those of the scatterers.
+const ADD_SPECULAR: Pass = Pass {
+    name: "speckle_specular",
+    shader: SHADER,
+    entry: "specular_pass",
+    bindings: &[(&SPECULAR, Read), (&AXIAL_KERNEL, Read), (&SCATTER, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+    flips: false,
+    cpu: add_specular::<f32>,
+    cpu_f64: add_specular::<f64>,
+};
+
+const AXIAL: Pass = Pass {
+    name: "speckle_axial",
+    shader: SHADER,
+    entry: "axial_pass",
+    bindings: &[(&SCATTER, Read), (&AXIAL_KERNEL, Read), (&SCATTER_AXIAL, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+    flips: false,
+    cpu: axial::<f32>,
+    cpu_f64: axial::<f64>,
+};
+
+const LATERAL: Pass = Pass {
+    name: "speckle_lateral",
+    shader: SHADER,
+    entry: "lateral_pass",
+    bindings: &[(&SCATTER_AXIAL, Read), (&LATERAL_KERNEL, Read), (&AMPLITUDE, Write)],
+    params,
+    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    flips: false,
+    cpu: lateral::<f32>,
+    cpu_f64: lateral::<f64>,
+};
+
+fn fine_lines(tables: &Tables) -> usize {
+    tables
+        .effects
+        .speckle
+        .as_ref()
+        .map_or(1, |speckle| speckle.fine_lines(tables.lines()))
+}
+
+fn wanted(tables: &Tables) -> Verdict {
+    match (&tables.settings.effects.speckle, &tables.effects.speckle) {
+        (Some(_), Some(derived)) => Ok(format!(
+            "speckle of {:.2} by {:.2} by {:.2} mm: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
+            derived.spread.axial_mm,
+            derived.spread.lateral_mm,
+            derived.spread.elevational_mm,
+            derived.lattice_mm,
+            derived.planes.len(),
+            derived.oversampling
+        )),
+        _ => Err("the scene names no speckle".into()),
+    }
+}
+
+/// Parameter block of `speckle.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Out-of-plane direction in the world; the fourth component is unused.
+    pub elevation: Vec4,
+    /// Weights of the sub-planes.
+    pub planes: [Vec4; 2],
+    /// Seed.
+    pub seed: [u32; 2],
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Number of fine scanlines per scanline.
+    pub oversampling: u32,
+    /// Number of sub-planes.
+    pub plane_count: u32,
+    /// Distance between sub-planes, mm.
+    pub plane_mm: f32,
+    /// Lattice points per mm.
+    pub per_mm: f32,
+    /// Reach of the axial kernel on each side, samples.
+    pub axial_reach: u32,
+    /// Reach of the lateral kernel on each side, fine scanlines.
+    pub lateral_reach: u32,
+    /// Offset of the world-to-reference maps of the deformed elements, in vec4.
+    pub carries_at: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    let Some(own) = &tables.effects.speckle else {
+        return ParamBlock::of(&Params::zeroed());
+    };
+    let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
+    let plane = |i: usize| own.planes.get(i).map_or(0.0, |&weight| weight as f32);
+    ParamBlock::of(&Params {
+        elevation: Vec4::new(elevation[0] as f32, elevation[1] as f32, elevation[2] as f32, 0.0),
+        planes: [0, 4].map(|at| Vec4::new(plane(at), plane(at + 1), plane(at + 2), plane(at + 3))),
+        seed: seed_words(tables.settings.seed),
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        oversampling: own.oversampling as u32,
+        plane_count: own.planes.len() as u32,
+        plane_mm: own.plane_mm as f32,
+        per_mm: (1.0 / own.lattice_mm) as f32,
+        axial_reach: own.axial_reach() as u32,
+        lateral_reach: own.lateral.reach as u32,
+        carries_at: view.warp.map_or(0, |warp| warp.carries_at),
+        unused: 0,
+    })
+}
+
+/// Number of samples processed together, so that the inner loops run in vector registers.
+const BLOCK: usize = 64;

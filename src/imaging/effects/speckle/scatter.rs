@@ -1,0 +1,184 @@
+//! Complex echoes of the scatterers around each sample, gathered across the plane.
+
+use rayon::prelude::*;
+
+use super::BLOCK;
+use super::tables::MAX_PLANES;
+use crate::base::random::seed_words;
+use crate::base::real::Real;
+use crate::base::simd::{Kernel, vectorised};
+use crate::imaging::effects::common::scatterers;
+use crate::imaging::effects::pass::View;
+use crate::imaging::synth::store::Store;
+use crate::mechanics::mesh::{Locator, NONE};
+
+pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(own) = &tables.effects.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
+    let step = [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(own.plane_mm));
+    let lattice = Lattice {
+        seed: seed_words(tables.settings.seed),
+        per_mm: T::of(1.0 / own.lattice_mm),
+        planes: std::array::from_fn(|plane| T::of(own.planes.get(plane).copied().unwrap_or(0.0))),
+        count: own.planes.len(),
+    };
+    let positions = &store.position[..lines * samples];
+    let amplitudes = &store.amplitude[..lines * samples];
+    let deformed = store
+        .states
+        .as_ref()
+        .map(|states| (states.deformed(), &store.element[..]));
+    // A fine scanline stores its real parts, then its imaginary parts.
+    store
+        .effects
+        .speckle
+        .scatter
+        .par_chunks_mut(2 * samples)
+        .enumerate()
+        .for_each(|(fine, echoes)| {
+            let line = fine / own.oversampling;
+            let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+            let next = (line + 1).min(lines - 1);
+            let nearest = (line
+                + usize::from(2 * (fine % own.oversampling) >= own.oversampling && fine % own.oversampling > 0))
+            .min(lines - 1);
+            let (a, b) = (
+                &positions[line * samples..][..samples],
+                &positions[next * samples..][..samples],
+            );
+            let amplitudes = &amplitudes[nearest * samples..][..samples];
+            let deformed = deformed.map(|(locator, elements)| (locator, &elements[nearest * samples..][..samples]));
+            vectorised(FineScanline {
+                lattice: &lattice,
+                between: [a, b],
+                part,
+                step,
+                deformed,
+                amplitudes,
+                echoes,
+            });
+        });
+}
+
+/// Adds the echoes of surfaces and needles, interpolated linearly between scanlines and scaled to preserve those of
+/// surfaces.
+pub(super) fn add_specular<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(own) = &tables.effects.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let factors = own.specular.of::<T>();
+    let specular = &store.specular;
+    store
+        .effects
+        .speckle
+        .scatter
+        .par_chunks_mut(2 * samples)
+        .enumerate()
+        .for_each(|(fine, echoes)| {
+            let line = fine / own.oversampling;
+            let part = T::of((fine % own.oversampling) as f64 / own.oversampling as f64);
+            let row = |line: usize| &specular[line * samples..][..samples];
+            let (re, im) = echoes.split_at_mut(samples);
+            let between = row(line).iter().zip(row((line + 1).min(lines - 1)));
+            for (i, (a, b)) in between.enumerate() {
+                re[i] += factors[i] * (a[0] + part * (b[0] - a[0]));
+                im[i] += factors[i] * (a[1] + part * (b[1] - a[1]));
+            }
+        });
+}
+
+/// Echoes of one fine scanline between two scanlines: its real parts, then its imaginary parts.
+struct FineScanline<'a, T> {
+    lattice: &'a Lattice<T>,
+    between: [&'a [[T; 4]]; 2],
+    part: T,
+    /// Step from one sub-plane to the next in the world, mm.
+    step: [T; 3],
+    /// The deformed mesh, and the element of each sample of the nearest scanline.
+    deformed: Option<(&'a Locator<T>, &'a [u32])>,
+    amplitudes: &'a [T],
+    echoes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for FineScanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            lattice,
+            between: [a, b],
+            part,
+            step,
+            deformed,
+            amplitudes,
+            echoes,
+        } = self;
+        let samples = amplitudes.len();
+        let (re, im) = echoes.split_at_mut(samples);
+        for start in (0..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            let mut at = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                for i in start..end {
+                    at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
+                }
+            }
+            let mut steps = step.map(|step| [step; BLOCK]);
+            if let Some((locator, elements)) = deformed {
+                for (i, &element) in elements[start..end].iter().enumerate().filter(|&(_, &e)| e != NONE) {
+                    let step = locator.to_reference_direction(element, step);
+                    (steps[0][i], steps[1][i], steps[2][i]) = (step[0], step[1], step[2]);
+                }
+            }
+            lattice.block(
+                &at,
+                &steps,
+                &amplitudes[start..end],
+                &mut re[start..end],
+                &mut im[start..end],
+            );
+        }
+    }
+}
+
+/// Lattice of scatterers, gathered across the plane.
+pub struct Lattice<T> {
+    /// Seed.
+    pub seed: [u32; 2],
+    /// Lattice points per mm.
+    pub per_mm: T,
+    /// Weights of the sub-planes.
+    pub planes: [T; MAX_PLANES],
+    /// Number of sub-planes.
+    pub count: usize,
+}
+
+impl<T: Real> Lattice<T> {
+    /// Complex echoes at up to [`BLOCK`] reference positions `at` (mm), with `steps` (mm) from one sub-plane to the next.
+    #[inline(always)]
+    fn block(&self, at: &[[T; BLOCK]; 3], steps: &[[T; BLOCK]; 3], amplitudes: &[T], re: &mut [T], im: &mut [T]) {
+        let (mut sum_re, mut sum_im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+        let middle = T::of((self.count - 1) as f64 / 2.0);
+        for plane in 0..self.count {
+            let away = T::of(plane as f64) - middle;
+            let mut p = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                for i in 0..BLOCK {
+                    p[axis][i] = (at[axis][i] + steps[axis][i] * away) * self.per_mm;
+                }
+            }
+            let (a, b) = scatterers(&p, self.seed);
+            for i in 0..BLOCK {
+                sum_re[i] += self.planes[plane] * a[i];
+                sum_im[i] += self.planes[plane] * b[i];
+            }
+        }
+        for i in 0..amplitudes.len() {
+            re[i] = amplitudes[i] * sum_re[i];
+            im[i] = amplitudes[i] * sum_im[i];
+        }
+    }
+}

@@ -1,0 +1,153 @@
+//! Point spread in the beam frame: axial and lateral convolution, and the modulus.
+
+use rayon::prelude::*;
+
+use super::BLOCK;
+use crate::base::real::Real;
+use crate::base::simd::{Kernel, vectorised};
+use crate::imaging::effects::pass::View;
+use crate::imaging::synth::store::Store;
+
+pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
+    let Some(own) = &view.tables.effects.speckle else {
+        return;
+    };
+    let samples = view.tables.samples();
+    let (weights, ends) = (own.axial.of::<T>(), own.ends.of::<T>());
+    let input = &store.effects.speckle.scatter;
+    store
+        .effects
+        .speckle
+        .scatter_axial
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(part, output)| {
+            vectorised(Along {
+                input: &input[part * samples..][..samples],
+                weights,
+                ends,
+                output,
+            });
+        });
+}
+
+/// Convolution along a scanline, truncated at its ends and rescaled there to preserve its power.
+struct Along<'a, T> {
+    input: &'a [T],
+    weights: &'a [T],
+    ends: &'a [T],
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Along<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            input,
+            weights,
+            ends,
+            output,
+        } = self;
+        let samples = input.len();
+        let reach = weights.len() / 2;
+        output.fill(T::zero());
+        for (tap, &weight) in weights.iter().enumerate() {
+            // output[i] += weight * input[i + tap - reach]
+            let (from, to) = (
+                reach.saturating_sub(tap),
+                (samples + reach).saturating_sub(tap).min(samples),
+            );
+            if from >= to {
+                continue;
+            }
+            let source = &input[from + tap - reach..to + tap - reach];
+            for (out, &value) in output[from..to].iter_mut().zip(source) {
+                *out += weight * value;
+            }
+        }
+        for (out, &factor) in output.iter_mut().zip(ends) {
+            *out *= factor;
+        }
+    }
+}
+
+pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(own) = &tables.effects.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let fine_lines = own.fine_lines(lines);
+    let weights = own.lateral.weights.of::<T>();
+    let input = &store.effects.speckle.scatter_axial;
+    store.amplitude[..lines * samples]
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, output)| {
+            let centre = line * own.oversampling;
+            vectorised(Envelope {
+                input,
+                centre,
+                fine_lines,
+                reach: own.lateral.reach,
+                weights,
+                edge: own
+                    .edge(line, lines)
+                    .map(|row| &own.edges.of()[row * samples..][..samples]),
+                output,
+            });
+        });
+}
+
+/// Modulus of the lateral convolution at one fine scanline. Where the kernel extends past the array, the remainder is
+/// rescaled to preserve its power.
+struct Envelope<'a, T> {
+    input: &'a [T],
+    centre: usize,
+    fine_lines: usize,
+    reach: usize,
+    weights: &'a [T],
+    edge: Option<&'a [T]>,
+    output: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Envelope<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self {
+            input,
+            centre,
+            fine_lines,
+            reach,
+            weights,
+            edge,
+            output,
+        } = self;
+        let samples = output.len();
+        let first = centre.saturating_sub(reach);
+        let last = (centre + reach).min(fine_lines - 1);
+        for start in (0..samples).step_by(BLOCK) {
+            let end = (start + BLOCK).min(samples);
+            let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+            for fine in first..=last {
+                let weights = &weights[(fine + reach - centre) * samples..][start..end];
+                let real = &input[2 * fine * samples..][start..end];
+                let imaginary = &input[(2 * fine + 1) * samples..][start..end];
+                for i in 0..end - start {
+                    re[i] += weights[i] * real[i];
+                    im[i] += weights[i] * imaginary[i];
+                }
+            }
+            for i in 0..end - start {
+                output[start + i] = (re[i] * re[i] + im[i] * im[i]).sqrt();
+            }
+        }
+        if let Some(factors) = edge {
+            for (out, &factor) in output.iter_mut().zip(factors) {
+                *out *= factor;
+            }
+        }
+    }
+}

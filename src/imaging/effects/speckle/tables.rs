@@ -1,0 +1,157 @@
+//! Lattice, kernels and factors of the speckle of a probe at given settings.
+
+use rayon::prelude::*;
+
+use super::elevation::Elevation;
+use super::power::{lattice_correlation, power, restored, unit_power};
+use crate::base::real::Numbers;
+use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
+use crate::imaging::effects::point_spread::PointSpread;
+use crate::tracking::probe::BeamGrid;
+
+/// Precomputed speckle data of a probe at given settings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SpeckleTables {
+    /// Point spread.
+    pub spread: PointSpread,
+    /// Distance between lattice points, mm.
+    pub lattice_mm: f64,
+    /// Number of fine scanlines per scanline.
+    pub oversampling: usize,
+    /// Distance between sub-planes, mm.
+    pub plane_mm: f64,
+    /// Weights of the sub-planes, from the most negative elevation to the most positive.
+    pub planes: Vec<f64>,
+    /// Weights along the beam.
+    pub axial: Numbers,
+    /// Ratio of the actual to the requested axial length: below 1 if its kernel would exceed the maximum reach.
+    pub axial_share: f64,
+    /// Per sample: factor that compensates for the truncation of the axial kernel at the ends of a scanline.
+    pub ends: Numbers,
+    /// Per sample: factor by which a surface perpendicular to the beam preserves its echo through both kernels, the step between two
+    /// samples being shared by them.
+    pub specular: Numbers,
+    /// Weights across fine scanlines.
+    pub lateral: LateralKernel,
+    /// Factors that compensate for the truncation of the lateral kernel at the outermost scanlines: from either side
+    /// inwards, scanline by scanline, each a row over the sample depths.
+    pub edges: Numbers,
+}
+
+/// Lattice points per shortest standard deviation of the point spread: at 1.5 the linear interpolation between points
+/// contributes 3/8 of the spread's variance (h^2 / 6), which is subtracted from the kernels.
+const LATTICE_PER_SIGMA: f64 = 1.5;
+
+/// Maximum number of sub-planes in the parameter block.
+pub(super) const MAX_PLANES: usize = 8;
+
+/// Maximum number of fine scanlines per scanline.
+const MAX_OVERSAMPLING: usize = 4;
+
+/// Distance of scanlines above which they are refined, in lattice distances.
+const COARSEST: f64 = 1.4;
+
+impl SpeckleTables {
+    /// Computes lattice, kernels and scales for a probe.
+    pub fn new(spread: PointSpread, grid: &BeamGrid) -> Self {
+        let shortest = spread.axial_mm.min(spread.lateral_mm).min(spread.elevational_mm) / FWHM_PER_SIGMA;
+        let lattice_mm = LATTICE_PER_SIGMA * shortest;
+        let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
+        // Remaining width for a kernel after subtracting the variance of the lattice interpolation.
+        let left = |length_mm: f64| {
+            let sigma = length_mm / FWHM_PER_SIGMA;
+            (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
+        };
+
+        let elevation = Elevation::of_width(spread.elevational_mm / lattice_mm);
+        let plane_mm = elevation.apart * lattice_mm;
+        let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
+
+        let sample_mm = grid.sample_spacing_mm();
+        let asked = left(spread.axial_mm) / sample_mm;
+        let axial_sigma = asked.min(MAX_SIGMA);
+        let axial_reach = (3.0 * axial_sigma).ceil() as usize;
+        let along = |steps: f64| correlation(steps * sample_mm);
+        let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
+        let ends = (0..grid.samples())
+            .map(|sample| restored(&axial, sample, grid.samples(), along))
+            .collect();
+
+        let widest = grid
+            .lateral_spacing_mm(grid.depth_mm())
+            .max(grid.lateral_spacing_mm(0.0));
+        let oversampling = if grid.lines() == 1 {
+            1
+        } else {
+            ((widest / (COARSEST * lattice_mm)).ceil() as usize).clamp(1, MAX_OVERSAMPLING)
+        };
+        let fine_mm =
+            |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
+        let sigma = |sample: usize| left(spread.lateral_at(grid.sample_depth_mm(sample))) / fine_mm(sample);
+        let scale =
+            |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
+        let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
+        let fine_lines = (grid.lines() - 1) * oversampling + 1;
+        let by_depth: Vec<Vec<f64>> = (0..grid.samples()).map(|sample| lateral.at(sample).collect()).collect();
+        let step = step_weight(&axial);
+        let specular = by_depth
+            .iter()
+            .map(|weights| 1.0 / (step * weights.iter().sum::<f64>()))
+            .collect();
+        let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
+        let edges = (0..edge_lines * grid.samples())
+            .into_par_iter()
+            .map(|at| {
+                let (line, sample) = (at / grid.samples(), at % grid.samples());
+                let across = |steps: f64| correlation(steps * fine_mm(sample));
+                restored(&by_depth[sample], line * oversampling, fine_lines, across)
+            })
+            .collect();
+        Self {
+            spread,
+            lattice_mm,
+            oversampling,
+            plane_mm,
+            planes,
+            axial: Numbers::new(axial),
+            axial_share: if asked > axial_sigma { axial_sigma / asked } else { 1.0 },
+            ends: Numbers::new(ends),
+            specular: Numbers::new(specular),
+            lateral,
+            edges: Numbers::new(edges),
+        }
+    }
+
+    /// Gain of the axial kernel for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`, relative to that of a
+    /// surface.
+    pub fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
+        let axial = self.axial.of::<f64>();
+        let middle = (axial.len() / 2) as f64;
+        let inside = axial
+            .iter()
+            .enumerate()
+            .filter(|(tap, _)| (*tap as f64 - middle).abs() * sample_mm <= reach_mm);
+        (inside.map(|(_, weight)| weight).sum::<f64>() / step_weight(axial)).max(1.0)
+    }
+
+    /// Number of fine scanlines.
+    pub fn fine_lines(&self, lines: usize) -> usize {
+        (lines - 1) * self.oversampling + 1
+    }
+
+    /// Row of a scanline in [`SpeckleTables::edges`], if the lateral kernel extends past the array there.
+    pub fn edge(&self, line: usize, lines: usize) -> Option<usize> {
+        let from_side = line.min(lines - 1 - line);
+        (from_side * self.oversampling < self.lateral.reach).then_some(from_side)
+    }
+
+    pub(super) fn axial_reach(&self) -> usize {
+        self.axial.of::<f64>().len() / 2
+    }
+}
+
+/// Response of the axial kernel to a step whose echo is shared by two samples.
+fn step_weight(axial: &[f64]) -> f64 {
+    let middle = axial.len() / 2;
+    0.5 * (axial[middle] + axial.get(middle + 1).copied().unwrap_or(0.0))
+}

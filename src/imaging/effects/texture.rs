@@ -1,0 +1,248 @@
+//! Texture: echo amplitude of a tissue's solid texture (Zhu et al. 2007, section 2.1), by trilinear interpolation.
+//!
+//! Texture coordinates are the reference position, rotated and scaled for the tissue, so that textures move with the tissue; like all positions in
+//! passes they are relative to the local origin ([`crate::imaging::synth::local_origin`]). A texture multiplies the tissue's mean echo; its own mean square is
+//! 1.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use bytemuck::{Pod, Zeroable};
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::anatomy::acoustics::{Tissue, bank};
+use crate::anatomy::volume::VolumeError;
+use crate::anatomy::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
+use crate::base::real::Real;
+use crate::imaging::synth::SynthError;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::{Anatomy, Inputs, Settings, Tables};
+
+/// Solid textures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Texture {
+    /// Scale of each texture's deviation from its mean (0 to 2; 1 leaves it unchanged).
+    pub strength: f64,
+}
+
+impl Default for Texture {
+    fn default() -> Self {
+        Self { strength: 1.0 }
+    }
+}
+
+impl Parameters for Texture {
+    fn validate(&self) -> Result<(), OutOfRange> {
+        within("texture.strength", self.strength, 0.0..=2.0)
+    }
+}
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "texture",
+    stage: Stage::Echoes,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    buffers: &[&TEXTURE_ENTRIES, &TEXTURE_ATLAS],
+    differs: |old, new| old.effects.texture != new.effects.texture || old.seed != new.seed,
+    label_row: Some(|tables, label, row| {
+        if tables.effects.texture.is_some() {
+            row.texture = entry_of(&tables.anatomy, label as u8);
+        }
+    }),
+    remove: Some(|settings| settings.effects.texture = None),
+    ..Effect::PLAIN
+};
+
+/// Solid textures of the tissues.
+pub type Derived = Option<Atlas>;
+
+/// Packs the textures.
+pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
+    Ok(atlas(inputs.anatomy, inputs.settings)?)
+}
+
+/// Placement of the solid textures in the atlas.
+static TEXTURE_ENTRIES: Buffer = Buffer::new(100, "TextureEntries", size_of::<AtlasEntry>(), |tables| {
+    entries(tables).len()
+})
+.of(|tables, _| bytes_of(entries(tables)));
+
+/// Voxels of the solid textures (`f32`).
+static TEXTURE_ATLAS: Buffer =
+    Buffer::new(110, "TextureAtlas", 4, |tables| voxels(tables).len()).of(|tables, _| bytes_of(voxels(tables)));
+
+fn entries(tables: &Tables) -> &[AtlasEntry] {
+    tables.effects.texture.as_ref().map_or(&[], |atlas| &atlas.entries)
+}
+
+fn voxels(tables: &Tables) -> &[f32] {
+    tables.effects.texture.as_ref().map_or(&[], |atlas| &atlas.data)
+}
+
+static PASSES: &[Pass] = &[Pass {
+    name: "texture",
+    shader: concat!(
+        include_str!("../../../shaders/common/label_row.wgsl"),
+        include_str!("../../../shaders/common/texture.wgsl"),
+        include_str!("../../../shaders/texture.wgsl")
+    ),
+    entry: "main",
+    bindings: &[
+        (&POSITION, Read),
+        (&LABEL, Read),
+        (&LABEL_ROWS, Read),
+        (&TEXTURE_ENTRIES, Read),
+        (&TEXTURE_ATLAS, Read),
+        (&AMPLITUDE, Write),
+    ],
+    params,
+    workgroups: |tables, _| {
+        [
+            groups(tables.samples(), 64),
+            tables.lines() as u32,
+            tables.planes() as u32,
+        ]
+    },
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match (&tables.settings.effects.texture, &tables.effects.texture) {
+        (None, _) => Err("the scene names no textures".into()),
+        (Some(_), None) => Err("no tissue of the volume has a texture".into()),
+        (Some(_), Some(atlas)) => Ok(format!(
+            "tissues of the volume have {} solid textures",
+            atlas.entries.len()
+        )),
+    }
+}
+
+/// Parameter block of `texture.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Scanlines.
+    pub lines: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
+    /// Scale of each texture's deviation from its mean.
+    pub strength: f32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    ParamBlock::of(&Params {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        strength: strength(tables) as f32,
+        unused: 0,
+    })
+}
+
+fn strength(tables: &Tables) -> f64 {
+    tables
+        .settings
+        .effects
+        .texture
+        .as_ref()
+        .map_or(0.0, |texture| texture.strength)
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(atlas) = &tables.effects.texture else { return };
+    let samples = tables.samples();
+    let strength = T::of(strength(tables));
+    let texture: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.texture));
+    store
+        .amplitude
+        .par_chunks_mut(samples)
+        .zip(store.position.par_chunks(samples))
+        .zip(store.label.par_chunks(samples))
+        .for_each(|((amplitudes, positions), labels)| {
+            let mut start = 0;
+            for run in labels.chunk_by(|a, b| texture[usize::from(*a)] == texture[usize::from(*b)]) {
+                let end = start + run.len();
+                let entry = texture[usize::from(run[0])];
+                if entry > 0 {
+                    atlas.apply(
+                        entry as usize - 1,
+                        strength,
+                        &positions[start..end],
+                        &mut amplitudes[start..end],
+                    );
+                }
+                start = end;
+            }
+        });
+}
+
+/// Packs the solid textures named by the tissues of an anatomy's labels, in the order of their first use; `None`
+/// without the effect or without textures. Textures of the anatomy override those of the bank.
+pub fn atlas(anatomy: &Anatomy, settings: &Settings) -> Result<Option<Atlas>, VolumeError> {
+    if settings.effects.texture.is_none() {
+        return Ok(None);
+    }
+    let tissues = placed(anatomy);
+    let mut by_name: BTreeMap<&str, Arc<SolidTexture>> = BTreeMap::new();
+    for name in tissues.iter().filter_map(|tissue| tissue.texture.as_deref()) {
+        if let (false, Some(texture)) = (by_name.contains_key(name), solid(anatomy, name, settings.seed)) {
+            by_name.insert(name, texture);
+        }
+    }
+    let made: Vec<&SolidTexture> = tissues
+        .iter()
+        .filter_map(|tissue| by_name.get(tissue.texture.as_deref()?))
+        .map(Arc::as_ref)
+        .collect();
+    if made.is_empty() {
+        return Ok(None);
+    }
+    let placements = tissues.iter().map(|tissue| Placement {
+        rotation: tissue.texture_rotation(),
+        scale: tissue.texture_scale,
+    });
+    let pairs: Vec<(&SolidTexture, Placement)> = made.into_iter().zip(placements).collect();
+    Atlas::pack(&pairs).map(Some)
+}
+
+/// Atlas entry of a label's tissue plus one; 0 for none.
+pub fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
+    let tissue = anatomy.tissues.of(label);
+    placed(anatomy)
+        .iter()
+        .position(|placed| placed.name == tissue.name)
+        .map_or(0, |at| at as u32 + 1)
+}
+
+/// Tissues of the volume's labels with an available texture, each once.
+fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
+    let mut tissues: Vec<&Tissue> = Vec::new();
+    for label in 0..anatomy.volume.labels().len() {
+        let tissue = anatomy.tissues.of(label as u8);
+        let known = |name: &str| anatomy.textures.contains_key(name) || bank::names().any(|own| own == name);
+        if tissue.texture.as_deref().is_some_and(known) && !tissues.iter().any(|placed| placed.name == tissue.name) {
+            tissues.push(tissue);
+        }
+    }
+    tissues
+}
+
+fn solid(anatomy: &Anatomy, name: &str, seed: u64) -> Option<Arc<SolidTexture>> {
+    anatomy
+        .textures
+        .get(name)
+        .cloned()
+        .or_else(|| bank::make(name, seed).map(Arc::new))
+}

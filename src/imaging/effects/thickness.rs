@@ -1,0 +1,168 @@
+//! Thickness: averaging of echoes over parallel sub-planes, for the elevational width of the beam.
+//!
+//! The scatterers of different sub-planes are incoherent: power is averaged, with the weights of a Gaussian beam
+//! profile. Labels, shadows and speckle are those of the central plane.
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec4;
+use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::buffers::AMPLITUDE;
+use super::common::plane_step;
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, spread};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use crate::base::real::Real;
+use crate::imaging::synth::store::Store;
+use crate::imaging::synth::tables::Tables;
+
+/// Elevational thickness of the scan plane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Thickness {
+    /// Full width at half maximum of the beam's elevational power profile, mm (0.1 to 20).
+    pub width_mm: f64,
+    /// Number of sub-planes, odd (3 to 9).
+    pub planes: u32,
+}
+
+impl Default for Thickness {
+    fn default() -> Self {
+        Self {
+            width_mm: 3.0,
+            planes: 5,
+        }
+    }
+}
+
+impl Parameters for Thickness {
+    const USUAL: bool = false;
+
+    fn validate(&self) -> Result<(), OutOfRange> {
+        within("thickness.width_mm", self.width_mm, 0.1..=20.0)?;
+        if self.planes % 2 == 1 && (3..=MAX_PLANES as u32).contains(&self.planes) {
+            return Ok(());
+        }
+        let expected = format!("an odd number from 3 to {MAX_PLANES}");
+        Err(OutOfRange {
+            key: "thickness.planes".into(),
+            found: self.planes.to_string(),
+            expected,
+        })
+    }
+}
+
+impl Thickness {
+    /// Distance between sub-planes, mm: together they span two widths, at whose ends the profile has fallen to
+    /// 1/16.
+    pub fn plane_mm(&self) -> f64 {
+        2.0 * self.width_mm / f64::from(self.planes - 1)
+    }
+
+    /// Power weights of the sub-planes, in the order of [`plane_step`]; they sum to 1.
+    pub fn weights(&self) -> impl Iterator<Item = f64> + use<> {
+        let (plane_mm, width_mm) = (self.plane_mm(), self.width_mm);
+        let planes = 0..self.planes as usize;
+        let raw = move |plane| {
+            let widths = f64::from(plane_step(plane)) * plane_mm / width_mm;
+            (-4.0 * std::f64::consts::LN_2 * widths * widths).exp()
+        };
+        let sum: f64 = planes.clone().map(raw).sum();
+        planes.map(move |plane| raw(plane) / sum)
+    }
+}
+
+/// Maximum number of sub-planes in the parameter block.
+const MAX_PLANES: usize = 9;
+
+/// Registry entry.
+pub const EFFECT: Effect = Effect {
+    name: "thickness",
+    stage: Stage::Echoes,
+    wanted,
+    passes: |_| PASSES.iter().collect(),
+    remove: Some(|settings| settings.effects.thickness = None),
+    ..Effect::PLAIN
+};
+
+static PASSES: &[Pass] = &[Pass {
+    name: "thickness",
+    shader: include_str!("../../../shaders/thickness.wgsl"),
+    entry: "main",
+    bindings: &[(&AMPLITUDE, Write)],
+    params,
+    workgroups: |tables, _| spread(tables.lines() * tables.samples(), 64),
+    flips: false,
+    cpu: run::<f32>,
+    cpu_f64: run::<f64>,
+}];
+
+fn wanted(tables: &Tables) -> Verdict {
+    match &tables.settings.effects.thickness {
+        Some(thickness) => Ok(format!(
+            "the scan plane is {} mm thick: {} sub-planes",
+            thickness.width_mm, thickness.planes
+        )),
+        None => Err("the scene names no elevational thickness".into()),
+    }
+}
+
+/// Parameter block of `thickness.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+pub struct Params {
+    /// Weights of the sub-planes, four to a vector.
+    pub weights: [Vec4; 3],
+    /// Samples in a plane.
+    pub count: u32,
+    /// Sub-planes.
+    pub planes: u32,
+    /// Number of invocations along x, to linearise the dispatch.
+    pub stride: u32,
+    /// Padding to a multiple of 16 bytes.
+    pub unused: u32,
+}
+
+fn weights<T: Real>(tables: &Tables) -> [T; 12] {
+    let mut padded = [T::zero(); 12];
+    if let Some(thickness) = &tables.settings.effects.thickness {
+        for (slot, weight) in padded.iter_mut().zip(thickness.weights()) {
+            *slot = T::of(weight);
+        }
+    }
+    padded
+}
+
+fn params(view: &View, band: Band) -> ParamBlock {
+    let tables = view.tables;
+    let w = weights::<f32>(tables);
+    ParamBlock::of(&Params {
+        weights: [0, 4, 8].map(|at| Vec4::new(w[at], w[at + 1], w[at + 2], w[at + 3])),
+        count: (tables.lines() * tables.samples()) as u32,
+        planes: tables.planes() as u32,
+        stride: (PASSES[0].workgroups)(tables, band)[0] * 64,
+        unused: 0,
+    })
+}
+
+fn run<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let samples = tables.samples();
+    let weights = weights::<T>(tables);
+    let (centre, others) = store.amplitude.split_at_mut(tables.lines() * samples);
+    let stride = centre.len();
+    centre
+        .par_chunks_mut(samples)
+        .enumerate()
+        .for_each(|(line, amplitudes)| {
+            for (i, amplitude) in amplitudes.iter_mut().enumerate() {
+                let mut power = weights[0] * *amplitude * *amplitude;
+                for plane in 1..tables.planes() {
+                    let other = others[(plane - 1) * stride + line * samples + i];
+                    power += weights[plane] * other * other;
+                }
+                *amplitude = power.sqrt();
+            }
+        });
+}

@@ -1,0 +1,225 @@
+//! Rendering plan: the passes and resources that a scene needs, each with its reason.
+//!
+//! The plan makes no decisions: every effect of the registry states whether the scene calls for it. What a plan does not
+//! list is not built: no pipeline, no buffer, no dispatch.
+
+use std::collections::BTreeSet;
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::imaging::effects::REGISTRY;
+use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::effects::pass::{Band, Pass};
+use crate::imaging::quality::Picked;
+use crate::imaging::synth::tables::Tables;
+
+/// One pass of a plan.
+pub struct PlannedPass {
+    /// Declaration of the pass.
+    pub pass: &'static Pass,
+    /// Name of the effect that the pass belongs to.
+    pub effect: &'static str,
+    /// Why the scene calls for it.
+    pub reason: String,
+}
+
+/// An effect that the scene does not use.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Omitted {
+    /// Name of the effect.
+    pub name: &'static str,
+    /// Reason for the omission.
+    pub reason: String,
+}
+
+/// A buffer and its size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct PlannedResource {
+    /// The buffer.
+    pub resource: &'static Buffer,
+    /// Size on the GPU, bytes.
+    pub bytes: u64,
+}
+
+/// Passes and resources of a frame.
+///
+/// ```
+/// use insonify::{Backend, Effects, SceneFile};
+///
+/// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
+/// let mut scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+/// let usual = scene.synthesizer(Backend::Cpu)?;
+/// let usual = usual.plan();
+/// assert!(usual.has("speckle") && !usual.has("needle") && !usual.has("warp"));
+/// println!("{}", usual.report());
+///
+/// scene.settings.effects = Effects::default();
+/// let slicing = scene.synthesizer(Backend::Cpu)?;
+/// let slicing = slicing.plan();
+/// assert!(slicing.passes.len() < usual.passes.len() && slicing.bytes() < usual.bytes());
+/// assert!(slicing.without.iter().any(|omitted| omitted.name == "speckle"));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Plan {
+    /// Passes in order of execution.
+    pub passes: Vec<PlannedPass>,
+    /// Effects that the scene does not use.
+    pub without: Vec<Omitted>,
+    /// Resources that the passes bind.
+    pub resources: Vec<PlannedResource>,
+    /// Deviations of the output from what the scene requests.
+    pub warnings: Vec<String>,
+}
+
+impl Plan {
+    /// Builds the plan of a scene.
+    pub fn new(tables: &Tables) -> Self {
+        let (mut passes, mut without) = (Vec::new(), Vec::new());
+        for effect in REGISTRY {
+            match (effect.wanted)(tables) {
+                Ok(reason) => passes.extend((effect.passes)(tables).into_iter().map(|pass| PlannedPass {
+                    pass,
+                    effect: effect.name,
+                    reason: reason.clone(),
+                })),
+                Err(reason) => without.push(Omitted {
+                    name: effect.name,
+                    reason,
+                }),
+            }
+        }
+        let used: BTreeSet<&'static Buffer> = passes
+            .iter()
+            .flat_map(|planned| planned.pass.bindings)
+            .map(|&(resource, _)| resource)
+            .collect();
+        let resources = used
+            .into_iter()
+            .map(|resource| PlannedResource {
+                resource,
+                bytes: resource.bytes(tables),
+            })
+            .collect();
+        Self {
+            passes,
+            without,
+            resources,
+            warnings: REGISTRY.iter().flat_map(|effect| (effect.warnings)(tables)).collect(),
+        }
+    }
+
+    /// Whether any pass binds a buffer.
+    pub fn uses(&self, buffer: &Buffer) -> bool {
+        self.resources.iter().any(|planned| planned.resource == buffer)
+    }
+
+    /// Whether the scene calls for an effect.
+    pub fn has(&self, effect: &str) -> bool {
+        self.passes.iter().any(|planned| planned.effect == effect)
+    }
+
+    /// Bytes of all resources.
+    pub fn bytes(&self) -> u64 {
+        self.resources.iter().map(|planned| planned.bytes).sum()
+    }
+
+    /// Bands of rows such that no per-pixel resource of a band exceeds `binding_bytes`.
+    pub fn bands(&self, tables: &Tables, binding_bytes: u64) -> Vec<Band> {
+        let largest = self
+            .resources
+            .iter()
+            .filter(|planned| planned.resource.is_per_pixel)
+            .map(|planned| planned.bytes)
+            .max();
+        let per_row = largest.unwrap_or(0).div_ceil(tables.height() as u64).max(1);
+        let rows = (binding_bytes / per_row).clamp(1, MAX_BAND_ROWS) as usize;
+        (0..tables.height())
+            .step_by(rows)
+            .map(|first| Band {
+                first_row: first as u32,
+                rows: rows.min(tables.height() - first) as u32,
+            })
+            .collect()
+    }
+
+    /// The plan as plain data, for JSON.
+    pub fn report(&self) -> PlanReport {
+        let named = |planned: &PlannedPass| NamedPass {
+            name: planned.pass.name,
+            effect: planned.effect,
+            reason: planned.reason.clone(),
+        };
+        PlanReport {
+            passes: self.passes.iter().map(named).collect(),
+            without: self.without.clone(),
+            resources: self.resources.clone(),
+            bytes: self.bytes(),
+            warnings: self.warnings.clone(),
+            quality: None,
+        }
+    }
+}
+
+/// Maximum number of workgroups along one dimension in WebGPU's default limits; a band has one per row.
+const MAX_BAND_ROWS: u64 = 65_535;
+
+/// A pass in a report.
+#[derive(Clone, Debug, Serialize)]
+pub struct NamedPass {
+    /// Name of the pass.
+    pub name: &'static str,
+    /// Name of the effect that the pass belongs to.
+    pub effect: &'static str,
+    /// Why the scene calls for it.
+    pub reason: String,
+}
+
+/// A plan as plain data.
+#[derive(Clone, Debug, Serialize)]
+pub struct PlanReport {
+    /// Passes in order of execution.
+    pub passes: Vec<NamedPass>,
+    /// Effects that the scene does not use.
+    pub without: Vec<Omitted>,
+    /// Resources that the passes bind.
+    pub resources: Vec<PlannedResource>,
+    /// Bytes of all resources.
+    pub bytes: u64,
+    /// Deviations of the output from what the scene requests.
+    pub warnings: Vec<String>,
+    /// Settings picked for the frame time budget, if the scene states one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<Picked>,
+}
+
+impl fmt::Display for PlanReport {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(f, "Passes")?;
+        for pass in &self.passes {
+            writeln!(f, "  {:<16} {}", pass.name, pass.reason)?;
+        }
+        writeln!(f, "Without")?;
+        for omitted in &self.without {
+            writeln!(f, "  {:<16} {}", omitted.name, omitted.reason)?;
+        }
+        writeln!(f, "Resources")?;
+        for planned in &self.resources {
+            writeln!(
+                f,
+                "  {:<16} {:>12} bytes",
+                format!("{:?}", planned.resource),
+                planned.bytes
+            )?;
+        }
+        write!(f, "  {:<16} {:>12} bytes", "total", self.bytes)?;
+        if let Some(picked) = &self.quality {
+            writeln!(f, "\nPicked for {} = {}", picked.asked, picked.budget_ms)?;
+            for setting in &picked.settings {
+                writeln!(f, "  {:<16} {}", setting.key, setting.value)?;
+            }
+            write!(f, "  {}", picked.why)?;
+        }
+        Ok(())
+    }
+}

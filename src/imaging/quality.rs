@@ -1,0 +1,243 @@
+//! Automatic choice of accuracy settings from their measured cost on this machine.
+//!
+//! A scene may state a time budget for a frame, and a scenario one for a step (`quality = { frame_ms = 16, step_ms = 1 }`). Settings
+//! left open are then picked: among those within the budget, the ones with the smallest error. Keys that are stated stay unchanged.
+//! Costs are measured once and cached ([`cache`]); the choice and its reason are reported, so that it can be written into the file
+//! and reproduced on any machine.
+//!
+//! | file | contents |
+//! |---|---|
+//! | [`grid`] | grids of scanlines and samples, and the frame time on each |
+//! | [`trial`] | trial runs that verify a choice |
+//! | [`cache`] | cache of measured costs |
+//!
+//! Costs of steps are measured by a study: nothing here depends on studies or scenes.
+
+pub mod cache;
+pub mod grid;
+#[cfg(test)]
+mod tests;
+pub mod trial;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::base::report::number::milliseconds;
+use crate::base::report::pareto;
+
+/// Time budgets of frames and steps. What a scene leaves open is picked from what it costs on this machine.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct QualitySpec {
+    /// Longest time of a frame, ms (0.01 to 10000): picks the scanlines and samples of a probe that states none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame_ms: Option<f64>,
+    /// Longest time of a step of an insertion, ms (0.01 to 10000): picks the level of remeshing, the nodes of a mesh made from the
+    /// scene, the length of links or of a beam's elements, and the thinning of the probe's candidates where a scenario states none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub step_ms: Option<f64>,
+}
+
+impl QualitySpec {
+    /// Expected range of both numbers.
+    pub const EXPECTED: &str = "0.01 to 10000 ms";
+
+    /// Returns the first number out of range, with its key.
+    pub fn out_of_range(&self) -> Option<(&'static str, f64)> {
+        let numbers = [("frame_ms", self.frame_ms), ("step_ms", self.step_ms)];
+        let given = numbers.into_iter().filter_map(|(key, ms)| Some((key, ms?)));
+        given.into_iter().find(|(_, ms)| !(0.01..=10_000.0).contains(ms))
+    }
+}
+
+/// Measured costs of settings on a machine. Costs of different dials add up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Costs {
+    /// Description of the measurement.
+    pub measured: String,
+    /// Unit of the errors, in words that follow a number; `None` where errors only rank the rungs.
+    pub errors: Option<String>,
+    /// Time with every dial at the rung without extra cost, ms.
+    pub base_ms: f64,
+    /// Settings that can be varied.
+    pub dials: Vec<Dial>,
+}
+
+/// A setting that can be varied: keys that change together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Dial {
+    /// Keys as written in a file.
+    pub keys: Vec<String>,
+    /// Available values.
+    pub rungs: Vec<Rung>,
+}
+
+/// Maximum number of rungs of a dial read from a file: all combinations of a few such dials are tried.
+const MOST_RUNGS: usize = 16;
+
+impl Dial {
+    /// Whether each rung has finite costs and a value for each key that `stands` for it, and there are no more than can be tried.
+    pub fn is_sound(&self, stands: impl Fn(&str, &str) -> bool) -> bool {
+        let sound = |rung: &Rung| {
+            let pairs = self.keys.iter().zip(&rung.values);
+            rung.values.len() == self.keys.len()
+                && [rung.extra_ms, rung.error].iter().all(|number| number.is_finite())
+                && pairs.into_iter().all(|(key, value)| stands(key, value))
+        };
+        self.rungs.len() <= MOST_RUNGS && self.rungs.iter().all(sound)
+    }
+}
+
+/// One value of a dial.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Rung {
+    /// A value for each key, as written in a file.
+    pub values: Vec<String>,
+    /// Time in addition to [`Costs::base_ms`], ms; negative if it saves time.
+    pub extra_ms: f64,
+    /// Error of this rung; errors of different dials add up.
+    pub error: f64,
+}
+
+/// A key with its picked value.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Setting {
+    /// The key as written in a file.
+    pub key: String,
+    /// The value as written in a file.
+    pub value: String,
+}
+
+/// Picked settings and the reason.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Picked {
+    /// Key of the budget: `frame_ms` or `step_ms`.
+    pub asked: String,
+    /// Time budget, ms.
+    pub budget_ms: f64,
+    /// Expected time, ms.
+    pub expected_ms: f64,
+    /// Whether the expected time is within the budget.
+    pub met: bool,
+    /// Picked settings.
+    pub settings: Vec<Setting>,
+    /// Explanation of the choice in words.
+    pub why: String,
+}
+
+impl Picked {
+    /// Returns the value picked for a key.
+    pub fn value(&self, key: &str) -> Option<&str> {
+        let setting = self.settings.iter().find(|setting| setting.key == key)?;
+        Some(&setting.value)
+    }
+}
+
+/// One rung of each dial, with total time and error.
+struct Combination<'a> {
+    rungs: Vec<&'a Rung>,
+    ms: f64,
+    error: f64,
+}
+
+/// Picks a rung of every open dial: among combinations within `budget_ms` the one with the smallest error, the cheaper of two with
+/// equal error; if none is within the budget, the cheapest. `None` if no dial is open.
+pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool) -> Option<Picked> {
+    let choice = choose(costs, budget_ms, open, &[])?;
+    Some(choice.picked(asked, budget_ms, costs, choice.ms, &costs.measured))
+}
+
+/// The selected combination.
+#[derive(Clone, Debug)]
+struct Choice {
+    settings: Vec<Setting>,
+    ms: f64,
+    error: f64,
+    /// The cheapest combination with a smaller error.
+    better: Option<(Vec<Setting>, f64)>,
+}
+
+impl Choice {
+    /// Describes the choice among `costs`, with the time `ms` and how that was `measured`.
+    fn picked(&self, asked: &str, budget_ms: f64, costs: &Costs, ms: f64, measured: &str) -> Picked {
+        let met = ms <= budget_ms;
+        let mut why = match met {
+            true => format!("{} of {budget_ms} ms", milliseconds(ms)),
+            false => format!(
+                "nothing stays within {budget_ms} ms: this is the cheapest, {} ms",
+                milliseconds(ms)
+            ),
+        };
+        if let Some(errors) = costs.errors.as_ref().filter(|_| self.error > 0.0) {
+            why += &format!(", off by {:.2} {errors}", self.error);
+        }
+        if let Some((better, ms)) = &self.better {
+            why += &format!("; the next better, {}, takes {} ms", list(better), milliseconds(*ms));
+        }
+        Picked {
+            asked: asked.to_owned(),
+            budget_ms,
+            expected_ms: ms,
+            met,
+            why: format!("{}: {why} ({measured})", list(&self.settings)),
+            settings: self.settings.clone(),
+        }
+    }
+}
+
+/// Picks as [`pick`] does, with times measured for some settings in place of those that their costs predict.
+fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(Vec<Setting>, f64)]) -> Option<Choice> {
+    let dials: Vec<&Dial> = costs
+        .dials
+        .iter()
+        .filter(|dial| dial.keys.iter().all(|key| open(key)))
+        .collect();
+    if dials.is_empty() {
+        return None;
+    }
+    let mut combinations = vec![Combination {
+        rungs: Vec::new(),
+        ms: costs.base_ms,
+        error: 0.0,
+    }];
+    for dial in &dials {
+        let longer = combinations.iter().flat_map(|before| {
+            dial.rungs.iter().map(|rung| Combination {
+                rungs: before.rungs.iter().copied().chain([rung]).collect(),
+                ms: before.ms + rung.extra_ms,
+                error: before.error + rung.error,
+            })
+        });
+        combinations = longer.collect();
+    }
+    let settings = |of: &Combination<'_>| -> Vec<Setting> {
+        let pairs = dials
+            .iter()
+            .zip(&of.rungs)
+            .flat_map(|(dial, rung)| dial.keys.iter().zip(&rung.values));
+        pairs
+            .map(|(key, value)| Setting {
+                key: key.clone(),
+                value: value.clone(),
+            })
+            .collect()
+    };
+    for (known, ms) in known {
+        let found = combinations.iter_mut().find(|it| settings(it) == *known);
+        found.into_iter().for_each(|it| it.ms = *ms);
+    }
+    let choice = pareto::choose(&combinations, budget_ms, 1.0, |it| [it.ms, it.error])?;
+    Some(Choice {
+        settings: settings(choice.taken),
+        ms: choice.taken.ms,
+        error: choice.taken.error,
+        better: choice.better.map(|better| (settings(better), better.ms)),
+    })
+}
+
+fn list(settings: &[Setting]) -> String {
+    let pairs = settings
+        .iter()
+        .map(|setting| format!("{} = {}", setting.key, setting.value));
+    pairs.collect::<Vec<_>>().join(", ")
+}

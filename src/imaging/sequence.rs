@@ -1,0 +1,369 @@
+//! Image sequences with one pose per frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8 (layers uint16), orientation
+//! MF.
+
+use std::fmt::Write as _;
+use std::fs::File;
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
+
+use flate2::Compression;
+use flate2::write::{GzEncoder, ZlibEncoder};
+use nalgebra::Matrix4;
+
+use super::{OutputError, atomic};
+use crate::base::output::atomic::folder_of;
+use crate::tracking::sequence::SequenceFrame;
+
+/// Metadata of an image.
+#[derive(Clone, Debug, Default)]
+pub struct FrameInfo<'a> {
+    /// Timestamp, s.
+    pub timestamp: f64,
+    /// Name such as `ProbeToTracker`, matrix from the first coordinates to the second (mm), and whether it is
+    /// valid. A matrix that is not finite is written as the identity and marked invalid.
+    pub transforms: &'a [(&'a str, Matrix4<f64>, bool)],
+    /// Whether the image shows anything.
+    pub image_valid: bool,
+}
+
+/// Transforms of a rendered frame: `ImageToWorld` (`CroppedImageToWorld` if it has the pixels of a cropped recording) and
+/// `TransducerToWorld` (the centre of the array), and all others recorded for it by a tracker.
+pub fn transforms(
+    [image_to_world, transducer_to_world]: [Matrix4<f64>; 2],
+    recorded: Option<&SequenceFrame>,
+) -> Vec<(&str, Matrix4<f64>, bool)> {
+    let cropped = recorded.is_some_and(|frame| frame.transforms.contains_key("ImageToCroppedImage"));
+    let image = if cropped { "CroppedImageToWorld" } else { "ImageToWorld" };
+    let mut all = vec![
+        (image, image_to_world, true),
+        ("TransducerToWorld", transducer_to_world, true),
+    ];
+    let others = recorded.into_iter().flat_map(|frame| &frame.transforms);
+    let others = others
+        .filter(|(name, _)| !["ImageToWorld", "CroppedImageToWorld", "TransducerToWorld"].contains(&name.as_str()));
+    all.extend(others.map(|(name, transform)| (name.as_str(), transform.matrix, transform.valid)));
+    all
+}
+
+fn wrong_size(path: &Path, frame: usize, found: usize, [width, height]: [usize; 2]) -> OutputError {
+    let expected = format!("{width} x {height} and at least one");
+    OutputError::contents(
+        path,
+        format!("found {found} pixels in frame {frame}, expected {expected}"),
+    )
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Format {
+    MetaImage,
+    Nrrd,
+}
+
+enum Packer {
+    Zlib(ZlibEncoder<BufWriter<File>>),
+    Gzip(GzEncoder<BufWriter<File>>),
+}
+
+/// Writer of a sequence, frame by frame. Compressed pixels go to a temporary file, so memory use is independent of
+/// their number; the sequence appears under its name when [`SequenceWriter::finish`] returns, and not at all if it is
+/// dropped before.
+pub struct SequenceWriter {
+    path: PathBuf,
+    format: Format,
+    width: usize,
+    height: usize,
+    /// Bytes per pixel: 1 for images, 2 for layers.
+    depth: usize,
+    frames: usize,
+    keys: String,
+    packer: Packer,
+}
+
+impl SequenceWriter {
+    /// Starts a sequence of images of `width` columns and `height` rows.
+    ///
+    /// # Errors
+    /// [`OutputError::Contents`] for another ending or images without pixels, [`OutputError::Write`].
+    pub fn create(path: &Path, width: usize, height: usize) -> Result<Self, OutputError> {
+        let ending = path
+            .extension()
+            .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
+        let format = match ending.as_deref() {
+            Some("mha") => Format::MetaImage,
+            Some("nrrd") => Format::Nrrd,
+            other => {
+                let found = other.unwrap_or_default();
+                let text = format!("found the ending {found:?}, expected .mha or .nrrd");
+                return Err(OutputError::contents(path, text));
+            }
+        };
+        if width == 0 || height == 0 {
+            return Err(wrong_size(path, 0, 0, [width, height]));
+        }
+        // Beside the target and unnamed, so that a full or forbidden folder is detected at once.
+        let file = tempfile::tempfile_in(folder_of(path)).map_err(|cause| OutputError::write(path, cause))?;
+        let file = BufWriter::new(file);
+        let packer = match format {
+            Format::MetaImage => Packer::Zlib(ZlibEncoder::new(file, Compression::default())),
+            Format::Nrrd => Packer::Gzip(GzEncoder::new(file, Compression::default())),
+        };
+        Ok(Self {
+            path: path.to_owned(),
+            format,
+            width,
+            height,
+            depth: 1,
+            frames: 0,
+            keys: String::new(),
+            packer,
+        })
+    }
+
+    /// Starts a sequence of layers: pixels of 16 bits, two bytes each (little-endian) in [`SequenceWriter::push`].
+    ///
+    /// # Errors
+    /// The errors of [`SequenceWriter::create`].
+    pub fn create_layer(path: &Path, width: usize, height: usize) -> Result<Self, OutputError> {
+        let images = Self::create(path, width, height)?;
+        Ok(Self { depth: 2, ..images })
+    }
+
+    /// Sets a field of the sequence, such as `WorldAxes`, before the first frame. Names consist of letters, and values of one line.
+    pub fn field(&mut self, name: &str, value: &str) {
+        debug_assert!(self.frames == 0 && name.chars().all(|c| c.is_ascii_alphabetic()) && !value.contains('\n'));
+        let is = self.assignment();
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.keys, "{name}{is}{value}");
+    }
+
+    /// Adds a frame: pixels row by row from the near unmarked corner.
+    ///
+    /// # Errors
+    /// [`OutputError::Contents`], [`OutputError::Write`].
+    pub fn push(&mut self, pixels: &[u8], info: &FrameInfo) -> Result<(), OutputError> {
+        let expected = self.width.checked_mul(self.height);
+        if expected.and_then(|expected| expected.checked_mul(self.depth)) != Some(pixels.len()) {
+            let (found, size) = (pixels.len() / self.depth, [self.width, self.height]);
+            return Err(wrong_size(&self.path, self.frames, found, size));
+        }
+        for (name, _, _) in info.transforms {
+            let named = name
+                .split_once("To")
+                .is_some_and(|(from, to)| !from.is_empty() && !to.is_empty());
+            if !named || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
+                let expected = "expected letters, digits, `_`, `-` and `.` as in \"ProbeToTracker\"";
+                let text = format!("found the transform name {name:?}, {expected}");
+                return Err(OutputError::contents(&self.path, text));
+            }
+        }
+        match &mut self.packer {
+            Packer::Zlib(packer) => packer.write_all(pixels),
+            Packer::Gzip(packer) => packer.write_all(pixels),
+        }
+        .map_err(|cause| OutputError::write(&self.path, cause))?;
+        self.push_keys(info);
+        self.frames += 1;
+        Ok(())
+    }
+
+    fn key(&mut self, name: &str, value: &str) {
+        let is = self.assignment();
+        // Writing to a string cannot fail.
+        let _ = writeln!(self.keys, "Seq_Frame{:04}_{name}{is}{value}", self.frames);
+    }
+
+    fn assignment(&self) -> &'static str {
+        match self.format {
+            Format::MetaImage => " = ",
+            Format::Nrrd => ":=",
+        }
+    }
+
+    fn push_keys(&mut self, info: &FrameInfo) {
+        let status = |ok: bool| if ok { "OK" } else { "INVALID" };
+        for &(name, matrix, valid) in info.transforms {
+            let finite = matrix.iter().all(|number| number.is_finite());
+            let matrix = if finite { matrix } else { Matrix4::identity() };
+            let numbers: Vec<String> = matrix.transpose().iter().map(f64::to_string).collect();
+            self.key(&format!("{name}Transform"), &numbers.join(" "));
+            self.key(&format!("{name}TransformStatus"), status(valid && finite));
+        }
+        self.key("Timestamp", &info.timestamp.to_string());
+        // PLUS's own NRRD sequences shorten this key.
+        let image_status = match self.format {
+            Format::MetaImage => "ImageStatus",
+            Format::Nrrd => "Status",
+        };
+        self.key(image_status, status(info.image_valid));
+    }
+
+    /// Writes the header and renames the file to its final path.
+    ///
+    /// # Errors
+    /// [`OutputError::Contents`] without frames, [`OutputError::Write`].
+    pub fn finish(self) -> Result<(), OutputError> {
+        if self.frames == 0 {
+            let text = "found no frames, expected at least one".to_owned();
+            return Err(OutputError::contents(&self.path, text));
+        }
+        let (head, tail) = match self.format {
+            Format::MetaImage => self.metaimage_header(),
+            Format::Nrrd => self.nrrd_header(),
+        };
+        let path = self.path;
+        let packed = match self.packer {
+            Packer::Zlib(packer) => packer.finish(),
+            Packer::Gzip(packer) => packer.finish(),
+        };
+        let fail = |cause| OutputError::write(&path, cause);
+        let mut packed = packed
+            .and_then(|buffer| buffer.into_inner().map_err(io::IntoInnerError::into_error))
+            .map_err(fail)?;
+        let length = packed.stream_position().map_err(fail)?;
+        packed.seek(SeekFrom::Start(0)).map_err(fail)?;
+        atomic::write(&path, |file| {
+            file.write_all(head.as_bytes())?;
+            if self.format == Format::MetaImage {
+                writeln!(file, "CompressedDataSize = {length}")?;
+            }
+            file.write_all(self.keys.as_bytes())?;
+            file.write_all(tail.as_bytes())?;
+            io::copy(&mut packed, file).map(drop)
+        })?;
+        Ok(())
+    }
+
+    fn metaimage_header(&self) -> (String, &'static str) {
+        let element = ["MET_UCHAR", "MET_USHORT"][self.depth - 1];
+        let head = format!(
+            "ObjectType = Image\nNDims = 3\nAnatomicalOrientation = RAI\nBinaryData = True\n\
+             BinaryDataByteOrderMSB = False\nCenterOfRotation = 0 0 0\nCompressedData = True\n\
+             DimSize = {} {} {}\nElementNumberOfChannels = 1\nElementSpacing = 1 1 1\nElementType = {element}\n\
+             Kinds = domain domain list\nOffset = 0 0 0\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
+             UltrasoundImageOrientation = MF\nUltrasoundImageType = BRIGHTNESS\n",
+            self.width, self.height, self.frames
+        );
+        (head, "ElementDataFile = LOCAL\n")
+    }
+
+    fn nrrd_header(&self) -> (String, &'static str) {
+        let element = ["uint8", "uint16"][self.depth - 1];
+        let head = format!(
+            "NRRD0004\ntype: {element}\ndimension: 3\nspace dimension: 2\nsizes: {} {} {}\n\
+             space directions: (1,0) (0,1) none\nkinds: domain domain list\nendian: little\nencoding: gzip\n\
+             space origin: (0,0)\nultrasound image orientation:=MF\nultrasound image type:=BRIGHTNESS\n",
+            self.width, self.height, self.frames
+        );
+        (head, "\n")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tracking::sequence::{Sequence, TrackedTransform};
+
+    #[test]
+    fn sequences_come_back() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["a.igs.mha", "a.igs.nrrd"] {
+            let path = folder.path().join(name);
+            let mut writer = SequenceWriter::create(&path, 3, 2).unwrap();
+            let pose = Matrix4::from_fn(|r, c| {
+                if r == 3 {
+                    f64::from(u8::from(c == 3))
+                } else {
+                    0.1 * (r * 4 + c) as f64
+                }
+            });
+            let broken = Matrix4::repeat(f64::NAN);
+            writer.field("WorldAxes", "RAS");
+            for frame in 0..4u8 {
+                let transforms = [("ProbeToTracker", pose, frame != 2), ("NeedleToTracker", broken, true)];
+                let info = FrameInfo {
+                    timestamp: f64::from(frame) * 0.1,
+                    transforms: &transforms,
+                    image_valid: frame != 3,
+                };
+                writer.push(&[frame, 1, 2, 3, 4, 5], &info).unwrap();
+            }
+            writer.finish().unwrap();
+            let read = Sequence::read(&path).unwrap();
+            assert_eq!(read.warnings, [""; 0], "{name}");
+            let field = ["\nWorldAxes = RAS\n", "\nWorldAxes:=RAS\n"][usize::from(name.ends_with("nrrd"))];
+            let bytes = std::fs::read(&path).unwrap();
+            assert!(
+                bytes.windows(field.len()).any(|window| window == field.as_bytes()),
+                "{name}"
+            );
+            assert_eq!((read.image_size, read.frames.len()), (Some([3, 2]), 4));
+            assert_eq!(read.image_type.as_deref(), Some("BRIGHTNESS"));
+            assert_eq!(read.frames[1].timestamp, Some(0.1));
+            assert_eq!(read.frames[1].transforms["ProbeToTracker"].matrix, pose);
+            let valid: Vec<bool> = read
+                .frames
+                .iter()
+                .map(|f| f.transforms["ProbeToTracker"].valid)
+                .collect();
+            assert_eq!(valid, [true, true, false, true]);
+            assert!(!read.frames[0].transforms["NeedleToTracker"].valid);
+            assert_eq!(read.image(1).unwrap().pixels, [1, 1, 2, 3, 4, 5]);
+            assert_eq!(read.image(3), None);
+            let length = std::fs::metadata(&path).unwrap().len();
+            assert!(length < 4000, "{length}");
+        }
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+    }
+
+    #[test]
+    fn images_on_the_pixels_of_a_cropped_recording_are_named_so() {
+        let place = Matrix4::identity();
+        let names = |frame: Option<&SequenceFrame>| transforms([place; 2], frame)[0].0.to_owned();
+        let crop = TrackedTransform {
+            matrix: place,
+            valid: true,
+        };
+        let cropped = SequenceFrame {
+            index: 0,
+            timestamp: None,
+            transforms: [("ImageToCroppedImage".to_owned(), crop)].into(),
+            image_valid: true,
+        };
+        assert_eq!(
+            [names(None), names(Some(&cropped))],
+            ["ImageToWorld", "CroppedImageToWorld"]
+        );
+    }
+
+    #[test]
+    fn half_written_sequences_leave_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mha");
+        let mut writer = SequenceWriter::create(&path, 2, 2).unwrap();
+        let info = FrameInfo::default();
+        assert!(matches!(writer.push(&[0; 3], &info), Err(OutputError::Contents { .. })));
+        writer.push(&[0; 4], &info).unwrap();
+        drop(writer);
+        let empty = SequenceWriter::create(&path, 2, 2).unwrap().finish().unwrap_err();
+        assert!(matches!(empty, OutputError::Contents { .. }) && !empty.is_machine());
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+    }
+
+    #[test]
+    fn wrong_names_are_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(matches!(
+            SequenceWriter::create(&folder.path().join("a.avi"), 1, 1),
+            Err(OutputError::Contents { .. })
+        ));
+        let away = SequenceWriter::create(&folder.path().join("no/a.mha"), 1, 1);
+        assert!(away.is_err_and(|error| error.is_machine()));
+        let mut writer = SequenceWriter::create(&folder.path().join("a.mha"), 1, 1).unwrap();
+        let transforms = [("Probe = x\nTo", Matrix4::identity(), true)];
+        let info = FrameInfo {
+            transforms: &transforms,
+            ..FrameInfo::default()
+        };
+        assert!(matches!(writer.push(&[0], &info), Err(OutputError::Contents { .. })));
+    }
+}

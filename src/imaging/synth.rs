@@ -1,0 +1,456 @@
+//! Synthesizer: created once from a scene and a backend, it renders frame after frame.
+
+pub mod cpu;
+pub mod gpu;
+pub mod layers;
+pub mod local_origin;
+pub mod store;
+pub mod tables;
+
+use local_origin::LocalFrame;
+use nalgebra::{Matrix4, Point3, Vector3};
+use tables::{Anatomy, Settings, Tables};
+
+use crate::anatomy::volume::VolumeError;
+use crate::base::memory::TooLarge;
+use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
+use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::effects::{OutOfRange, REGISTRY};
+use crate::imaging::plan::Plan;
+use crate::mechanics::mesh::{InvalidMesh, check_positions};
+use crate::tracking::TrackingError;
+
+/// Why a frame cannot be synthesised.
+#[derive(Debug, thiserror::Error)]
+pub enum SynthError {
+    /// A parameter of an effect lies outside its range.
+    #[error(transparent)]
+    Effect(#[from] OutOfRange),
+    /// The probe is invalid, or the image cannot be laid out.
+    #[error(transparent)]
+    Tracking(#[from] TrackingError),
+    /// The volume cannot be placed about its local origin, or the tissues name more textures than an atlas holds.
+    #[error(transparent)]
+    Volume(#[from] VolumeError),
+    /// A GPU operation failed.
+    #[error(transparent)]
+    Gpu(#[from] GpuError),
+    /// The number of node positions does not match the mesh.
+    #[error(transparent)]
+    Nodes(#[from] InvalidMesh),
+    /// More memory is needed than is available.
+    #[error(transparent)]
+    Memory(#[from] TooLarge),
+    /// The pose is singular or has numbers that are not finite.
+    #[error("the probe pose is not a finite, invertible transform")]
+    Pose,
+}
+
+/// Rendering backend.
+pub enum Backend {
+    /// CPU reference in single precision, matching the GPU.
+    Cpu,
+    /// CPU reference in double precision: the gold standard.
+    CpuF64,
+    /// The best hardware GPU, or [`Backend::Cpu`] where there is none or where it cannot render the scene.
+    Auto,
+    /// A GPU adapter of this machine.
+    Adapter(AdapterChoice),
+    /// A device and its queue, lent by the host.
+    Host(Box<(wgpu::Device, wgpu::Queue)>),
+    /// An open GPU.
+    Gpu(Box<Gpu>),
+}
+
+impl Backend {
+    /// The best GPU adapter, software Vulkan included.
+    pub fn gpu() -> Self {
+        Self::Adapter(AdapterChoice::default())
+    }
+
+    fn executor(self, plan: &Plan, tables: &Tables) -> Result<Executor, SynthError> {
+        let on = |gpu: Gpu| Ok(Executor::Gpu(Box::new(gpu::GpuExecutor::new(gpu, plan, tables)?)));
+        let needs = || gpu::needs(plan);
+        match self {
+            Self::Cpu => Ok(Executor::Cpu(cpu::CpuExecutor::new(plan, tables)?)),
+            Self::CpuF64 => Ok(Executor::CpuF64(cpu::CpuExecutor::new(plan, tables)?)),
+            Self::Auto if adapter::hardware(&adapter::list()).is_err() => Self::Cpu.executor(plan, tables),
+            Self::Auto => match Self::gpu().executor(plan, tables) {
+                Err(SynthError::Gpu(error)) if error.is_machine() => Self::Cpu.executor(plan, tables),
+                made => made,
+            },
+            Self::Adapter(choice) => on(Gpu::open(&choice, &needs())?),
+            Self::Host(host) => on(Gpu::from_host(host.0, host.1, &needs())?),
+            Self::Gpu(gpu) => on(*gpu),
+        }
+    }
+}
+
+enum Executor {
+    Cpu(cpu::CpuExecutor<f32>),
+    CpuF64(cpu::CpuExecutor<f64>),
+    Gpu(Box<gpu::GpuExecutor>),
+}
+
+/// Duration of a pass.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct PassTime {
+    /// Name of the pass.
+    pub name: &'static str,
+    /// Duration, ms.
+    pub ms: f64,
+}
+
+/// Renders frames of one scene: created once, then driven by the owner of the motion.
+///
+/// ```
+/// use insonify::SceneFile;
+/// use insonify::{Backend, FrameState, Synthesizer};
+/// use nalgebra::Translation3;
+///
+/// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 4 }";
+/// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+/// let pose = *scene.probe_pose(0, 1).probe_to_world();
+/// let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Cpu)?;
+///
+/// // The probe slides 5 mm along its array.
+/// let mut state = FrameState::at(pose);
+/// for step in 0..3 {
+///     state.frame = step;
+///     state.probe_to_world = pose * Translation3::new(2.5 * step as f64, 0.0, 0.0).to_homogeneous();
+///     let frame = synth.render(&state)?;
+///     assert_eq!(frame.pixels.len(), frame.width * frame.height);
+/// }
+///
+/// // More gain, from the next frame on: the amplitudes stay, a table of gains is made anew.
+/// let before = synth.frame().clone();
+/// let mut settings = synth.settings().clone();
+/// settings.effects.tone.get_or_insert_default().gain_db += 10.0;
+/// synth.set(settings)?;
+/// let brightness = |pixels: &[u8]| pixels.iter().map(|&grey| u64::from(grey)).sum::<u64>();
+/// assert!(brightness(&synth.render(&state)?.pixels) > brightness(&before.pixels));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub struct Synthesizer {
+    tables: Tables,
+    plan: Plan,
+    executor: Executor,
+    local: LocalFrame,
+    frame: Frame,
+}
+
+impl Synthesizer {
+    /// Prepares tables, plan, and the memory or GPU objects that the plan needs, and nothing else.
+    pub fn new(anatomy: Anatomy, settings: Settings, backend: Backend) -> Result<Self, SynthError> {
+        let tables = Tables::new(anatomy, settings)?;
+        let plan = Plan::new(&tables);
+        let executor = backend.executor(&plan, &tables)?;
+        let frame = Frame {
+            width: tables.width(),
+            height: tables.height(),
+            pixels: vec![0; tables.width() * tables.height()],
+            image_to_world: Matrix4::identity(),
+            pixel_mm: tables.image_grid.pixel_mm(),
+            left_out: 0,
+        };
+        Ok(Self {
+            local: LocalFrame::new(tables.origin),
+            tables,
+            plan,
+            executor,
+            frame,
+        })
+    }
+
+    /// Renders one frame. In the steady state it allocates nothing.
+    pub fn render(&mut self, state: &FrameState) -> Result<&Frame, SynthError> {
+        self.begin(state)?;
+        let state = self.local.of(state);
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
+            Executor::CpuF64(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
+            Executor::Gpu(gpu) => gpu.render(&self.plan, &self.tables, state, Some(&mut self.frame.pixels))?,
+        }
+        Ok(&self.frame)
+    }
+
+    /// Renders one frame and leaves it on the GPU, in the texture returned by [`Synthesizer::texture`]. On a CPU backend
+    /// it is the same as [`Synthesizer::render`].
+    pub fn render_to_texture(&mut self, state: &FrameState) -> Result<(), SynthError> {
+        if !matches!(self.executor, Executor::Gpu(_)) {
+            return self.render(state).map(drop);
+        }
+        self.begin(state)?;
+        let state = self.local.of(state);
+        if let Executor::Gpu(gpu) = &mut self.executor {
+            gpu.render(&self.plan, &self.tables, state, None)?;
+        }
+        Ok(())
+    }
+
+    /// Texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; `None` on a CPU backend. The same
+    /// texture is reused as long as the image size does not change.
+    pub fn texture(&self) -> Option<&wgpu::Texture> {
+        match &self.executor {
+            Executor::Gpu(gpu) => gpu.texture(),
+            _ => None,
+        }
+    }
+
+    fn begin(&mut self, state: &FrameState) -> Result<(), SynthError> {
+        if !state.probe_to_world.iter().all(|x| x.is_finite()) || state.probe_to_world.try_inverse().is_none() {
+            return Err(SynthError::Pose);
+        }
+        if let Some(mesh) = &self.tables.mesh {
+            check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
+        }
+        self.local.take(state);
+        let (tables, local) = (&self.tables, self.local.of(state));
+        self.frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
+        self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
+        Ok(())
+    }
+
+    /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
+    /// the rebuilt buffers are returned. On an invalid setting the synthesizer is left unchanged.
+    pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
+        let previous = self.tables.settings.clone();
+        let changed = self.tables.set(settings)?;
+        if let Err(refused) = self.fit(&changed) {
+            let changed = self.tables.set(previous)?;
+            self.fit(&changed)?;
+            return Err(refused);
+        }
+        let (width, height) = (self.tables.width(), self.tables.height());
+        if (self.frame.width, self.frame.height) != (width, height) {
+            (self.frame.width, self.frame.height) = (width, height);
+            self.frame.pixels = vec![0; width * height];
+        }
+        self.frame.pixel_mm = self.tables.image_grid.pixel_mm();
+        Ok(changed)
+    }
+
+    fn fit(&mut self, changed: &[&'static Buffer]) -> Result<(), SynthError> {
+        self.plan = Plan::new(&self.tables);
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.fit(&self.plan, &self.tables)?,
+            Executor::CpuF64(cpu) => cpu.fit(&self.plan, &self.tables)?,
+            Executor::Gpu(gpu) => gpu.fit(&self.plan, &self.tables, changed)?,
+        }
+        Ok(())
+    }
+
+    /// Current settings.
+    pub fn settings(&self) -> &Settings {
+        &self.tables.settings
+    }
+
+    /// Current plan.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// The derived tables.
+    pub fn tables(&self) -> &Tables {
+        &self.tables
+    }
+
+    /// The last frame.
+    pub fn frame(&self) -> &Frame {
+        &self.frame
+    }
+
+    /// `cpu`, `cpu-f64` or `gpu`.
+    pub fn backend(&self) -> &'static str {
+        match &self.executor {
+            Executor::Cpu(_) => "cpu",
+            Executor::CpuF64(_) => "cpu-f64",
+            Executor::Gpu(_) => "gpu",
+        }
+    }
+
+    /// The GPU and its adapter, on the GPU backend.
+    pub fn gpu(&self) -> Option<&crate::gpu::Gpu> {
+        match &self.executor {
+            Executor::Gpu(gpu) => Some(gpu.gpu()),
+            _ => None,
+        }
+    }
+
+    /// Enables or disables timing of passes. Off initially.
+    pub fn time_passes(&mut self, on: bool) -> Result<(), SynthError> {
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.timed = on,
+            Executor::CpuF64(cpu) => cpu.timed = on,
+            Executor::Gpu(gpu) => gpu.time_passes(on, &self.plan)?,
+        }
+        Ok(())
+    }
+
+    /// Durations of the passes of the last frame; empty if not measured.
+    pub fn pass_times(&self) -> &[PassTime] {
+        match &self.executor {
+            Executor::Cpu(cpu) => &cpu.times,
+            Executor::CpuF64(cpu) => &cpu.times,
+            Executor::Gpu(gpu) => gpu.times(),
+        }
+    }
+
+    /// GPU time of the last frame from its first timestamp to its last, ms; `None` on a CPU backend, on a device
+    /// without timestamps, and while passes are not timed.
+    pub fn gpu_frame_ms(&self) -> Option<f64> {
+        match &self.executor {
+            Executor::Gpu(gpu) => gpu.frame_ms(),
+            _ => None,
+        }
+    }
+
+    /// Beam-space results of the last frame in world coordinates, for ground-truth layers.
+    pub fn beam(&self) -> Result<layers::Beam, SynthError> {
+        self.beam_after(self.plan.passes.len())
+    }
+
+    /// Runs the passes up to and including `pass` and returns the beam-space results; nothing is displayed. For
+    /// inspection of a frame and for tests. All passes run if the plan has none of that name.
+    pub fn render_until(&mut self, pass: &str, state: &FrameState) -> Result<layers::Beam, SynthError> {
+        self.begin(state)?;
+        let state = self.local.of(state);
+        let passes = &self.plan.passes;
+        let end = passes
+            .iter()
+            .rposition(|planned| planned.pass.name == pass)
+            .map_or(passes.len(), |at| at + 1);
+        match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
+            Executor::CpuF64(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
+            Executor::Gpu(gpu) => gpu.run_until(pass, &self.tables, state)?,
+        }
+        self.beam_after(end)
+    }
+
+    /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
+    pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
+        self.begin(state)?;
+        let mut beams = Vec::with_capacity(self.plan.passes.len());
+        for at in 0..self.plan.passes.len() {
+            let (state, passes) = (self.local.of(state), &self.plan.passes[..=at]);
+            match (&mut self.executor, passes) {
+                (Executor::Cpu(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
+                (Executor::CpuF64(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
+                (Executor::Gpu(gpu), [.., behind, last]) => gpu.run_on(behind.pass.name, last.pass.name)?,
+                (Executor::Gpu(gpu), [first]) => gpu.run_until(first.pass.name, &self.tables, state)?,
+                (_, []) => {}
+            }
+            beams.push(self.beam_after(at + 1)?);
+        }
+        Ok(beams)
+    }
+
+    fn beam_after(&self, passes: usize) -> Result<layers::Beam, SynthError> {
+        let local = match &self.executor {
+            Executor::Cpu(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),
+            Executor::CpuF64(cpu) => layers::Beam::of_store(&cpu.store, &self.tables),
+            Executor::Gpu(gpu) => {
+                let flips = self.plan.passes[..passes].iter().filter(|planned| planned.pass.flips);
+                gpu.beam(flips.count() % 2 == 1, &self.tables)?
+            }
+        };
+        Ok(self.tables.origin.beam_into_world(local))
+    }
+
+    /// Names of the passes compiled for the GPU, each once; empty on a CPU backend.
+    pub fn pipelines(&self) -> Vec<&'static str> {
+        match &self.executor {
+            Executor::Gpu(gpu) => gpu.pipelines().collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Bytes of working memory on the backend.
+    pub fn memory_bytes(&self) -> u64 {
+        match &self.executor {
+            Executor::Cpu(cpu) => cpu.store.bytes() as u64,
+            Executor::CpuF64(cpu) => cpu.store.bytes() as u64,
+            Executor::Gpu(gpu) => gpu.bytes(),
+        }
+    }
+}
+
+// Input state and output of a frame.
+
+/// Shaft of a needle, or a seed, in the world.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NeedleShaft {
+    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one. If there are more than 65, those towards the tip
+    /// are shown.
+    pub nodes: Vec<Point3<f64>>,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+}
+
+/// Length of a usual brachytherapy seed, mm.
+pub const SEED_LENGTH_MM: f64 = 4.5;
+/// Diameter of a usual brachytherapy seed, mm.
+pub const SEED_DIAMETER_MM: f64 = 0.8;
+
+impl NeedleShaft {
+    /// A brachytherapy seed centred at `centre_mm` (world) along a direction of any length.
+    pub fn seed(centre_mm: Point3<f64>, along: &Vector3<f64>) -> Self {
+        let half = along.normalize() * (SEED_LENGTH_MM / 2.0);
+        Self {
+            nodes: vec![centre_mm - half, centre_mm + half],
+            diameter_mm: SEED_DIAMETER_MM,
+        }
+    }
+}
+
+/// State that varies from frame to frame. All positions are in the world, at any distance from its origin: they are in double
+/// precision, and are translated near 0 before they are rounded.
+#[derive(Clone, Debug)]
+pub struct FrameState {
+    /// Frame number; it seeds the additive noise.
+    pub frame: u64,
+    /// Transform from the probe frame to the world, mm.
+    pub probe_to_world: Matrix4<f64>,
+    /// Needle of this frame, if any.
+    pub needle: Option<NeedleShaft>,
+    /// Seeds in the tissue, and other shafts beside the needle: shown as the needle is, with or without one. Of those that meet
+    /// the scan plane the first are shown, up to 256 segments with the needle's; [`Frame::left_out`] counts the others.
+    pub seeds: Vec<NeedleShaft>,
+    /// Current positions of the mesh nodes, mm; `None` keeps those of the last frame (initially the reference).
+    pub nodes: Option<Vec<[f64; 3]>>,
+    /// Reference positions of the mesh nodes, mm, which remeshing moves; `None` keeps those of the last frame (initially
+    /// those of the mesh). Labels, textures and speckle are looked up there.
+    pub reference: Option<Vec<[f64; 3]>>,
+}
+
+impl FrameState {
+    /// A frame state with only a probe pose.
+    pub fn at(probe_to_world: Matrix4<f64>) -> Self {
+        Self {
+            frame: 0,
+            probe_to_world,
+            needle: None,
+            seeds: Vec::new(),
+            nodes: None,
+            reference: None,
+        }
+    }
+}
+
+/// A rendered frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// Grey levels, row by row from the top.
+    pub pixels: Vec<u8>,
+    /// Transform from pixels (column, row, 0) to the world, mm.
+    pub image_to_world: Matrix4<f64>,
+    /// Pixel size, mm.
+    pub pixel_mm: f64,
+    /// Number of segments of needle and seeds not shown because there are too many.
+    pub left_out: usize,
+}

@@ -1,0 +1,107 @@
+//! CPU execution of a plan: passes in sequence, each parallel over all cores.
+
+use std::time::Instant;
+
+use super::store::Store;
+use super::tables::Tables;
+use super::{FrameState, PassTime, SynthError};
+use crate::base::memory;
+use crate::base::real::Real;
+use crate::imaging::effects::pass::{Access, Pass, View};
+use crate::imaging::plan::{Plan, PlannedPass};
+
+/// Scalar type of a CPU reference.
+pub trait PassScalar: Real {
+    /// Returns the reference of a pass in this scalar.
+    fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>);
+}
+
+impl PassScalar for f32 {
+    fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
+        pass.cpu
+    }
+}
+
+impl PassScalar for f64 {
+    fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
+        pass.cpu_f64
+    }
+}
+
+/// The CPU backend.
+pub struct CpuExecutor<T: PassScalar> {
+    /// Working memory of the backend.
+    pub store: Store<T>,
+    /// Whether passes are timed.
+    pub timed: bool,
+    /// Durations of the passes.
+    pub times: Vec<PassTime>,
+}
+
+impl<T: PassScalar> CpuExecutor<T> {
+    /// Allocates memory for a plan; an error if too little is available.
+    pub fn new(plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
+        let mut executor = Self {
+            store: Store::default(),
+            timed: false,
+            times: Vec::new(),
+        };
+        executor.fit(plan, tables)?;
+        Ok(executor)
+    }
+
+    /// Adapts the memory to a changed plan; an error if too little is available.
+    pub fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
+        let written = |buffer| {
+            let mut bindings = plan.passes.iter().flat_map(|planned| planned.pass.bindings);
+            bindings.any(|binding| *binding == (buffer, Access::Write))
+        };
+        let resources = plan.resources.iter().filter(|planned| written(planned.resource));
+        // The plan counts numbers of 4 bytes.
+        let needed = resources.map(|planned| planned.bytes).sum::<u64>() * (size_of::<T>() / size_of::<f32>()) as u64;
+        memory::check(needed.saturating_sub(self.store.bytes() as u64), "a frame")?;
+        self.store.fit(plan, tables);
+        self.times.reserve_exact(plan.passes.len());
+        Ok(())
+    }
+
+    /// Runs the passes and copies the pixels out.
+    pub fn render(
+        &mut self,
+        plan: &Plan,
+        tables: &Tables,
+        state: &FrameState,
+        pixels: &mut [u8],
+    ) -> Result<(), SynthError> {
+        self.run(&plan.passes, tables, state)?;
+        pixels.copy_from_slice(&self.store.pixels);
+        Ok(())
+    }
+
+    /// Runs a sequence of passes of a plan.
+    pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
+        if let Some(states) = &mut self.store.states {
+            states.update(state.nodes.as_deref(), state.reference.as_deref())?;
+        }
+        let view = View {
+            tables,
+            state,
+            warp: None,
+        };
+        self.times.clear();
+        for planned in passes {
+            let start = Instant::now();
+            T::reference(planned.pass)(&view, &mut self.store);
+            if planned.pass.flips {
+                self.store.flip();
+            }
+            if self.timed {
+                self.times.push(PassTime {
+                    name: planned.pass.name,
+                    ms: start.elapsed().as_secs_f64() * 1e3,
+                });
+            }
+        }
+        Ok(())
+    }
+}

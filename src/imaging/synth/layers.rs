@@ -1,0 +1,180 @@
+//! Beam-space results of a frame, and the ground-truth layers derived from them.
+
+use nalgebra::{Matrix4, Point3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::store::Store;
+use super::tables::Tables;
+use crate::anatomy::volume::Label;
+use crate::base::real::Real;
+
+/// Beam-space results: scanline by scanline of the central plane, widened to double precision. Results of omitted passes
+/// are empty.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Beam {
+    /// Number of scanlines.
+    pub lines: usize,
+    /// Number of samples along a scanline.
+    pub samples: usize,
+    /// Reference position in the world, mm, and the warp's flag. Passes compute it in single precision relative to the local
+    /// origin ([`super::local_origin`]), and it is converted to the world in double precision: at 1e5 mm it is as accurate as
+    /// near the origin.
+    pub position: Vec<[f64; 4]>,
+    /// Mesh element that contains the sample; `u32::MAX` for none.
+    pub element: Vec<u32>,
+    /// Label index.
+    pub label: Vec<u8>,
+    /// Echo amplitude; after `tone`, grey level.
+    pub amplitude: Vec<f64>,
+    /// Fraction of the scan plane's thickness filled by needle and seeds.
+    pub needle: Vec<f64>,
+    /// Fraction of the beam blocked by needle and seeds.
+    pub shade: Vec<f64>,
+    /// Two-way loss, in units of [`crate::imaging::effects::buffers::UNITS_PER_DB`].
+    pub loss: Vec<u32>,
+}
+
+impl Beam {
+    /// Copies the central plane out of a CPU store, with positions as in the passes: relative to the local origin.
+    pub fn of_store<T: Real>(store: &Store<T>, tables: &Tables) -> Self {
+        let count = tables.lines() * tables.samples();
+        let wide = |values: &[T]| values.iter().take(count).map(|x| x.wide()).collect();
+        Self {
+            lines: tables.lines(),
+            samples: tables.samples(),
+            position: store.position.iter().take(count).map(|p| p.map(Real::wide)).collect(),
+            element: store.element.iter().take(count).copied().collect(),
+            label: store.label.iter().take(count).copied().collect(),
+            amplitude: wide(&store.amplitude),
+            needle: store.needle_mask.iter().map(|mask| mask[0].wide()).collect(),
+            shade: store.needle_mask.iter().map(|mask| mask[1].wide()).collect(),
+            loss: store.loss.clone(),
+        }
+    }
+}
+
+/// Ground-truth layer at the pixels of a frame, for training models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Layer {
+    /// Label value of the volume: 0 outside the sector and where nothing is labelled; in a completed body 201 fat, 202 soft tissue, 204 skin
+    /// and 205 muscle, or other free values
+    LabelValue,
+    /// Index of the label in the table of labels, from 0: also valid if values do not fit 16 bits
+    LabelIndex,
+    /// 1 inside the image sector, 0 outside
+    Sector,
+    /// 1 where the body is continued beyond the volume, whose labels are invented there
+    Beyond,
+    /// Length of the tissue's displacement, hundredths of a millimetre
+    Displacement,
+    /// Tissue passed along the beam down to the pixel (samples that are not background), tenths of a millimetre
+    Depth,
+    /// Fraction of the scan plane's thickness filled by the needle, 0 to 255
+    Needle,
+    /// Two-way loss down to the pixel, hundredths of a decibel
+    Loss,
+}
+
+impl Layer {
+    /// Every layer.
+    pub const ALL: [Self; 8] = [
+        Self::LabelValue,
+        Self::LabelIndex,
+        Self::Sector,
+        Self::Beyond,
+        Self::Displacement,
+        Self::Depth,
+        Self::Needle,
+        Self::Loss,
+    ];
+
+    /// Name used in file names.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LabelValue => "label-value",
+            Self::LabelIndex => "label-index",
+            Self::Sector => "sector",
+            Self::Beyond => "beyond",
+            Self::Displacement => "displacement",
+            Self::Depth => "depth",
+            Self::Needle => "needle",
+            Self::Loss => "loss",
+        }
+    }
+
+    /// First label whose value does not fit the 16 bits of [`Layer::LabelValue`].
+    pub fn unfit(labels: &[Label]) -> Option<&Label> {
+        labels.iter().find(|label| u16::try_from(label.value).is_err())
+    }
+
+    /// Layer at each pixel, nearest sample; 0 outside the sector. Label values that do not fit 16 bits are 65,535.
+    pub fn image(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
+        let values = self.beam_values(beam, tables, probe_to_world);
+        let pixel = |at: &[f32; 2]| match (at[0] < 0.0, self) {
+            (true, _) => 0,
+            (false, Self::Sector) => 1,
+            (false, _) => {
+                let sample = (at[0] + 0.5) as usize * beam.samples + (at[1] + 0.5) as usize;
+                values.get(sample).copied().unwrap_or(0)
+            }
+        };
+        tables.scan_map.iter().map(pixel).collect()
+    }
+
+    fn beam_values(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
+        let fixed = |value: f64| value.round().clamp(0.0, f64::from(u16::MAX)) as u16;
+        match self {
+            Self::LabelValue => {
+                let labels = tables.anatomy.volume.labels();
+                let value = |label: &u8| u16::try_from(labels[usize::from(*label)].value).unwrap_or(u16::MAX);
+                beam.label.iter().map(value).collect()
+            }
+            Self::LabelIndex => beam.label.iter().map(|&label| u16::from(label)).collect(),
+            Self::Sector => Vec::new(),
+            Self::Beyond => {
+                let is_outside = |at: &[f64; 4]| {
+                    tables
+                        .anatomy
+                        .volume
+                        .label_index_at(&Point3::new(at[0], at[1], at[2]))
+                        .is_none()
+                };
+                let at = beam.position.iter().zip(&beam.label);
+                at.map(|(position, label)| u16::from(*label > 0 && is_outside(position)))
+                    .collect()
+            }
+            Self::Displacement => {
+                let length = |(index, position): (usize, &[f64; 4])| {
+                    let world = world_position(tables, probe_to_world, index / beam.samples, index % beam.samples);
+                    fixed(100.0 * (world - Point3::new(position[0], position[1], position[2])).norm())
+                };
+                beam.position.iter().enumerate().map(length).collect()
+            }
+            Self::Depth => {
+                let mut depths = Vec::with_capacity(beam.label.len());
+                for line in beam.label.chunks(beam.samples) {
+                    let mut passed = 0.0;
+                    for &label in line {
+                        passed += f64::from(u8::from(label != 0));
+                        depths.push(fixed(10.0 * passed * tables.sample_mm()));
+                    }
+                }
+                depths
+            }
+            Self::Needle => beam.needle.iter().map(|&share| fixed(255.0 * share)).collect(),
+            Self::Loss => {
+                let db = |&units: &u32| f64::from(units) / crate::imaging::effects::buffers::UNITS_PER_DB;
+                beam.loss.iter().map(|units| fixed(100.0 * db(units))).collect()
+            }
+        }
+    }
+}
+
+/// World position of a sample of the central plane, before any warp.
+pub fn world_position(tables: &Tables, probe_to_world: &Matrix4<f64>, line: usize, sample: usize) -> Point3<f64> {
+    let [ox, oy, dx, dy] = tables.rays[line];
+    let s = tables.grid.sample_depth_mm(sample);
+    probe_to_world.transform_point(&Point3::new(ox + dx * s, oy + dy * s, 0.0))
+}

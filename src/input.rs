@@ -1,0 +1,7 @@
+//! Files that users write, resolved into scenes, insertions, static problems and tests of materials.
+
+pub mod beam_case;
+pub mod material_case;
+pub mod scenario;
+pub mod scene;
+pub mod statics;

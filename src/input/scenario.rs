@@ -1,0 +1,126 @@
+//! Scenario files for needle insertions: scene, deformable tissue, needle and probe in one TOML file.
+//!
+//! [`ScenarioFile`] is the file as written; [`ScenarioFile::resolve`] loads what it names, makes the mesh and checks every
+//! number; [`run`](run::run) moves needle and probe through it, step by step. Errors point at the line.
+//!
+//! ```
+//! use insonify::ScenarioFile;
+//!
+//! let text = r#"
+//! version = 1
+//! scene = "prostate-trus"
+//! [[needle.motion.keyframes]]
+//! time_s = 0
+//! tip_mm = [0, -5, -60]
+//! direction = [0, 0, 1]
+//! [[needle.motion.keyframes]]
+//! time_s = 4
+//! tip_mm = [0, -5, 0]
+//! direction = [0, 0, 1]
+//! "#;
+//! let file = ScenarioFile::parse(text, "insert.toml")?;
+//! assert!(file.plan.is_none());
+//!
+//! let error = ScenarioFile::parse(&text.replace("tip_mm", "tip"), "insert.toml").unwrap_err();
+//! assert_eq!(error.location(), Some(("insert.toml", 6)));
+//! # Ok::<(), insonify::input::scenario::ScenarioError>(())
+//! ```
+
+mod aim;
+mod along;
+mod carried;
+mod clearance;
+mod cut;
+mod cylinder;
+mod error;
+mod file;
+mod instruments;
+mod labels;
+mod mesh;
+mod model;
+mod modelling;
+mod needle;
+mod plan;
+mod planned;
+mod probe;
+pub mod record;
+mod regions;
+mod resolve;
+pub mod run;
+mod scene;
+mod stiffened;
+mod summary;
+#[cfg(test)]
+mod tests;
+mod tissue;
+mod trial;
+
+use std::path::Path;
+
+use crate::base::document;
+use crate::input::scene::SceneFile;
+
+pub use error::ScenarioError;
+pub use file::{ScenarioFile, SceneSource};
+pub use instruments::{NeedleModel, NeedleTable};
+pub use resolve::Scenario;
+pub use summary::Summary;
+pub use tissue::{DEFAULT_NODES, LevelName, TissueModel};
+pub use trial::Trial;
+
+/// Built-in scenarios, by name.
+pub const EXAMPLES: &[(&str, &str)] = &[
+    ("liver-biopsy", include_str!("../../assets/liver-biopsy.toml")),
+    ("liver-puncture", include_str!("../../assets/liver-puncture.toml")),
+    (
+        "prostate-brachytherapy",
+        include_str!("../../assets/prostate-brachytherapy.toml"),
+    ),
+    ("spine-injection", include_str!("../../assets/spine-injection.toml")),
+    (
+        "segmentation-biopsy",
+        include_str!("../../assets/segmentation-biopsy.toml"),
+    ),
+];
+
+/// Reference scenario that explains every key.
+pub const REFERENCE: &str = include_str!("../../assets/scenario.toml");
+
+/// The JSON schema of a scenario file.
+pub fn schema() -> serde_json::Value {
+    schemars::schema_for!(ScenarioFile).to_value()
+}
+
+impl ScenarioFile {
+    /// Scenario for a needle to a target in a label file: the probe is placed over the target, the needle enters beside
+    /// it.
+    pub fn for_labels(path: &Path, target: &str) -> Self {
+        Self {
+            version: Some(document::Version),
+            scene: Some(SceneSource::Inline(Box::new(SceneFile::for_labels(path)))),
+            needle: Some(NeedleTable {
+                target: Some(target.to_owned()),
+                ..NeedleTable::default()
+            }),
+            ..Self::default()
+        }
+    }
+
+    /// Reads a scenario file.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] if the file cannot be read or is not a scenario.
+    pub fn read(path: &Path) -> Result<Self, ScenarioError> {
+        Self::parse(&document::read(path)?, &path.display().to_string())
+    }
+
+    /// Parses the text of a scenario file; `name` is the file name shown in errors.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] that points at a syntax error, an unknown key, or a value of the wrong type.
+    pub fn parse(text: &str, name: &str) -> Result<Self, ScenarioError> {
+        let (mut file, source): (Self, _) = document::parse(text, name)?;
+        file.source = Some(source);
+        Ok(file)
+    }
+}

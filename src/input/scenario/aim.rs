@@ -1,0 +1,337 @@
+//! Needles aimed by name: a target, an entry, and the straight path between them.
+
+mod place;
+
+use nalgebra::{Point3, Vector3};
+
+use super::clearance::{Bones, Course};
+use super::error::ScenarioError;
+use super::file::{ScenarioFile, SceneSource};
+use super::instruments::{BESIDE, EntrySpec};
+use super::needle::NeedleSettings;
+use super::tissue::TissueModel;
+use crate::base::document::{Names, NoRegion, RegionName};
+use crate::input::scene::{Body, NeedleKeyframe, Scene};
+use crate::tracking::placement::aims;
+use crate::tracking::pose::Pose;
+use crate::tracking::probe::ProbeKind;
+use place::{array_end_mm, innermost, skin};
+
+/// Range of tried distances of an entry from the end of the array, mm.
+const OFFSETS_MM: [f64; 2] = [10.0, 60.0];
+const OFFSET_STEP_MM: f64 = 5.0;
+/// Minimum distance of a selected path from bone, mm.
+const CLEAR_MM: f64 = 3.0;
+/// Largest distance from the skin at which a stated entry is used unchanged, mm.
+const ON_SKIN_MM: f64 = 3.0;
+/// Step of the search for the skin, mm.
+const SKIN_STEP_MM: f64 = 0.25;
+/// Initial distance of the tip from the entry, mm.
+const APPROACH_MM: f64 = 10.0;
+/// Margin of the mesh's box around the path, mm.
+const AROUND_MM: f64 = 30.0;
+
+/// A straight path from an entry to a target.
+pub(super) struct Aim {
+    /// Name of the target.
+    pub name: String,
+    /// Final position of the tip, mm.
+    pub tip: Point3<f64>,
+    /// Initial position of the tip, mm.
+    start: Point3<f64>,
+    direction: Vector3<f64>,
+    /// Description of the choice, for the user.
+    note: String,
+    /// Warnings, for the user.
+    pub warnings: Vec<String>,
+}
+
+/// An entry with its path to the target.
+#[derive(Clone)]
+struct Candidate {
+    entry: Point3<f64>,
+    /// Distance from the end of the array, mm, and name of that end; `None` for a stated entry.
+    beside: Option<(f64, &'static str)>,
+    depth_mm: f64,
+    course: Course,
+}
+
+/// The target: name of its label, a point in it, and whether that is in view.
+struct Goal {
+    name: String,
+    tip: Point3<f64>,
+    in_view: bool,
+}
+
+impl ScenarioFile {
+    /// Returns the path of a needle that is aimed by name.
+    pub(super) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, ScenarioError> {
+        let body = scene.body();
+        let pose = scene.probe_path().at(scene.probe_path().start_s());
+        let goal = self.goal(scene, &pose)?;
+        let mut warnings = Vec::new();
+        if !goal.in_view {
+            warnings.push(format!(
+                "needle.target: {} is not in view, and the needle leaves the image plane (`scene.pose.target` places the probe over it)",
+                goal.name
+            ));
+        }
+        let chosen = match &self.needle_table()?.entry {
+            Some(EntrySpec::At(entry)) => self.stated(&body, &goal, *entry, needle, &mut warnings)?,
+            Some(EntrySpec::Named(other)) if other != BESIDE => {
+                let expected = format!("\"{BESIDE}\" or a point [x, y, z] on the skin, mm");
+                return Err(self.wrong_keys("needle.entry", format!("\"{other}\""), expected));
+            }
+            _ => self.beside(scene, &pose, &goal, needle)?,
+        };
+        let Goal { name, tip, in_view } = goal;
+        let direction = ((tip - chosen.entry) / chosen.depth_mm * 1e5).map(f64::round) / 1e5;
+        let start = hundredths(&(tip - direction * (chosen.depth_mm + APPROACH_MM)));
+        let place = chosen.beside.map_or(String::new(), |(offset, side)| {
+            format!(", {offset:.0} mm from the {side} end of the array,")
+        });
+        let point = |at: &Point3<f64>| format!("({:.1}, {:.1}, {:.1}) mm", at.x, at.y, at.z);
+        let note = format!(
+            "needle: from the skin at {}{place} {:.0} mm deep to {} in {name}, {}, at {:.0} degrees to the beam; on the way {}",
+            point(&chosen.entry),
+            chosen.depth_mm,
+            point(&tip),
+            if in_view {
+                "its innermost point in view"
+            } else {
+                "its middle"
+            },
+            direction.angle(&pose.axial()).to_degrees(),
+            chosen.course.layers_in_words(&body)
+        );
+        Ok(Aim {
+            name,
+            tip,
+            start,
+            direction,
+            note,
+            warnings,
+        })
+    }
+
+    /// Describes the choice in words, and as the equivalent lines of a scenario.
+    pub(super) fn aimed_in_words(&self, aim: &Aim, pace: [f64; 3]) -> [String; 2] {
+        let file = self.boxed(aim);
+        let mut lines = String::new();
+        // A scenario without source text was made from a label file.
+        if let (None, Some(SceneSource::Inline(scene))) = (&self.source, &self.scene)
+            && let Some(path) = scene.volume.as_ref().and_then(|volume| volume.file.as_ref())
+        {
+            let path = toml::Value::String(path.display().to_string());
+            lines += &format!(
+                "version = 1\n[scene.volume]\nfile = {path}\n[scene.pose]\ntarget = \"{}\"\n",
+                aim.name
+            );
+        }
+        if let Some(corners) = file.tissue.box_mm {
+            lines += &format!("[tissue]\nbox_mm = {corners:?}\n");
+        }
+        lines += "[needle.motion]\nkeyframes = [\n";
+        for key in aim.keyframes(pace) {
+            let (time_s, tip, direction) = (key.time_s, key.tip_mm, key.direction);
+            lines += &format!("  {{ time_s = {time_s:?}, tip_mm = {tip:?}, direction = {direction:?} }},\n");
+        }
+        let lines = format!("as lines of a scenario:\n{lines}]");
+        [aim.note.clone(), lines]
+    }
+
+    /// Returns the scenario with the mesh restricted to a box around the path, unless it states a box.
+    pub(super) fn boxed(&self, aim: &Aim) -> Self {
+        let mut file = self.clone();
+        if file.tissue.mesh.is_none() && file.tissue.model != TissueModel::MassSpring {
+            file.tissue.box_mm.get_or_insert(aim.box_mm());
+        }
+        file
+    }
+
+    /// Finds the label of the target and a point in it.
+    fn goal(&self, scene: &Scene, pose: &Pose) -> Result<Goal, ScenarioError> {
+        let (body, target) = (scene.body(), self.needle_table()?.target.clone().unwrap_or_default());
+        let label = body.named(&target).ok_or_else(|| {
+            let known = Names::new(body.entries()).known();
+            let found = RegionName::Name(target.clone());
+            let error = NoRegion::Unknown { found, known };
+            let help = error.help();
+            self.fault("needle.target", error).with_help(help)
+        })?;
+        let in_view = innermost(scene, pose, label);
+        let middle = || aims(body.volume, &[label]).and_then(|aims| aims.first().copied());
+        let tip = in_view.or_else(middle).ok_or_else(|| {
+            let found = format!("{target}, of which the volume has no voxel");
+            self.wrong_keys("needle.target", found, "a label that is in the volume")
+        })?;
+        Ok(Goal {
+            name: body.name(label),
+            tip: hundredths(&tip),
+            in_view: in_view.is_some(),
+        })
+    }
+
+    /// Returns a stated entry; one off the skin is moved onto it along the line to the target, with a warning.
+    fn stated(
+        &self,
+        body: &Body<'_>,
+        goal: &Goal,
+        entry: [f64; 3],
+        needle: &NeedleSettings,
+        warnings: &mut Vec<String>,
+    ) -> Result<Candidate, ScenarioError> {
+        let stated = self.place("needle.entry", entry)?;
+        let away = stated - goal.tip;
+        let found = |what: &str| format!("an entry {:.0} mm from {}{what}", away.norm(), goal.name);
+        let reach = needle.length_mm - APPROACH_MM;
+        let expected = format!(
+            "1 to {reach:.0} mm, of a needle of {} mm (`length_mm`)",
+            needle.length_mm
+        );
+        if away.norm() < 1.0 {
+            return Err(self.wrong_keys("needle.entry", found(""), expected));
+        }
+        let outward = away.normalize();
+        let is_inside = |mm: f64| {
+            let label = body.volume.label_index_at(&(goal.tip + outward * mm));
+            label.is_some_and(|label| label > 0 && !body.is_outside(label))
+        };
+        let step = if is_inside(away.norm()) {
+            SKIN_STEP_MM
+        } else {
+            -SKIN_STEP_MM
+        };
+        let from_stated = (0..).map(|at| away.norm() + step * f64::from(at));
+        let mut along = from_stated.take_while(|mm| *mm >= 0.0);
+        let skin = along.find(|mm| is_inside(*mm) != (step > 0.0)).unwrap_or(0.0);
+        let moved = (skin - away.norm()).abs();
+        let (entry, depth_mm) = if moved > ON_SKIN_MM {
+            (goal.tip + outward * skin, skin)
+        } else {
+            (stated, away.norm())
+        };
+        if !(1.0..=reach).contains(&depth_mm) {
+            let skin = format!(", on whose line the skin is {skin:.0} mm from it");
+            let found = found(if moved > ON_SKIN_MM { &skin } else { "" });
+            return Err(self.wrong_keys("needle.entry", found, expected));
+        }
+        if moved > ON_SKIN_MM {
+            let side = if step > 0.0 { "inside" } else { "outside" };
+            warnings.push(format!(
+                "needle.entry: the stated point lies {moved:.0} mm {side} the skin; the needle enters where its line meets the skin"
+            ));
+        }
+        Ok(Candidate {
+            course: Bones::around(body, &[entry, goal.tip]).course(&[entry, goal.tip]),
+            beside: None,
+            entry,
+            depth_mm,
+        })
+    }
+
+    /// Returns an entry in the image plane beside the array: the nearest to it from which a straight path to the target keeps
+    /// [`CLEAR_MM`] from bone and meets no gas or lung; among equally near ones, that with the shorter path. If all paths meet gas
+    /// or lung, they are allowed to.
+    fn beside(
+        &self,
+        scene: &Scene,
+        pose: &Pose,
+        goal: &Goal,
+        needle: &NeedleSettings,
+    ) -> Result<Candidate, ScenarioError> {
+        let (body, probe) = (scene.body(), &scene.settings.probe);
+        if let ProbeKind::TrusTransverse | ProbeKind::TrusSagittal = probe.shape.kind() {
+            let found = format!("\"{BESIDE}\" of a probe that lies inside the body");
+            return Err(self.wrong_keys("needle.entry", found, "a point [x, y, z] on the skin, mm"));
+        }
+        let end = array_end_mm(scene);
+        let offsets = (0..).map(|at| OFFSETS_MM[0] + OFFSET_STEP_MM * f64::from(at));
+        let sides = [(1.0, "marked"), (-1.0, "unmarked")];
+        let places = offsets
+            .take_while(|offset| *offset <= OFFSETS_MM[1])
+            .flat_map(|offset| sides.map(|(sign, side)| (sign * (end + offset), (offset, side))));
+        let entries: Vec<_> = places
+            .filter_map(|(lateral, beside)| Some((skin(&body, pose, lateral, probe.depth_mm)?, beside)))
+            .collect();
+        let ends: Vec<_> = entries.iter().map(|(entry, _)| *entry).chain([goal.tip]).collect();
+        let bones = Bones::around(&body, &ends);
+        let candidates: Vec<Candidate> = entries
+            .into_iter()
+            .map(|(entry, beside)| Candidate {
+                entry,
+                beside: Some(beside),
+                depth_mm: (goal.tip - entry).norm(),
+                course: bones.course(&[entry, goal.tip]),
+            })
+            .filter(|it| it.depth_mm + APPROACH_MM <= needle.length_mm && !it.course.leaves())
+            .collect();
+        let clear = |it: &&Candidate| it.course.nearest.is_none_or(|(_, away)| away >= CLEAR_MM);
+        let near = |a: &&Candidate, b: &&Candidate| {
+            let key = |it: &Candidate| [it.beside.map_or(0.0, |(offset, _)| offset), it.depth_mm];
+            let ([offset, depth], [other, deeper]) = (key(a), key(b));
+            offset.total_cmp(&other).then(depth.total_cmp(&deeper))
+        };
+        let clear = candidates.iter().filter(clear);
+        let without_gas = clear.clone().filter(|it| it.course.gas.is_none()).min_by(near);
+        let chosen = without_gas.or_else(|| clear.min_by(near)).cloned();
+        chosen.ok_or_else(|| self.no_way(&body, goal, needle, &candidates))
+    }
+
+    fn no_way(&self, body: &Body<'_>, goal: &Goal, needle: &NeedleSettings, candidates: &[Candidate]) -> ScenarioError {
+        let target = body.volume.label_index_at(&goal.tip);
+        if target.is_some_and(|label| body.is_bone(label)) {
+            let found = format!("{}, which is bone", goal.name);
+            let expected = "a target in soft tissue, or `needle.entry` as a point [x, y, z] on the skin for a path that ends at bone";
+            return self.wrong_keys("needle.target", found, expected);
+        }
+        let passed = candidates.iter().filter_map(|it| it.course.nearest);
+        let found = match passed.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            Some((label, away)) => format!(
+                "no straight path from beside the probe to {} that keeps {CLEAR_MM} mm from bone; the best passes {} at {away:.1} mm",
+                goal.name,
+                body.name(label)
+            ),
+            None => format!(
+                "no skin beside the probe from which a needle of {} mm reaches {} without leaving the body",
+                needle.length_mm, goal.name
+            ),
+        };
+        let expected = "`needle.entry` as a point [x, y, z] on the skin, another `scene.pose`, or a longer needle";
+        self.wrong_keys("needle.entry", found, expected)
+    }
+}
+
+impl Aim {
+    /// Motion to the target and back: start (s), speed (mm/s) and pause at the target (s).
+    pub fn keyframes(&self, [start_s, speed_mm_s, pause_s]: [f64; 3]) -> Vec<NeedleKeyframe> {
+        let travel_s = (self.tip - self.start).norm() / speed_mm_s;
+        let back_s = start_s + travel_s + pause_s;
+        let frame = |(time_s, at): (f64, Point3<f64>)| NeedleKeyframe {
+            time_s: (time_s * 1e3).round() / 1e3,
+            tip_mm: at.into(),
+            direction: self.direction.into(),
+            roll_deg: None,
+        };
+        let times = [start_s, start_s + travel_s, back_s, back_s + travel_s];
+        times
+            .into_iter()
+            .zip([self.start, self.tip, self.tip, self.start])
+            .map(frame)
+            .collect()
+    }
+
+    /// Box around the path for the mesh, mm.
+    fn box_mm(&self) -> [[f64; 3]; 2] {
+        let (a, b) = (self.start, self.tip);
+        [
+            [0, 1, 2].map(|axis| (a[axis].min(b[axis]) - AROUND_MM).floor()),
+            [0, 1, 2].map(|axis| (a[axis].max(b[axis]) + AROUND_MM).ceil()),
+        ]
+    }
+}
+
+/// Rounds a point to 0.01 mm, as written in a file.
+fn hundredths(point: &Point3<f64>) -> Point3<f64> {
+    point.map(|x| (x * 100.0).round() / 100.0)
+}

@@ -1,0 +1,67 @@
+//! Points in the image plane: the innermost point of a target, and the skin beside the array.
+
+use nalgebra::Point3;
+
+use crate::input::scene::{Body, Scene};
+use crate::tracking::pose::Pose;
+use crate::tracking::probe::BeamGrid;
+
+/// Spacing of the search grid for the innermost point of a target, mm.
+const GRID_MM: f64 = 2.0;
+/// Maximum number of grid points along an axis.
+const MOST: f64 = 100.0;
+/// Start of the search for the skin beside the array, as a distance before the array, mm, and the search step.
+const BEFORE_MM: f64 = 60.0;
+const SKIN_STEP_MM: f64 = 0.5;
+
+/// Innermost point of the visible cross-section of a label in the image plane, mm.
+pub(super) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<f64>> {
+    let grid = BeamGrid::new(&scene.settings.probe).ok()?;
+    let bounds = grid.bounds_mm();
+    let along = |axis: usize| {
+        let (low, extent) = (bounds.min[axis], bounds.max[axis] - bounds.min[axis]);
+        let count = (extent / GRID_MM).ceil().min(MOST);
+        (0..count as usize).map(move |at| low + (at as f64 + 0.5) * extent / count)
+    };
+    let world = |[x, y]: [f64; 2]| pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));
+    let is_target = |at: &[f64; 2]| {
+        let found = scene.anatomy.volume.label_index_at(&world(*at));
+        grid.to_beam(at[0], at[1]).is_some() && found == Some(label)
+    };
+    let all = along(1).flat_map(|y| along(0).map(move |x| [x, y]));
+    let (inside, outside): (Vec<_>, Vec<_>) = all.partition(is_target);
+    let depth = |at: &[f64; 2]| {
+        let squares = outside
+            .iter()
+            .map(|of| (at[0] - of[0]).powi(2) + (at[1] - of[1]).powi(2));
+        squares.fold(f64::INFINITY, f64::min)
+    };
+    let mut best: Option<(f64, [f64; 2])> = None;
+    for at in inside {
+        let depth = depth(&at);
+        if best.is_none_or(|(most, _)| depth > most) {
+            best = Some((depth, at));
+        }
+    }
+    best.map(|(_, at)| world(at))
+}
+
+/// Lateral position of the array's end on its marked side, mm.
+pub(super) fn array_end_mm(scene: &Scene) -> f64 {
+    let grid = BeamGrid::new(&scene.settings.probe).ok();
+    let last = grid.as_ref().and_then(|grid| grid.rays().last());
+    last.map_or(0.0, |ray| ray.origin[0])
+}
+
+/// Skin point on a line of the image plane along the beam's axis, mm; `None` where the line starts in the body.
+pub(super) fn skin(body: &Body<'_>, pose: &Pose, lateral_mm: f64, depth_mm: f64) -> Option<Point3<f64>> {
+    let steps = ((BEFORE_MM + depth_mm) / SKIN_STEP_MM) as usize;
+    let at = |step: usize| Point3::new(lateral_mm, step as f64 * SKIN_STEP_MM - BEFORE_MM, 0.0);
+    let mut points = (0..steps).map(|step| pose.probe_to_world().transform_point(&at(step)));
+    let is_body = |point: &Point3<f64>| {
+        let label = body.volume.label_index_at(point);
+        label.is_some_and(|label| label > 0 && !body.is_outside(label))
+    };
+    let first = points.next().filter(|first| !is_body(first));
+    first.and_then(|_| points.find(is_body))
+}

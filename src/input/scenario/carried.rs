@@ -1,0 +1,104 @@
+//! Transport of seeds with the tissue.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use crate::imaging::synth::NeedleShaft;
+use crate::mechanics::insertion::Tissue;
+
+/// Tolerance by which a seed may lie outside its element: it lies on the surface, or a face has moved by rounding.
+const SLACK: f64 = 1e-6;
+
+/// Current positions of seeds, computed from the elements around them.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Carried {
+    /// Direction in which each seed was deposited.
+    pub along: Vec<Vector3<f64>>,
+    /// Element that last contained each seed.
+    last: Vec<usize>,
+}
+
+impl Carried {
+    /// Places seeds, given in the reference state (mm), in the deformed tissue. One that is in no element stays.
+    pub fn place(
+        &mut self,
+        seeds: &[Point3<f64>],
+        elements: &[[u32; 4]],
+        tissue: &Tissue,
+        into: &mut Vec<NeedleShaft>,
+    ) {
+        into.clear();
+        self.last.resize(seeds.len(), 0);
+        for ((seed, along), last) in seeds.iter().zip(&self.along).zip(&mut self.last) {
+            let found = std::iter::once(*last)
+                .chain(0..elements.len())
+                .filter(|element| *element < elements.len())
+                .find_map(|element| Some((element, inside(&elements[element], tissue, seed)?)));
+            let shaft = match found {
+                None => NeedleShaft::seed(*seed, along),
+                Some((element, (at, turned))) => {
+                    *last = element;
+                    NeedleShaft::seed(at, &(turned * along))
+                }
+            };
+            into.push(shaft);
+        }
+    }
+}
+
+/// Maps a point of the reference state to the deformed element, with the rotation of directions there; `None`
+/// outside the element.
+fn inside(corners: &[u32; 4], tissue: &Tissue, point: &Point3<f64>) -> Option<(Point3<f64>, Matrix3<f64>)> {
+    let edges = |nodes: &[[f64; 3]]| -> Option<(Point3<f64>, Matrix3<f64>)> {
+        let at = |corner: usize| nodes.get(corners[corner] as usize).map(|node| Point3::from(*node));
+        let origin = at(0)?;
+        Some((
+            origin,
+            Matrix3::from_columns(&[at(1)? - origin, at(2)? - origin, at(3)? - origin]),
+        ))
+    };
+    let (origin, rest) = edges(&tissue.reference)?;
+    let back = rest.try_inverse()?;
+    let shares = back * (point - origin);
+    let is_inside = shares.iter().all(|share| *share >= -SLACK) && shares.sum() <= 1.0 + SLACK;
+    if !is_inside {
+        return None;
+    }
+    let (origin, now) = edges(&tissue.current)?;
+    let turned = now * back;
+    // A flattened element has no defined direction.
+    let turned = if turned.iter().all(|x| x.is_finite()) && turned.determinant() != 0.0 {
+        turned
+    } else {
+        Matrix3::identity()
+    };
+    Some((origin + now * shares, turned))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn seeds_go_with_the_element_around_them() {
+        let reference = vec![[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]];
+        // Rotated by 90 degrees about z and translated.
+        let current = reference.iter().map(|[x, y, z]| [10.0 - y, *x, *z]).collect();
+        let tissue = Tissue {
+            reference,
+            current,
+            ..Tissue::default()
+        };
+        let mut carried = Carried {
+            along: vec![Vector3::x(); 2],
+            ..Carried::default()
+        };
+        let mut shafts = Vec::new();
+        let seeds = [Point3::new(1.0, 0.5, 0.25), Point3::new(9.0, 9.0, 9.0)];
+        carried.place(&seeds, &[[0, 1, 2, 3]], &tissue, &mut shafts);
+        let middle = |shaft: &NeedleShaft| nalgebra::center(&shaft.nodes[0], &shaft.nodes[1]);
+        assert!((middle(&shafts[0]) - Point3::new(9.5, 1.0, 0.25)).norm() < 1e-12);
+        let along = (shafts[0].nodes[1] - shafts[0].nodes[0]).normalize();
+        assert!((along - Vector3::y()).norm() < 1e-12);
+        assert!((middle(&shafts[1]) - seeds[1]).norm() < 1e-12, "outside it stays");
+    }
+}

@@ -1,0 +1,120 @@
+//! Serde types of a scenario file.
+
+use std::fmt;
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, MapAccess, Visitor};
+use serde::{Deserialize, Serialize};
+
+use super::instruments::{ContactProbeSpec, NeedleTable};
+use super::planned::PlanSpec;
+use super::tissue::{LevelName, TissueSpec};
+use crate::base::document::{Source, Version};
+use crate::gpu::AdapterChoice;
+use crate::imaging::quality::QualitySpec;
+use crate::input::scene::SceneFile;
+
+/// A needle insertion: scene, deformable tissue, and the motion of needle and probe. Paths are relative to the folder of the
+/// file.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ScenarioFile {
+    /// Version of the format: 1, which is the default.
+    pub version: Option<Version>,
+    /// Imaged scene and pose or motion of the probe: the name of a scene that comes with the program, the path of a scene
+    /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario provides both.
+    #[schemars(required)]
+    pub scene: Option<SceneSource>,
+    /// Time budgets of steps and frames: what the scenario and its scene leave open is picked from what it costs on this machine.
+    /// Default: that of a scene written inline.
+    pub quality: Option<QualitySpec>,
+    /// Duration and time step of the run.
+    #[serde(default)]
+    pub run: RunSpec,
+    /// Tissue model.
+    #[serde(default)]
+    pub tissue: TissueSpec,
+    /// Needle and its motion.
+    #[schemars(required)]
+    pub needle: Option<NeedleTable>,
+    /// Probe as a cylinder in contact with tissue. Without it the probe only images.
+    pub contact_probe: Option<ContactProbeSpec>,
+    /// Plan: template, needles, seeds, targets.
+    pub plan: Option<PlanSpec>,
+    /// Source text, for errors that point into it.
+    #[serde(skip)]
+    pub(super) source: Option<Arc<Source>>,
+    /// Adapter for `tissue.device = "gpu"`. Default: that of the environment, else the best.
+    #[serde(skip)]
+    pub adapter: Option<AdapterChoice>,
+}
+
+impl ScenarioFile {
+    /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.
+    pub fn quality(&self) -> QualitySpec {
+        let of_scene = match &self.scene {
+            Some(SceneSource::Inline(scene)) => scene.quality,
+            _ => None,
+        };
+        self.quality.or(of_scene).unwrap_or_default()
+    }
+}
+
+/// Source of a scene.
+#[derive(Clone, Debug, PartialEq, JsonSchema)]
+#[schemars(untagged)]
+pub enum SceneSource {
+    /// The name of a scene that comes with the program (`insonify scene` lists them), or the path of a scene file.
+    Named(String),
+    /// An inline scene.
+    Inline(Box<SceneFile>),
+}
+
+impl<'de> Deserialize<'de> for SceneSource {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Either;
+        impl<'de> Visitor<'de> for Either {
+            type Value = SceneSource;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the name of a scene, its path, or a scene as a table")
+            }
+
+            fn visit_str<E>(self, name: &str) -> Result<Self::Value, E> {
+                Ok(SceneSource::Named(name.to_owned()))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                SceneFile::deserialize(MapAccessDeserializer::new(map)).map(|file| SceneSource::Inline(Box::new(file)))
+            }
+        }
+        deserializer.deserialize_any(Either)
+    }
+}
+
+/// Duration and time step of a run.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct RunSpec {
+    /// Time step, ms (0.01 to 100). Default 1, the usual haptic rate.
+    pub dt_ms: Option<f64>,
+    /// Duration, s (above 0, at most 1e7 steps). Default: to the end of the motions of needle and probe.
+    pub duration_s: Option<f64>,
+    /// Frames per second of simulated time (above 0, at most 1000). Default 25.
+    pub frame_rate_hz: Option<f64>,
+    /// Changes of the level of remeshing during the run (finite elements), ascending in time.
+    pub change: Vec<ChangeSpec>,
+}
+
+/// A change of the level of remeshing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ChangeSpec {
+    /// Time of the change, s, on the clock of the motions and within the run: it takes effect before the step that
+    /// reaches this time.
+    pub at_s: f64,
+    /// New level. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is `dense`.
+    pub level: LevelName,
+}

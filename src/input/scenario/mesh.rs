@@ -1,0 +1,317 @@
+//! Mesh of a scenario, read from a file or generated from the scene's volume, and its fixed nodes.
+
+use crate::mechanics::tissue::error::LinearError;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use super::along;
+use super::cut;
+use super::error::{ScenarioError, Wrong};
+use super::file::ScenarioFile;
+use super::regions::{Region, Regions};
+use super::tissue::{DEFAULT_NODES, TissueModel};
+use crate::anatomy::volume::LabelVolume;
+use crate::input::scene::Scene;
+use crate::input::scene::deform::NODES;
+use crate::input::statics::selection::{Choice, Odd, axes, ordered};
+use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
+use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
+use crate::mechanics::mesh::quality::Quality;
+use crate::mechanics::mesh::{NONE, TetMesh};
+use crate::mechanics::tissue::dofs::Dofs;
+use crate::mechanics::tissue::rigid::{self, FreePart};
+use crate::tracking::trajectory::Trajectory;
+
+/// Largest fraction of the nodes in an unsupported part of a generated mesh that is fixed automatically: small debris
+/// beside the intended anatomy.
+const CRUMB: f64 = 0.02;
+
+/// A mesh and the region names from its file.
+pub(super) struct Meshed {
+    pub mesh: TetMesh,
+    pub names: BTreeMap<i32, String>,
+}
+
+impl ScenarioFile {
+    /// Reads or generates the mesh. `progress` receives the completed fraction.
+    pub(super) fn mesh(
+        &self,
+        scene: &Scene,
+        base: &Path,
+        path: &Trajectory,
+        progress: impl FnMut(f32),
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Meshed, ScenarioError> {
+        let spec = &self.tissue;
+        let meshed = match &spec.mesh {
+            Some(file) => {
+                let made = [
+                    ("nodes", spec.nodes.is_some()),
+                    ("box_mm", spec.box_mm.is_some()),
+                    ("along_path", spec.along_path.is_some()),
+                    ("outside", !spec.outside.is_empty()),
+                ];
+                if let Some((key, _)) = made.iter().find(|(_, given)| *given) {
+                    let found = format!("`{key}` with `mesh`");
+                    return Err(self.wrong_keys(
+                        format!("tissue.{key}"),
+                        found,
+                        "one of them: a file is taken as it is",
+                    ));
+                }
+                let options = ReadOptions {
+                    region: spec.region_array.as_deref(),
+                    unit: spec.mesh_unit,
+                    ..ReadOptions::default()
+                };
+                let read = read_mesh(&base.join(file), &options).map_err(|error| self.fault("tissue.mesh", error))?;
+                warnings.extend(read.warnings);
+                Meshed {
+                    mesh: read.mesh,
+                    names: read.region_names,
+                }
+            }
+            None => {
+                if spec.region_array.is_some() {
+                    let found = "`region_array` without `mesh`";
+                    return Err(self.wrong_keys("tissue.region_array", found, "a mesh file that has the array"));
+                }
+                Meshed {
+                    mesh: self.generated(scene, path, progress, notes)?,
+                    names: BTreeMap::new(),
+                }
+            }
+        };
+        let quality = Quality::of(&meshed.mesh, meshed.mesh.nodes());
+        quality.usable().map_err(|error| self.fault("tissue.mesh", error))?;
+        Ok(meshed)
+    }
+
+    fn generated(
+        &self,
+        scene: &Scene,
+        path: &Trajectory,
+        progress: impl FnMut(f32),
+        notes: &mut Vec<String>,
+    ) -> Result<TetMesh, ScenarioError> {
+        let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);
+        if !(NODES[0]..=NODES[1]).contains(&nodes) {
+            let (found, expected) = (f64::from(nodes), "8 to 1000000 nodes");
+            return Err(self.fault("tissue.nodes", Wrong::Number { found, expected }));
+        }
+        let volume = scene.anatomy.volume.undivided();
+        let none = BTreeMap::new();
+        let regions = Regions::new(self, scene, &none);
+        let outside = self.outside(&regions)?;
+        let labels = match &self.tissue.box_mm {
+            None => std::borrow::Cow::Borrowed(volume.voxels()),
+            Some(corners) => std::borrow::Cow::Owned(self.cropped(volume, corners)?),
+        };
+        let mut held = [false; 256];
+        labels.iter().for_each(|label| held[usize::from(*label)] = true);
+        let mut wanted = Vec::new();
+        for (index, label) in volume.labels().iter().enumerate().skip(1) {
+            let Ok(number) = i32::try_from(label.value) else {
+                let found = format!("label {}, which cannot be the number of a region", label.value);
+                return Err(self.wrong_keys("scene", found, "label values of 32 bits"));
+            };
+            if held[index] && !outside.contains(&number) {
+                wanted.push((index as u8, number));
+            }
+        }
+        let grid = LabelGrid {
+            labels: &labels,
+            size: volume.size(),
+            index_to_world: *volume.index_to_world(),
+            regions: &wanted,
+        };
+        let key = if self.tissue.nodes.is_some() {
+            "tissue.nodes"
+        } else {
+            "tissue"
+        };
+        let pieces: Vec<_> = along::pieces(path)
+            .into_iter()
+            .map(|piece| piece.map(Into::into))
+            .collect();
+        let options = GenerateOptions {
+            path: &pieces,
+            along_path: self.along_path(),
+            ..GenerateOptions::default()
+        };
+        let made = generate(&grid, nodes as usize, &options, progress).map_err(|error| self.fault(key, error))?;
+        notes.push(along::in_words(&made.report, options.along_path));
+        Ok(made.mesh)
+    }
+
+    /// Whether elements are finer along the needle's path.
+    fn along_path(&self) -> bool {
+        let usual = self.tissue.model == TissueModel::FiniteElement;
+        self.tissue.along_path.unwrap_or(usual)
+    }
+
+    /// Numbers of the labels excluded from the mesh.
+    pub(super) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
+        let mut outside = Vec::new();
+        for (at, name) in self.tissue.outside.iter().enumerate() {
+            outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
+        }
+        Ok(outside)
+    }
+
+    /// Returns the labels, with everything outside a box unlabelled.
+    fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, ScenarioError> {
+        let [low, high] =
+            ordered("tissue.box_mm", corners).map_err(|odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1)))?;
+        let [nx, ny, _] = volume.size();
+        let to_world = volume.index_to_world();
+        let inside = |at: usize| {
+            let index = Point3::new((at % nx) as f64, (at / nx % ny) as f64, (at / (nx * ny)) as f64);
+            let world = to_world.transform_point(&index);
+            (0..3).all(|axis| low[axis] <= world[axis] && world[axis] <= high[axis])
+        };
+        let labels: Vec<u8> = volume
+            .voxels()
+            .iter()
+            .enumerate()
+            .map(|(at, &label)| if label > 0 && inside(at) { label } else { 0 })
+            .collect();
+        if labels.iter().all(|label| *label == 0) {
+            let expected = "a box that holds labelled tissue (LPS, mm)";
+            return Err(self.wrong_keys("tissue.box_mm", "no labelled voxel in this box", expected));
+        }
+        Ok(labels)
+    }
+
+    /// Returns fixed nodes and axes, ascending.
+    pub(super) fn fixed(
+        &self,
+        mesh: &TetMesh,
+        names: &Regions<'_>,
+        made_of: &BTreeMap<i32, Region>,
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<(u32, u8)>, ScenarioError> {
+        let mut fixed = vec![[false; 3]; mesh.nodes().len()];
+        let rigid = |region: &i32| made_of.get(region).is_some_and(|of| of.rigid);
+        let elements = mesh.elements().iter().zip(mesh.regions());
+        for node in elements
+            .filter(|(_, region)| rigid(region))
+            .flat_map(|(nodes, _)| nodes)
+        {
+            fixed[*node as usize] = [true; 3];
+        }
+        if let (Some(corners), true) = (&self.tissue.box_mm, self.tissue.fix.is_empty()) {
+            let (outside, volume) = (self.outside(names)?, names.volume());
+            let is_tissue = |label: u8| {
+                let value = volume.labels()[usize::from(label)].value;
+                label > 0 && !outside.iter().any(|out| i64::from(*out) == value)
+            };
+            let held = cut::nodes(mesh, corners, volume, is_tissue);
+            notes.push(format!(
+                "the mesh is fixed where `box_mm` cuts the tissue ({} nodes)",
+                held.len()
+            ));
+            held.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
+        }
+        for (at, spec) in self.tissue.fix.iter().enumerate() {
+            let table = format!("tissue.fix[{at}]");
+            let nodes_wrong = |odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1));
+            let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
+            let key = format!("{table}.region");
+            let regions = spec
+                .region
+                .as_ref()
+                .map(|region| names.numbers(&key, region))
+                .transpose()?;
+            let choice = Choice {
+                nodes: spec.nodes.as_deref(),
+                box_mm: spec.box_mm.as_ref(),
+                regions: regions.as_deref(),
+                surface: spec.surface,
+            };
+            for node in choice.select(&table, mesh).map_err(nodes_wrong)? {
+                along
+                    .iter()
+                    .for_each(|axis| fixed[node as usize][*axis as usize] = true);
+            }
+        }
+        self.hold_crumbs(mesh, names, &mut fixed, warnings)?;
+        Ok(list(&fixed))
+    }
+
+    /// Fixes small unsupported parts, and refuses large ones.
+    fn hold_crumbs(
+        &self,
+        mesh: &TetMesh,
+        names: &Regions<'_>,
+        fixed: &mut [[bool; 3]],
+        warnings: &mut Vec<String>,
+    ) -> Result<(), ScenarioError> {
+        let most = CRUMB * mesh.nodes().len() as f64;
+        let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
+            Ok(()) => return Ok(()),
+            Err(LinearError::FreeParts { parts, .. })
+                if self.tissue.mesh.is_none() && parts.iter().all(|part| (part.nodes as f64) <= most) =>
+            {
+                parts
+            }
+            Err(error) => {
+                let help = "fix nodes with [[tissue.fix]], by `box_mm`, `region` or `nodes`".to_owned();
+                let called = mesh.regions().iter().map(|region| (*region, names.name(*region)));
+                let error = error.named(&called.collect());
+                return Err(self.fault("tissue.fix", error).with_help(Some(help)));
+            }
+        };
+        let mut held = 0;
+        for part in &free {
+            let nodes = together(mesh, part);
+            held += nodes.len();
+            nodes.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
+        }
+        let parts = match free.len() {
+            1 => "a small part of the mesh that nothing holds is fixed".to_owned(),
+            parts => format!("{parts} small parts of the mesh that nothing holds are fixed"),
+        };
+        warnings.push(format!("{parts} ({held} nodes)"));
+        rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))).map_err(|error| self.fault("tissue.fix", error))
+    }
+}
+
+/// Lists the fixed axes of nodes, ascending.
+fn list(fixed: &[[bool; 3]]) -> Vec<(u32, u8)> {
+    let axes = |(node, axes): (usize, &[bool; 3])| {
+        let axes = *axes;
+        (0..3u8)
+            .filter(move |axis| axes[*axis as usize])
+            .map(move |axis| (node as u32, axis))
+    };
+    fixed.iter().enumerate().flat_map(axes).collect()
+}
+
+/// Nodes of a face-connected part. A node that it shares as a hinge with another part is included.
+fn together(mesh: &TetMesh, part: &FreePart) -> BTreeSet<u32> {
+    let mut seen = vec![false; mesh.elements().len()];
+    for start in 0..mesh.elements().len() {
+        if seen[start] || !mesh.elements()[start].contains(&part.example) {
+            continue;
+        }
+        let (mut nodes, mut next) = (BTreeSet::new(), vec![start]);
+        seen[start] = true;
+        while let Some(element) = next.pop() {
+            nodes.extend(mesh.elements()[element]);
+            for &other in mesh.neighbours()[element].iter().filter(|other| **other != NONE) {
+                if !std::mem::replace(&mut seen[other as usize], true) {
+                    next.push(other as usize);
+                }
+            }
+        }
+        if nodes.len() == part.nodes {
+            return nodes;
+        }
+    }
+    BTreeSet::from([part.example])
+}

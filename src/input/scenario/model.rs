@@ -1,0 +1,137 @@
+//! Construction of the tissue model of a scenario.
+
+use std::sync::Arc;
+
+use super::along;
+use super::error::{ScenarioError, Wrong};
+use super::needle::Bending;
+use super::resolve::Scenario;
+use super::stiffened::Stiffened;
+use super::tissue::ColumnsName;
+use crate::mechanics::insertion::finite::{Finite, Options, Setup};
+use crate::mechanics::insertion::spring::MassSpring;
+use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};
+use crate::mechanics::needle::{Constrained, Flexible, InvalidNeedleModel, Needle, Rigid, Shaft, Stiffness};
+use crate::mechanics::remesh_gpu::maker;
+use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::remesh::{Level, RemeshError};
+
+/// Lateral deviation allowed for a needle of 18 gauge from its path in the tissue at rest, and for tissue under a
+/// probe, mm.
+const ASIDE_MM: f64 = 5.0;
+
+impl Scenario {
+    /// Builds the model, with tissue at rest and no instrument near. `progress` receives completed and total work of long
+    /// computations.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] with the offending key.
+    pub fn model(&self, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, ScenarioError> {
+        let needle = self.needle_model().map_err(|error| {
+            let key = format!("needle.{}", error.key);
+            self.file.fault(key, Wrong::NeedleModel(error))
+        })?;
+        if let Some(parameters) = self.cylinder {
+            let springs = MassSpring::new(parameters, Box::new(Arc::clone(&self.anatomy)), needle);
+            return Ok(Box::new(springs.map_err(|error| self.file.spring_fault(error))?));
+        }
+        if let Some(stiffened) = &self.stiffened {
+            return self.stiffened(stiffened);
+        }
+        let dense = self.modelling.columns == ColumnsName::Dense;
+        let setup = Setup {
+            mesh: (*self.mesh).clone(),
+            materials: self.materials.clone(),
+            fixed: self.fixed.clone(),
+            interactions: self.interactions.clone(),
+            anatomy: Some(Arc::clone(&self.anatomy)),
+            needle,
+            probe: self.contact.as_ref().map(|contact| contact.probe.clone()),
+            level: self.modelling.level,
+            precision: self.modelling.precision,
+            options: Options {
+                dense,
+                spacing_mm: self.modelling.contact_spacing_mm,
+                ..Options::default()
+            },
+        };
+        let finite = match &self.gpu {
+            Some(gpu) => Finite::with_maker(setup, maker(gpu), progress),
+            None => Finite::new(setup, progress),
+        };
+        let mut finite = finite.map_err(|error| self.blame(error))?;
+        if self.modelling.level == Level::Exact {
+            self.predict_remesh(&mut finite);
+        }
+        Ok(Box::new(finite))
+    }
+
+    fn shaft(&self) -> Shaft {
+        Shaft {
+            length_mm: self.needle.length_mm,
+            radius_mm: self.needle.diameter_mm / 2.0,
+        }
+    }
+
+    fn stiffened(&self, stiffened: &Stiffened) -> Result<Box<dyn Model>, ScenarioError> {
+        let setup = nonlinear::Setup {
+            mesh: Arc::clone(&self.mesh),
+            laws: stiffened.laws.clone(),
+            fixed: self.fixed.clone(),
+            interactions: self.interactions.clone(),
+            anatomy: Some(Arc::clone(&self.anatomy)),
+            shaft: self.shaft(),
+            viscosity: stiffened.viscosity,
+            options: stiffened.options,
+        };
+        let model = nonlinear::Nonlinear::new(setup);
+        Ok(Box::new(model.map_err(|error| self.file.fault("tissue", error))?))
+    }
+
+    fn needle_model(&self) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+        let shaft = self.shaft();
+        Ok(match self.needle.bending {
+            Bending::None { bevel } => Box::new(Rigid::new(shaft, bevel)?),
+            Bending::Constrained(constraint) => Box::new(Constrained::new(shaft, constraint)?),
+            Bending::Springs {
+                stiffness_nmm2,
+                link_mm,
+                bevel,
+            } => {
+                let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
+                Box::new(Flexible::springs(shaft, stiffness, link_mm, bevel)?)
+            }
+            Bending::Beam {
+                stiffness_nmm2,
+                element_mm,
+                bevel,
+            } => {
+                let stiffness = Stiffness::BendingNmm2(stiffness_nmm2);
+                Box::new(Flexible::beam(shaft, stiffness, element_mm, bevel)?)
+            }
+        })
+    }
+
+    fn blame(&self, error: InvalidSetup) -> ScenarioError {
+        let key = match &error {
+            InvalidSetup::Interaction { .. } => "tissue.material",
+            InvalidSetup::Fixed { .. }
+            | InvalidSetup::Linear(LinearError::LooseNodes { .. } | LinearError::FreeParts { .. }) => "tissue.fix",
+            InvalidSetup::Candidate { .. } => "contact_probe",
+            InvalidSetup::Remesh(RemeshError::Device(_)) => "tissue.device",
+            InvalidSetup::Linear(LinearError::InverseMemory { .. } | LinearError::Column { .. })
+            | InvalidSetup::Remesh(_) => "tissue.level",
+            _ => "tissue",
+        };
+        self.file.fault(key, Wrong::Setup(error))
+    }
+
+    /// Prefetches the data that remeshing along the needle's path will read, so that no step waits for it.
+    fn predict_remesh(&self, finite: &mut Finite) {
+        for [from, to] in along::pieces(self.path.tip()) {
+            let along = to - from;
+            let length = along.norm();
+            finite.prefetch(&from, &(along / length), length, ASIDE_MM);
+        }
+    }
+}

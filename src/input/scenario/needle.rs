@@ -1,0 +1,321 @@
+//! Validation and defaults of the needle of a scenario.
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
+
+use super::error::{ScenarioError, Wrong};
+use super::file::ScenarioFile;
+use super::instruments::{NeedleModel, NeedleTable};
+use super::plan::{Deposit, Guide};
+use crate::input::scene::{NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
+use crate::mechanics::needle::{self, BEVEL_MM, Bevel, beam::bending_stiffness_nmm2};
+use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
+use crate::tracking::pose::Pose;
+use crate::tracking::world::World;
+
+/// Length and diameter of the needle of Goksel et al. 2011, mm.
+const SPRINGS_MM: [f64; 2] = [200.0, 1.28];
+/// Stiffness of its joints, N mm per degree, and the length of its links, mm.
+const KAPPA_NMM_PER_DEG: f64 = 10.7;
+const LINK_MM: f64 = 10.0;
+
+/// Bending model of a needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Bending {
+    /// Rigid needle.
+    None {
+        /// Bevel, if any.
+        bevel: Option<Bevel>,
+    },
+    /// Straight needle constrained to its entry direction.
+    Constrained(BendingConstraint),
+    /// Rigid links joined by angular springs.
+    Springs {
+        /// Bending stiffness EI, N mm^2.
+        stiffness_nmm2: f64,
+        /// Link length, mm.
+        link_mm: f64,
+        /// Bevel, if any.
+        bevel: Option<Bevel>,
+    },
+    /// Elastic beam.
+    Beam {
+        /// Bending stiffness EI, N mm^2.
+        stiffness_nmm2: f64,
+        /// Element length, mm.
+        element_mm: f64,
+        /// Bevel, if any.
+        bevel: Option<Bevel>,
+    },
+}
+
+/// Motion of a needle, with its seeds and template guides.
+pub(super) struct Moving {
+    pub needle: SceneNeedle,
+    pub deposits: Vec<Deposit>,
+    pub guides: Vec<Guide>,
+}
+
+/// Needle settings, every number within its range.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NeedleSettings {
+    /// Length from base to tip, mm.
+    pub length_mm: f64,
+    /// Diameter, mm.
+    pub diameter_mm: f64,
+    /// Bending model.
+    pub bending: Bending,
+}
+
+impl NeedleSettings {
+    /// Transform from the base frame of the undeflected needle to world, for a pose of its tip whose axial direction is that of
+    /// the needle.
+    pub fn base(&self, tip: &Pose) -> Isometry3<f64> {
+        let (along, side) = (tip.axial().into_inner(), tip.lateral().into_inner());
+        let axes = Matrix3::from_columns(&[side, along.cross(&side), along]);
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let base = tip.position_mm() - along * self.length_mm;
+        Isometry3::from_parts(base.coords.into(), turn)
+    }
+}
+
+impl ScenarioFile {
+    pub(super) fn needle_table(&self) -> Result<&NeedleTable, ScenarioError> {
+        self.needle
+            .as_ref()
+            .ok_or_else(|| self.wrong_keys("needle", "no `[needle]`", "the needle that goes in"))
+    }
+
+    /// Returns the needle settings, every number checked.
+    pub(super) fn needle_settings(&self) -> Result<NeedleSettings, ScenarioError> {
+        let table = self.needle_table()?;
+        let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
+        let of_models: [(&str, bool, &[NeedleModel], &str); 5] = [
+            (
+                "kappa_nmm_per_deg",
+                table.kappa_nmm_per_deg.is_some(),
+                &[springs],
+                "`model = \"springs\"`",
+            ),
+            (
+                "bending_stiffness_nmm2",
+                table.bending_stiffness_nmm2.is_some(),
+                &[springs, beam],
+                "`model = \"springs\"` or `model = \"beam\"`",
+            ),
+            ("link_mm", table.link_mm.is_some(), &[springs], "`model = \"springs\"`"),
+            ("element_mm", table.element_mm.is_some(), &[beam], "`model = \"beam\"`"),
+            ("young_gpa", table.young_gpa.is_some(), &[beam], "`model = \"beam\"`"),
+        ];
+        let idle = of_models
+            .into_iter()
+            .find(|(_, given, models, _)| *given && !models.contains(&table.model));
+        if let Some((key, _, _, expected)) = idle {
+            let found = format!("`{key}` of a needle that has no use for it");
+            return Err(self.wrong_keys(format!("needle.{key}"), found, expected));
+        }
+        if table.bevel.is_some() && table.model == NeedleModel::Constrained {
+            let found = "`bevel` of a needle whose bending is constrained";
+            let expected = "`model = \"rigid\"`, `model = \"springs\"` or `model = \"beam\"`";
+            return Err(self.wrong_keys("needle.bevel", found, expected));
+        }
+        if table.bending.is_some() && table.model != NeedleModel::Constrained {
+            let found = "`bending` of a needle that is not constrained";
+            return Err(self.wrong_keys("needle.bending", found, "`model = \"constrained\"`"));
+        }
+        let usual = match table.model {
+            NeedleModel::Springs | NeedleModel::Beam => SPRINGS_MM,
+            _ => [DEFAULT_LENGTH_MM, DEFAULT_DIAMETER_MM],
+        };
+        let within = |key: &'static str, found: f64, [low, high]: [f64; 2], expected| {
+            self.number(format!("needle.{key}"), found, |x| (low..=high).contains(&x), expected)
+        };
+        let length_mm = table.length_mm.unwrap_or(usual[0]);
+        let length_mm = within("length_mm", length_mm, LENGTH_MM, "0.1 to 1000 mm")?;
+        let diameter_mm = table.diameter_mm.unwrap_or(usual[1]);
+        Ok(NeedleSettings {
+            length_mm,
+            diameter_mm: within("diameter_mm", diameter_mm, DIAMETER_MM, "0.05 to 10 mm")?,
+            bending: self.bending(table, length_mm)?,
+        })
+    }
+
+    fn bending(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+        match table.model {
+            NeedleModel::Rigid => Ok(Bending::None {
+                bevel: self.bevel(table, length_mm)?,
+            }),
+            NeedleModel::Constrained => {
+                let (spec, usual) = (table.bending.unwrap_or_default(), BendingConstraint::default());
+                let constraint = BendingConstraint {
+                    max_weight: spec.max_weight.unwrap_or(usual.max_weight),
+                    alpha_per_mm: spec.alpha_per_mm.unwrap_or(usual.alpha_per_mm),
+                    delta_mm: spec.delta_mm.unwrap_or(usual.delta_mm),
+                };
+                constraint.validate().map_err(|error| {
+                    let key = error.key().unwrap_or_default();
+                    self.fault(format!("needle.bending.{key}"), Wrong::Needle(error))
+                })?;
+                Ok(Bending::Constrained(constraint))
+            }
+            NeedleModel::Springs => self.springs(table, length_mm),
+            NeedleModel::Beam => self.beam(table, length_mm),
+        }
+    }
+
+    fn bevel(&self, table: &NeedleTable, length_mm: f64) -> Result<Option<Bevel>, ScenarioError> {
+        let Some(bevel) = table.bevel else { return Ok(None) };
+        let range = |x: f64| (0.0..=5.0).contains(&x);
+        let r_mm = self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
+        let range = |x: f64| x > 0.0 && x < length_mm;
+        let expected = "above 0, less than the needle's length, mm";
+        let length_mm = self.number(
+            "needle.bevel.length_mm",
+            bevel.length_mm.unwrap_or(BEVEL_MM),
+            range,
+            expected,
+        )?;
+        Ok(Some(Bevel { r_mm, length_mm }))
+    }
+
+    fn springs(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+        if table.kappa_nmm_per_deg.is_some() && table.bending_stiffness_nmm2.is_some() {
+            let found = "both `kappa_nmm_per_deg` and `bending_stiffness_nmm2`";
+            return Err(self.wrong_keys("needle.kappa_nmm_per_deg", found, "one of them"));
+        }
+        let above = |key: &str, found: f64| {
+            let key = format!("needle.{key}");
+            self.number(key, found, |x| x > 0.0 && x <= 1e12, "above 0, at most 1e12")
+        };
+        let stiffness_nmm2 = match table.bending_stiffness_nmm2 {
+            Some(stiffness) => above("bending_stiffness_nmm2", stiffness)?,
+            None => {
+                let kappa = table.kappa_nmm_per_deg.unwrap_or(KAPPA_NMM_PER_DEG);
+                above("kappa_nmm_per_deg", kappa)?.to_degrees() * LINK_MM
+            }
+        };
+        let link_mm = table.link_mm.unwrap_or(LINK_MM);
+        let range = |x: f64| (0.5..=100.0).contains(&x) && x <= length_mm;
+        let link_mm = self.number(
+            "needle.link_mm",
+            link_mm,
+            range,
+            "0.5 to 100 mm, at most the needle's length",
+        )?;
+        Ok(Bending::Springs {
+            stiffness_nmm2,
+            link_mm,
+            bevel: self.bevel(table, length_mm)?,
+        })
+    }
+
+    fn beam(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+        if table.young_gpa.is_some() && table.bending_stiffness_nmm2.is_some() {
+            let found = "both `young_gpa` and `bending_stiffness_nmm2`";
+            return Err(self.wrong_keys("needle.young_gpa", found, "one of them"));
+        }
+        let above = |key: &str, found: f64| {
+            let key = format!("needle.{key}");
+            self.number(key, found, |x| x > 0.0 && x <= 1e12, "above 0, at most 1e12")
+        };
+        let stiffness_nmm2 = match (table.bending_stiffness_nmm2, table.young_gpa) {
+            (Some(stiffness), _) => above("bending_stiffness_nmm2", stiffness)?,
+            (None, Some(young)) => {
+                let diameter = table.diameter_mm.unwrap_or(SPRINGS_MM[1]);
+                bending_stiffness_nmm2(above("young_gpa", young)?, diameter)
+            }
+            (None, None) => KAPPA_NMM_PER_DEG.to_degrees() * LINK_MM,
+        };
+        let element_mm = table.element_mm.unwrap_or(needle::ELEMENT_MM.min(length_mm));
+        let range = |x: f64| (0.5..=100.0).contains(&x) && x <= length_mm;
+        let expected = "0.5 to 100 mm, at most the needle's length";
+        let element_mm = self.number("needle.element_mm", element_mm, range, expected)?;
+        Ok(Bending::Beam {
+            stiffness_nmm2,
+            element_mm,
+            bevel: self.bevel(table, length_mm)?,
+        })
+    }
+
+    /// Checks that exactly one key moves the needle.
+    pub(super) fn mover(&self) -> Result<(), ScenarioError> {
+        let table = self.needle_table()?;
+        let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
+        let movers = [
+            ("plan.needle", planned),
+            ("needle.motion", table.motion.is_some()),
+            ("needle.target", table.target.is_some()),
+        ];
+        let given: Vec<&str> = movers.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
+        match given[..] {
+            [] => {
+                let expected = "`target`, `[[needle.motion.keyframes]]`, `needle.motion.csv`, `needle.motion.sequence` or \
+                                `[[plan.needle]]`";
+                return Err(self.wrong_keys("needle", "a needle that does not move", expected));
+            }
+            [_] => {}
+            [first, second, ..] => {
+                let found = format!("both `{first}` and `{second}`");
+                return Err(self.wrong_keys(second, found, "one of them: each moves the needle"));
+            }
+        }
+        if table.entry.is_some() && table.target.is_none() {
+            return Err(self.wrong_keys("needle.entry", "`entry` without `target`", "both, or neither"));
+        }
+        if planned && !table.deposit_s.is_empty() {
+            let found = "both `plan.needle` and `needle.deposit_s`";
+            return Err(self.wrong_keys("needle.deposit_s", found, "`seeds_mm` of the needles of the plan"));
+        }
+        Ok(())
+    }
+
+    /// Returns the needle of the scene, the seeds to deposit and the guiding holes; `aimed` is the motion of an aimed needle.
+    pub(super) fn moving(
+        &self,
+        needle: &NeedleSettings,
+        aimed: Option<Vec<NeedleKeyframe>>,
+    ) -> Result<Moving, ScenarioError> {
+        let table = self.needle_table()?;
+        let of_keyframes = |keyframes| NeedleMotionSpec {
+            keyframes: Some(keyframes),
+            ..NeedleMotionSpec::default()
+        };
+        let (motion, deposits, guides) = match (self.insertions(needle.length_mm)?, aimed) {
+            (Some(plan), _) => (of_keyframes(plan.keyframes), plan.deposits, plan.guides),
+            (None, aimed) => {
+                let motion = aimed.map(of_keyframes).or_else(|| table.motion.clone());
+                (
+                    motion.unwrap_or_default(),
+                    self.commanded(&table.deposit_s)?,
+                    Vec::new(),
+                )
+            }
+        };
+        let needle = SceneNeedle {
+            world: Some(World::Lps),
+            length_mm: Some(needle.length_mm),
+            diameter_mm: Some(needle.diameter_mm),
+            motion: Some(motion),
+            ..SceneNeedle::default()
+        };
+        Ok(Moving {
+            needle,
+            deposits,
+            guides,
+        })
+    }
+
+    fn commanded(&self, times: &[f64]) -> Result<Vec<Deposit>, ScenarioError> {
+        for (at, time) in times.iter().enumerate() {
+            let after = at.checked_sub(1).map_or(f64::NEG_INFINITY, |before| times[before]);
+            let key = format!("needle.deposit_s[{at}]");
+            self.number(key, *time, |time| time > after, "a time in s after the one before")?;
+        }
+        Ok(times
+            .iter()
+            .map(|&time_s| Deposit {
+                time_s,
+                planned_mm: None,
+            })
+            .collect())
+    }
+}

@@ -1,0 +1,218 @@
+//! Template holes of a plan, and the motion and seeds of the insertions through them.
+
+use nalgebra::{Point3, Unit};
+
+use super::error::ScenarioError;
+use super::file::ScenarioFile;
+use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle};
+use crate::input::scene::NeedleKeyframe;
+use crate::tracking::template::Template;
+
+/// Default distance between holes, mm: that of brachytherapy templates.
+const DEFAULT_SPACING_MM: f64 = 5.0;
+/// Largest deviation of the axes of a template from perpendicular, as a cosine.
+const SQUARE: f64 = 1e-3;
+
+/// A target of a needle or a seed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Target {
+    /// Name of the target.
+    pub name: String,
+    /// Position in the anatomy at rest, mm.
+    pub at_mm: Point3<f64>,
+}
+
+/// A seed to be deposited.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Deposit {
+    /// Time of deposition, s.
+    pub time_s: f64,
+    /// Planned position in the anatomy at rest, mm.
+    pub planned_mm: Option<Point3<f64>>,
+}
+
+/// Motion, seeds and guides of a planned needle.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Insertions {
+    pub keyframes: Vec<NeedleKeyframe>,
+    pub deposits: Vec<Deposit>,
+    pub guides: Vec<Guide>,
+}
+
+/// A template hole, and the period in which a needle runs through it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guide {
+    /// Start and end of the period, s.
+    pub during_s: [f64; 2],
+    /// Centre of the hole, mm.
+    pub at_mm: Point3<f64>,
+}
+
+impl ScenarioFile {
+    /// Targets of the plan.
+    pub(super) fn targets(&self) -> Result<Vec<Target>, ScenarioError> {
+        let specs = self.plan.iter().flat_map(|plan| &plan.target);
+        let one = |(at, spec): (usize, &super::planned::TargetSpec)| {
+            Ok(Target {
+                name: spec.name.clone(),
+                at_mm: self.place(&format!("plan.target[{at}].at_mm"), spec.at_mm)?,
+            })
+        };
+        specs.enumerate().map(one).collect()
+    }
+
+    /// Planned insertions of a needle of the given length (mm), if there are any.
+    pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, ScenarioError> {
+        let Some(plan) = &self.plan else { return Ok(None) };
+        // The template is checked whether or not a needle uses it.
+        let template = self.template()?;
+        let [mut now_s, speed_mm_s, pause_s] = self.pace()?;
+        if plan.needle.is_empty() {
+            return Ok(None);
+        }
+        let Some(template) = template else {
+            return Err(self.wrong_keys(
+                "plan",
+                "`plan.needle` without `plan.template`",
+                "the template of its holes",
+            ));
+        };
+        let mut made = Insertions::default();
+        for (at, needle) in plan.needle.iter().enumerate() {
+            let usual = [length_mm, speed_mm_s, pause_s];
+            self.insertion(&template, (at, needle), usual, &mut now_s, &mut made)?;
+        }
+        Ok(Some(made))
+    }
+
+    /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
+    pub(super) fn pace(&self) -> Result<[f64; 3], ScenarioError> {
+        let plan = self.plan.as_ref();
+        let stated = |of: fn(&PlanSpec) -> Option<f64>, usual: f64| plan.and_then(of).unwrap_or(usual);
+        let time = |key: &str, found: f64, [low, high]: [f64; 2], expected| {
+            self.number(format!("plan.{key}"), found, |x| (low..=high).contains(&x), expected)
+        };
+        let pause_s = stated(|plan| plan.pause_s, DEFAULT_PAUSE_S);
+        let pause_s = time("pause_s", pause_s, [0.01, 1000.0], "0.01 to 1000 s")?;
+        let start_s = time("start_s", stated(|plan| plan.start_s, 0.0), [0.0, 1e6], "0 to 1e6 s")?;
+        let speed_mm_s = stated(|plan| plan.speed_mm_s, DEFAULT_SPEED_MM_S);
+        Ok([start_s, self.speed("plan.speed_mm_s".to_owned(), speed_mm_s)?, pause_s])
+    }
+
+    /// Speed of insertion, mm/s.
+    fn speed(&self, key: String, found: f64) -> Result<f64, ScenarioError> {
+        let range = |x: f64| x > 0.0 && x <= 1000.0;
+        self.number(key, found, range, "a speed above 0, at most 1000 mm/s")
+    }
+
+    /// One insertion, given the length of the needle (mm), the default speed (mm/s), and the pause (s) after each stroke.
+    fn insertion(
+        &self,
+        template: &Template,
+        (at, needle): (usize, &PlannedNeedle),
+        [length_mm, speed_mm_s, pause_s]: [f64; 3],
+        now_s: &mut f64,
+        made: &mut Insertions,
+    ) -> Result<(), ScenarioError> {
+        let key = |key: &str| format!("plan.needle[{at}].{key}");
+        let hole = template.hole(&needle.hole).map_err(|unknown| {
+            let help = unknown.meant.map(|meant| format!("did you mean \"{meant}\"?"));
+            let found = format!("\"{}\"", unknown.found);
+            self.wrong_keys(key("hole"), found, unknown.expected).with_help(help)
+        })?;
+        let reach = |x: f64| x > 0.0 && x < length_mm;
+        let depth = self.number(
+            key("depth_mm"),
+            needle.depth_mm,
+            reach,
+            "above 0 and less than the needle's length, mm",
+        )?;
+        let speed = match needle.speed_mm_s {
+            Some(speed) => self.speed(key("speed_mm_s"), speed)?,
+            None => speed_mm_s,
+        };
+        let direction = template.direction.into_inner();
+        let mut frame = |time_s: f64, depth: f64| {
+            made.keyframes.push(NeedleKeyframe {
+                time_s,
+                tip_mm: (hole + direction * depth).into(),
+                direction: direction.into(),
+                roll_deg: needle.roll_deg,
+            });
+        };
+        let travel_s = depth / speed;
+        let back_s = *now_s + travel_s + pause_s;
+        frame(*now_s, 0.0);
+        frame(*now_s + travel_s, depth);
+        frame(back_s, depth);
+        frame(back_s + travel_s, 0.0);
+        let spec = self.plan.as_ref().and_then(|plan| plan.template.as_ref());
+        if spec.and_then(|spec| spec.holds).unwrap_or(true) {
+            made.guides.push(Guide {
+                during_s: [*now_s, back_s + travel_s],
+                at_mm: hole,
+            });
+        }
+        *now_s = back_s + travel_s + pause_s;
+        let mut seeds = Vec::with_capacity(needle.seeds_mm.len());
+        for (place, seed) in needle.seeds_mm.iter().enumerate() {
+            let key = key(&format!("seeds_mm[{place}]"));
+            seeds.push(self.number(key, *seed, |x| (0.0..=depth).contains(&x), "0 to `depth_mm`")?);
+        }
+        seeds.sort_by(|a, b| b.total_cmp(a));
+        made.deposits.extend(seeds.into_iter().map(|seed| Deposit {
+            time_s: back_s + (depth - seed) / speed,
+            planned_mm: Some(hole + direction * seed),
+        }));
+        Ok(())
+    }
+
+    /// Returns the template of the plan, if it has one.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] at the invalid key.
+    pub fn template(&self) -> Result<Option<Template>, ScenarioError> {
+        let Some(spec) = self.plan.as_ref().and_then(|plan| plan.template.as_ref()) else {
+            return Ok(None);
+        };
+        let key = |key: &str| format!("plan.template.{key}");
+        let origin = self.place(&key("origin_mm"), spec.origin_mm)?;
+        let x = self.direction(&key("x_axis"), spec.x_axis)?;
+        let y = self.direction(&key("y_axis"), spec.y_axis)?;
+        if x.dot(&y).abs() > SQUARE {
+            let found = format!("{:?}", spec.y_axis);
+            return Err(self.wrong_keys(key("y_axis"), found, "a direction square to `x_axis`"));
+        }
+        let normal = Unit::new_normalize(x.cross(&y));
+        let direction = match spec.direction {
+            None => normal,
+            Some(given) => self.direction(&key("direction"), given)?,
+        };
+        if direction.cross(&normal).norm() > SQUARE {
+            let found = format!("{:?}", spec.direction.unwrap_or_default());
+            return Err(self.wrong_keys(key("direction"), found, "`x_axis` cross `y_axis`, or its opposite"));
+        }
+        let spacing = spec.spacing_mm.unwrap_or(DEFAULT_SPACING_MM);
+        let range = |x: f64| x > 0.0 && x <= 100.0;
+        let spacing = self.number(key("spacing_mm"), spacing, range, "above 0, at most 100 mm")?;
+        for (which, names) in [("columns", &spec.names.columns), ("rows", &spec.names.rows)] {
+            let odd = (0..names.len()).find(|at| names[*at].is_empty() || names[..*at].contains(&names[*at]));
+            let key = key(&format!("names.{which}"));
+            match odd {
+                _ if names.is_empty() => return Err(self.wrong_keys(key, "no names", "at least one")),
+                Some(at) => {
+                    let found = format!("the name \"{}\"", names[at]);
+                    return Err(self.wrong_keys(key, found, "names of one letter or more, each once"));
+                }
+                None => {}
+            }
+        }
+        Ok(Some(Template {
+            origin_mm: origin,
+            steps_mm: [x.scale(spacing), y.scale(spacing)],
+            direction,
+            columns: spec.names.columns.clone(),
+            rows: spec.names.rows.clone(),
+        }))
+    }
+}

@@ -1,0 +1,73 @@
+//! Table of steps, `steps.csv`: one line per step.
+
+use std::io::{self, Write};
+
+use nalgebra::Vector3;
+
+use crate::input::scenario::run::Step;
+use crate::mechanics::insertion::ProbeContact;
+
+/// Columns before the pose of the probe. Their contents are documented in docs/insertion.md.
+const NUMBERS: &str = "time_s,base_x_mm,base_y_mm,base_z_mm,base_dx,base_dy,base_dz,tip_x_mm,tip_y_mm,tip_z_mm,\
+    tip_deflection_mm,inserted_mm,base_force_x_n,base_force_y_n,base_force_z_n,\
+    base_torque_x_nmm,base_torque_y_nmm,base_torque_z_nmm,world_force_x_n,world_force_y_n,world_force_z_n,\
+    probe_force_x_n,probe_force_y_n,probe_force_z_n,probe_torque_x_nmm,probe_torque_y_nmm,probe_torque_z_nmm";
+/// Columns of the pose of the probe in contact, or of the imaging probe.
+const POSE: &str = "probe_x_mm,probe_y_mm,probe_z_mm,probe_qx,probe_qy,probe_qz,probe_qw";
+/// Columns of the tissue force on each of the two points that drive the probe, if it has them.
+const DRIVEN: &str = "driven_1_force_x_n,driven_1_force_y_n,driven_1_force_z_n,\
+    driven_2_force_x_n,driven_2_force_y_n,driven_2_force_z_n,";
+/// Columns of counts, and the duration of the step.
+const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
+
+/// Header line.
+pub(super) fn head(probe: Option<&ProbeContact>) -> String {
+    let driven = probe.and_then(|probe| probe.driven_at_mm);
+    let driven = if driven.is_some() { DRIVEN } else { "" };
+    format!("{NUMBERS},{POSE},{driven}{COUNTS}")
+}
+
+pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
+    let outcome = step.outcome;
+    let own = outcome.on_hand.in_frame(&step.base);
+    let probe = outcome.on_probe.unwrap_or_default();
+    let vectors: [Vector3<f64>; 8] = [
+        step.base.translation.vector,
+        step.base.rotation * Vector3::z(),
+        outcome.tip_mm.coords,
+        own.force_n,
+        own.torque_nmm,
+        outcome.on_hand.force_n,
+        probe.force_n,
+        probe.torque_nmm,
+    ];
+    write!(out, "{}", step.time_s)?;
+    for (at, vector) in vectors.iter().enumerate() {
+        write!(out, ",{},{},{}", vector.x, vector.y, vector.z)?;
+        if at == 2 {
+            write!(out, ",{},{}", outcome.tip_deflection_mm, outcome.inserted_mm)?;
+        }
+    }
+    let (place, turn) = (step.probe.translation.vector, step.probe.rotation.coords);
+    write!(
+        out,
+        ",{},{},{},{},{},{},{}",
+        place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
+    )?;
+    for force in step.driven.iter().flatten() {
+        write!(out, ",{},{},{}", force.x, force.y, force.z)?;
+    }
+    writeln!(
+        out,
+        ",{},{},{},{},{},{},{},{},{:.4}",
+        outcome.contacts,
+        outcome.stuck,
+        outcome.probe_contacts,
+        outcome.remeshes,
+        outcome.substeps,
+        outcome.iterations,
+        u8::from(outcome.converged),
+        outcome.crushed,
+        step.ms
+    )
+}

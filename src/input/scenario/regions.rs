@@ -1,0 +1,170 @@
+//! Names and materials of mesh regions.
+
+use std::collections::BTreeMap;
+
+use super::error::ScenarioError;
+use super::file::ScenarioFile;
+use super::tissue::MaterialSpec;
+use crate::anatomy::acoustics::Tissue;
+use crate::anatomy::volume::LabelVolume;
+use crate::base::document::{Names, RegionName};
+use crate::input::scene::{Body, Scene};
+use crate::mechanics::insertion::{Bone, Interaction};
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::Stiffening;
+
+/// Young's modulus from which a tissue is rigid by default, kPa.
+pub(super) const RIGID_KPA: f64 = 1e6;
+/// Default bone contact, felt as a stop: the force grows to 20 N within 0.5 mm and stays there, more than haptic devices render.
+const BONE: Bone = Bone {
+    stiffness_n_per_mm: 40.0,
+    penetration_mm: 0.5,
+};
+
+/// Regions that a scenario can refer to: labels of its scene.
+pub(super) struct Regions<'a> {
+    file: &'a ScenarioFile,
+    scene: &'a Scene,
+    /// Region names from a mesh file.
+    named: &'a BTreeMap<i32, String>,
+}
+
+/// Properties of a region.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Region {
+    pub material: Material,
+    /// The material with its stiffening.
+    pub law: Stiffening,
+    pub interaction: Interaction,
+    pub rigid: bool,
+}
+
+impl<'a> Regions<'a> {
+    pub fn new(file: &'a ScenarioFile, scene: &'a Scene, named: &'a BTreeMap<i32, String>) -> Self {
+        Self { file, scene, named }
+    }
+
+    /// Volume whose labels are the regions.
+    pub fn volume(&self) -> &LabelVolume {
+        self.scene.anatomy.volume.undivided()
+    }
+
+    fn body(&self) -> Body<'_> {
+        self.scene.body()
+    }
+
+    /// Label index whose value is the number of a region.
+    fn label(&self, region: i32) -> Option<u8> {
+        let labels = self.scene.anatomy.volume.labels();
+        let at = labels.iter().position(|label| label.value == i64::from(region))?;
+        u8::try_from(at).ok()
+    }
+
+    fn tissue(&self, region: i32) -> Option<&Tissue> {
+        self.label(region).map(|label| self.scene.anatomy.tissues.of(label))
+    }
+
+    /// Name of a region.
+    pub fn name(&self, region: i32) -> String {
+        let own = self.named.get(&region).cloned();
+        own.or_else(|| self.label(region).map(|label| self.body().name(label)))
+            .unwrap_or_else(|| region.to_string())
+    }
+
+    /// Numbers of the regions that match a name.
+    pub fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, ScenarioError> {
+        let labels = self.body().entries().into_iter();
+        let of_labels = labels.filter_map(|(_, value, names)| Some((i32::try_from(value).ok()?, value, names)));
+        let of_mesh = self.named.iter();
+        let of_mesh = of_mesh.map(|(region, name)| (*region, i64::from(*region), vec![name.clone()]));
+        let known = Names::new(of_labels.chain(of_mesh));
+        known.find(name).map_err(|error| {
+            let help = error.help();
+            self.file.fault(key, error).with_help(help)
+        })
+    }
+
+    /// Properties of each of `regions`.
+    pub fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, ScenarioError> {
+        let (mut others, mut own) = (None, BTreeMap::new());
+        for (at, spec) in self.file.tissue.material.iter().enumerate() {
+            let table = format!("tissue.material[{at}]");
+            self.check(&table, spec)?;
+            let Some(name) = &spec.region else {
+                if others.replace((at, spec)).is_some() {
+                    let found = "a second material without `region`";
+                    return Err(self.file.wrong_keys(table, found, "one at most, for all other regions"));
+                }
+                continue;
+            };
+            let key = format!("{table}.region");
+            for region in self.numbers(&key, name)? {
+                if own.insert(region, (at, spec)).is_some() {
+                    let found = format!("a second material for region {region} ({})", self.name(region));
+                    return Err(self.file.wrong_keys(key, found, "one for each region"));
+                }
+            }
+        }
+        let one = |&region: &i32| {
+            let spec = own.get(&region).or(others.as_ref()).copied();
+            Ok((region, self.region(region, spec)?))
+        };
+        regions.iter().map(one).collect()
+    }
+
+    /// Checks the values of a material table, independent of its region.
+    fn check(&self, table: &str, spec: &MaterialSpec) -> Result<(), ScenarioError> {
+        spec.interaction(&Interaction::default()).check().map_err(|error| {
+            let within = match error.key {
+                "density_n_per_mm" | "width_mm" => "peak.",
+                "stiffness_n_per_mm" | "penetration_mm" => "bone.",
+                _ => "",
+            };
+            self.file.fault(format!("{table}.{within}{}", error.key), error)
+        })?;
+        let material = Material::new(spec.young_kpa.unwrap_or(1.0), spec.poisson.unwrap_or(0.0));
+        let material = material.map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
+        self.law(table, spec, material).map(drop)
+    }
+
+    fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<Stiffening, ScenarioError> {
+        let (Some(knee), Some(rate)) = (spec.knee_strain, spec.stiffening) else {
+            return Ok(Stiffening::linear(material));
+        };
+        Stiffening::new(material, knee, rate).map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))
+    }
+
+    fn region(&self, region: i32, spec: Option<(usize, &MaterialSpec)>) -> Result<Region, ScenarioError> {
+        let nothing = MaterialSpec::default();
+        let (at, spec) = match spec {
+            Some((at, spec)) => (Some(at), spec),
+            None => (None, &nothing),
+        };
+        let table = at.map_or("tissue.material".to_owned(), |at| format!("tissue.material[{at}]"));
+        let tissue = self.tissue(region);
+        let number = |given: Option<f64>, of: fn(&Tissue) -> f64, key: &str| {
+            given.or(tissue.map(of)).ok_or_else(|| {
+                let found = format!("no `{key}` for region {region}, which is no label of the scene");
+                self.file
+                    .wrong_keys(&table, found, "a `[[tissue.material]]` that states it")
+            })
+        };
+        let young_kpa = number(spec.young_kpa, |tissue| tissue.young_kpa, "young_kpa")?;
+        let poisson = number(spec.poisson, |tissue| tissue.poisson, "poisson")?;
+        let material = Material::new(young_kpa, poisson)
+            .map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
+        let rigid = spec.rigid.unwrap_or(young_kpa >= RIGID_KPA);
+        let usual = Interaction {
+            friction_n_per_mm: tissue.map_or(0.0, |tissue| tissue.friction_n_per_mm),
+            cutting_n: tissue.map_or(0.0, |tissue| tissue.cutting_n),
+            bone: rigid.then_some(BONE),
+            ..Interaction::default()
+        };
+        Ok(Region {
+            law: self.law(&table, spec, material)?,
+            material,
+            interaction: spec.interaction(&usual),
+            rigid,
+        })
+    }
+}

@@ -1,0 +1,431 @@
+//! Resolution of a scenario file to a runnable scenario.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point3};
+
+use super::clearance;
+use super::error::{ScenarioError, Wrong};
+use super::file::{RunSpec, ScenarioFile};
+use super::labels::{Labels, unmeshed};
+use super::modelling::Modelling;
+use super::needle::{Moving, NeedleSettings};
+use super::plan::{Deposit, Guide, Target};
+use super::probe::{Contact, rigid};
+use super::regions::Regions;
+use super::stiffened::Stiffened;
+use crate::gpu::Gpu;
+use crate::imaging::quality::QualitySpec;
+use crate::input::scene::Scene;
+use crate::mechanics::insertion::spring::Parameters;
+use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, MeshRegions};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::Stiffening;
+use crate::mechanics::tissue::remesh::Level;
+use crate::tracking::needle::NeedlePath;
+use crate::tracking::trajectory::Trajectory;
+
+/// With fewer nodes in contact a probe presses on points rather than along its side.
+const FEW_CANDIDATES: usize = 6;
+
+/// Maximum number of steps of a run: hours of simulated time at a millisecond each.
+const MOST_STEPS: f64 = 1e7;
+/// Tolerance for reaching a time, as a fraction of a step.
+const REACHED: f64 = 1e-6;
+
+/// Times of steps and frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Timing {
+    /// Start of the motions, s.
+    pub start_s: f64,
+    /// Time step, s.
+    pub dt_s: f64,
+    /// Number of steps of the run.
+    pub steps: u64,
+    /// Time between frames, s.
+    pub frame_s: f64,
+}
+
+impl Timing {
+    /// Maximum number of moments in the run at intervals of `every_s`.
+    pub fn moments(&self, every_s: f64) -> u64 {
+        (self.steps as f64 * self.dt_s / every_s) as u64 + 1
+    }
+
+    /// Time at the end of a step, counted from 1, on the clock of the motions, s; 0 is the start of the motions.
+    pub fn at(&self, step: u64) -> f64 {
+        self.start_s + step as f64 * self.dt_s
+    }
+
+    /// First step that reaches a time, s, counted from 1.
+    pub fn step_at(&self, time_s: f64) -> u64 {
+        ((time_s - self.start_s) / self.dt_s - REACHED).ceil().max(1.0) as u64
+    }
+}
+
+/// A scenario ready to run: every file read, every number in its range, the mesh made.
+#[derive(Clone, Debug)]
+pub struct Scenario {
+    /// Imaged scene, with the deforming mesh.
+    pub scene: Scene,
+    /// Mesh in the reference state.
+    pub mesh: Arc<TetMesh>,
+    /// Mass-spring cylinder, for that tissue model. Then only `interactions` refer to regions, those of the volume.
+    pub cylinder: Option<Parameters>,
+    /// Stiffening tissue, for nonlinear and viscoelastic models.
+    pub stiffened: Option<Stiffened>,
+    /// Material of each element.
+    pub materials: Vec<Material>,
+    /// Node and axis of each fixed degree of freedom, ascending.
+    pub fixed: Vec<(u32, u8)>,
+    /// Needle interaction of each region, ascending.
+    pub interactions: Vec<(i32, Interaction)>,
+    /// Anatomy along the needle: labels of the volume, or regions of a mesh that was read.
+    pub anatomy: Arc<dyn Anatomy>,
+    /// Name of each region.
+    pub region_names: BTreeMap<i32, String>,
+    /// Tissue model settings.
+    pub modelling: Modelling,
+    /// GPU that stores the dense inverse; `None` on the CPU.
+    pub gpu: Option<Gpu>,
+    /// Times (s, on the clock of the motions) of changes of the level of remeshing and the new levels, ascending.
+    pub changes: Vec<(f64, Level)>,
+    /// Needle settings.
+    pub needle: NeedleSettings,
+    /// Probe in contact, if any.
+    pub contact: Option<Contact>,
+    /// Seeds to deposit, in order of time.
+    pub deposits: Vec<Deposit>,
+    /// Template holes that constrain the needle, in order of time.
+    pub guides: Vec<Guide>,
+    /// Places to be reached.
+    pub targets: Vec<Target>,
+    /// Times of steps and frames.
+    pub timing: Timing,
+    /// Time budgets of steps and frames; empty where the scenario states none.
+    pub quality: QualitySpec,
+    /// Assumptions made, for the user.
+    pub notes: Vec<String>,
+    /// Suspicious settings, for the user.
+    pub warnings: Vec<String>,
+    pub(super) path: NeedlePath,
+    /// Source file, for errors that point into it.
+    pub(super) file: ScenarioFile,
+}
+
+impl Scenario {
+    /// Poses of the instruments at the end of a step (counted from 1; 0 before the first).
+    pub fn instruments(&self, step: u64) -> Instruments {
+        let time_s = self.timing.at(step);
+        let deposit = self
+            .deposits
+            .iter()
+            .any(|deposit| self.timing.step_at(deposit.time_s) == step);
+        Instruments {
+            base: self.needle.base(&self.path.tip().at(time_s)),
+            probe: self.contact.as_ref().map(|contact| self.probe(step) * contact.in_probe),
+            guide: self.guide_at(time_s),
+            deposit,
+        }
+    }
+
+    fn guide_at(&self, time_s: f64) -> Option<Point3<f64>> {
+        let within = |guide: &&Guide| (guide.during_s[0]..=guide.during_s[1]).contains(&time_s);
+        self.guides.iter().find(within).map(|guide| guide.at_mm)
+    }
+
+    /// Transform from the image's probe frame to world at the end of a step.
+    pub fn probe(&self, step: u64) -> Isometry3<f64> {
+        rigid(&self.scene.probe_path().at(self.timing.at(step)))
+    }
+
+    /// Whether a region is skin.
+    pub(super) fn is_skin(&self, region: i32) -> bool {
+        let anatomy = &self.scene.anatomy;
+        let labels = anatomy.volume.labels().iter();
+        let at = labels.clone().position(|label| label.value == i64::from(region));
+        let tissue = at.map(|at| anatomy.tissues.of(at as u8).name.as_ref());
+        tissue == Some("skin") || self.region_name(region) == "skin"
+    }
+
+    /// Name of a region.
+    pub fn region_name(&self, region: i32) -> &str {
+        self.region_names.get(&region).map_or("", String::as_str)
+    }
+}
+
+/// Result of resolving `[tissue]`.
+struct Made {
+    mesh: Arc<TetMesh>,
+    cylinder: Option<Parameters>,
+    laws: Vec<Stiffening>,
+    materials: Vec<Material>,
+    fixed: Vec<(u32, u8)>,
+    interactions: Vec<(i32, Interaction)>,
+    anatomy: Arc<dyn Anatomy>,
+    region_names: BTreeMap<i32, String>,
+    contact: Option<Contact>,
+}
+
+impl ScenarioFile {
+    /// Reads or generates everything that the scenario names, including the mesh, and checks it. Relative paths start
+    /// at `base_dir`, the folder of the file. `progress` receives the completed fraction of mesh generation.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] with the key and its place in the file.
+    pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, ScenarioError> {
+        let quality = self.quality();
+        if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
+            let expected = QualitySpec::EXPECTED;
+            return Err(self.fault(format!("quality.{key}"), Wrong::Number { found, expected }));
+        }
+        let dt_s = self.step_s()?;
+        let frame_s = self.frame_s()?;
+        let modelling = self.modelling()?;
+        let stiffening = self.stiffening()?;
+        let needle = self.needle_settings()?;
+        self.mover()?;
+        let mut targets = self.targets()?;
+        let (mut scene, moving, aim) = self.scene_with(&needle, base_dir)?;
+        let file = match aim {
+            None => self.clone(),
+            Some(aim) => {
+                targets.push(Target {
+                    name: aim.name.clone(),
+                    at_mm: aim.tip,
+                });
+                self.boxed(&aim)
+            }
+        };
+        let Moving { deposits, guides, .. } = moving;
+        let path = scene
+            .needle_path()
+            .cloned()
+            .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
+        let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
+        self.check_deposits(&deposits, &timing)?;
+        let changes = self.changes(&timing)?;
+        let gpu = self.gpu()?;
+        let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
+        notes.extend(self.source.iter().flat_map(|source| source.renamed()));
+        notes.extend(
+            gpu.iter()
+                .map(|gpu| format!("remeshing works on '{}'", gpu.report().name)),
+        );
+        clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
+        let tissue = match file.cylinder_of(path.tip())? {
+            Some(parameters) => file.springs_of(&scene, parameters)?,
+            None => file.elements_of(&scene, base_dir, path.tip(), progress, &mut notes, &mut warnings)?,
+        };
+        warnings.extend(unmeshed(
+            &scene,
+            path.tip(),
+            tissue.anatomy.as_ref(),
+            file.tissue.mesh.is_some(),
+        ));
+        for (region, of) in &tissue.interactions {
+            if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
+                warnings.push(format!(
+                    "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N); raise it or leave it out",
+                    tissue
+                        .region_names
+                        .get(region)
+                        .map_or_else(|| format!("region {region}"), String::clone),
+                    of.puncture_n,
+                    of.cutting_n
+                ));
+            }
+        }
+        let candidates = tissue.contact.as_ref().map(|contact| contact.probe.candidates.len());
+        if let Some(few @ 1..FEW_CANDIDATES) = candidates {
+            warnings.push(format!(
+                "only {few} nodes of the mesh can touch the contact probe: its force is coarse; lower `contact_probe.thinning`, or raise \
+                 `tissue.nodes`"
+            ));
+        }
+        if stiffening.is_some() {
+            file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
+        }
+        scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
+        Ok(Scenario {
+            stiffened: stiffening.map(|(viscosity, options)| Stiffened {
+                laws: tissue.laws,
+                viscosity,
+                options,
+            }),
+            mesh: tissue.mesh,
+            materials: tissue.materials,
+            fixed: tissue.fixed,
+            interactions: tissue.interactions,
+            anatomy: tissue.anatomy,
+            region_names: tissue.region_names,
+            cylinder: tissue.cylinder,
+            contact: tissue.contact,
+            modelling,
+            gpu,
+            changes,
+            quality,
+            needle,
+            deposits,
+            guides,
+            targets,
+            timing,
+            notes,
+            warnings,
+            path,
+            scene,
+            file,
+        })
+    }
+
+    /// Checks that each seed is deposited within the run, in a step of its own.
+    fn check_deposits(&self, deposits: &[Deposit], timing: &Timing) -> Result<(), ScenarioError> {
+        if let Some(at) = deposits.iter().position(|of| !self.during(timing, of.time_s)) {
+            let key = if self.needle_table()?.deposit_s.is_empty() {
+                "plan.needle"
+            } else {
+                "needle.deposit_s"
+            };
+            let found = format!("a seed at {} s", deposits[at].time_s);
+            return Err(self.wrong_keys(
+                key,
+                found,
+                "times within the run, of which each step leaves one seed at most",
+            ));
+        }
+        if let Some(pair) = deposits
+            .windows(2)
+            .find(|pair| timing.step_at(pair[0].time_s) == timing.step_at(pair[1].time_s))
+        {
+            let found = format!("two seeds in one step, at {} s", pair[1].time_s);
+            return Err(self.wrong_keys("run.dt_ms", found, "shorter steps, or seeds farther apart"));
+        }
+        Ok(())
+    }
+
+    /// Builds the finite-element tissue.
+    fn elements_of(
+        &self,
+        scene: &Scene,
+        base_dir: &Path,
+        path: &Trajectory,
+        progress: impl FnMut(f32),
+        notes: &mut Vec<String>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Made, ScenarioError> {
+        let meshed = self.mesh(scene, base_dir, path, progress, notes, warnings)?;
+        let regions = Regions::new(self, scene, &meshed.names);
+        let mut present = meshed.mesh.regions().to_vec();
+        if self.tissue.mesh.is_none() {
+            present.extend(self.labelled(&regions)?);
+        }
+        present.sort_unstable();
+        present.dedup();
+        let made_of = regions.made_of(&present)?;
+        let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
+        let mesh = Arc::new(meshed.mesh);
+        let anatomy: Arc<dyn Anatomy> = match self.tissue.mesh {
+            Some(_) => Arc::new(MeshRegions::new(&mesh, &interactions)),
+            None => Arc::new(Labels::new(regions.volume(), &interactions, self.tissue.box_mm)),
+        };
+        let fixed = self.fixed(&mesh, &regions, &made_of, notes, warnings)?;
+        let of_elements = mesh.regions().iter();
+        Ok(Made {
+            cylinder: None,
+            laws: of_elements.clone().map(|region| made_of[region].law).collect(),
+            materials: of_elements.map(|region| made_of[region].material).collect(),
+            interactions,
+            anatomy,
+            region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
+            contact: self.contact(scene, &mesh, &fixed, &regions)?,
+            fixed,
+            mesh,
+        })
+    }
+
+    /// Builds the mass-spring tissue.
+    fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, ScenarioError> {
+        let none = BTreeMap::new();
+        let regions = Regions::new(self, scene, &none);
+        let present = self.labelled(&regions)?;
+        let made_of = regions.made_of(&present)?;
+        let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
+        let labels = Labels::new(regions.volume(), &interactions, None);
+        Ok(Made {
+            mesh: Arc::new(self.cylinder_mesh(parameters, &labels)?),
+            cylinder: Some(parameters),
+            laws: Vec::new(),
+            materials: Vec::new(),
+            fixed: Vec::new(),
+            interactions,
+            anatomy: Arc::new(labels),
+            region_names: present.iter().map(|region| (*region, regions.name(*region))).collect(),
+            contact: None,
+        })
+    }
+
+    /// Regions of the labels present in the volume, without the excluded ones.
+    fn labelled(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
+        let (outside, volume) = (self.outside(regions)?, regions.volume());
+        let labels = volume.labels().iter().enumerate().skip(1);
+        let held = labels.filter(|(index, _)| volume.holds(*index));
+        let numbers = held.filter_map(|(_, label)| i32::try_from(label.value).ok());
+        Ok(numbers.filter(|region| !outside.contains(region)).collect())
+    }
+
+    pub(super) fn during(&self, timing: &Timing, time_s: f64) -> bool {
+        time_s >= timing.start_s && timing.step_at(time_s) <= timing.steps
+    }
+
+    /// Text of the complete scenario, its scene and the base of its paths: equal texts mean equal scenarios, unless other files
+    /// that they name have changed.
+    ///
+    /// # Errors
+    /// [`ScenarioError`] if a scene cannot be read.
+    pub fn described(&self, base_dir: &Path) -> Result<String, ScenarioError> {
+        let (scene, folder, _) = self.scene_file(base_dir)?;
+        Ok(format!("{self:?} {scene:?} {folder:?}"))
+    }
+
+    fn step_s(&self) -> Result<f64, ScenarioError> {
+        let found = self.run.dt_ms.unwrap_or(1.0);
+        let dt_ms = self.number("run.dt_ms", found, |x| (0.01..=100.0).contains(&x), "0.01 to 100 ms")?;
+        Ok(dt_ms * 1e-3)
+    }
+
+    fn frame_s(&self) -> Result<f64, ScenarioError> {
+        let found = self.run.frame_rate_hz.unwrap_or(25.0);
+        let range = |x: f64| x > 0.0 && x <= 1000.0;
+        let rate = self.number(
+            "run.frame_rate_hz",
+            found,
+            range,
+            "above 0, at most 1000 frames a second",
+        )?;
+        Ok(1.0 / rate)
+    }
+
+    fn timing(&self, scene: &Scene, path: &NeedlePath, [dt_s, frame_s]: [f64; 2]) -> Result<Timing, ScenarioError> {
+        let RunSpec { duration_s, .. } = self.run;
+        let (needle, probe) = (path.tip(), scene.probe_path());
+        let moves = probe.keys().len() > 1;
+        let spans = [(needle, true), (probe, moves)].into_iter().filter(|(_, moves)| *moves);
+        let spans: Vec<[f64; 2]> = spans.map(|(path, _)| [path.start_s(), path.end_s()]).collect();
+        let start_s = spans.iter().map(|span| span[0]).fold(f64::INFINITY, f64::min);
+        let end_s = spans.iter().map(|span| span[1]).fold(f64::NEG_INFINITY, f64::max);
+        let duration = duration_s.unwrap_or(end_s - start_s);
+        let key = if duration_s.is_some() { "run.duration_s" } else { "run" };
+        let range = |x: f64| x > 0.0 && x <= MOST_STEPS * dt_s;
+        let expected = "a duration above 0 s, of at most 1e7 steps";
+        let duration = self.number(key, duration, range, expected)?;
+        Ok(Timing {
+            start_s,
+            dt_s,
+            steps: (duration / dt_s - REACHED).ceil().max(1.0) as u64,
+            frame_s,
+        })
+    }
+}

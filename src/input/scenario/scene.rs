@@ -1,0 +1,108 @@
+//! Scene of a scenario: located, resolved, and equipped with the needle.
+
+use std::path::{Path, PathBuf};
+
+use super::aim::Aim;
+use super::error::{ScenarioError, Wrong};
+use super::file::{ScenarioFile, SceneSource};
+use super::needle::{Moving, NeedleSettings};
+use crate::base::document::nearest;
+use crate::input::scene::{self, EXAMPLES, PoseTable, Scene, SceneFile};
+
+impl ScenarioFile {
+    /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.
+    pub(super) fn scene_with(
+        &self,
+        needle: &NeedleSettings,
+        base_dir: &Path,
+    ) -> Result<(Scene, Moving, Option<Aim>), ScenarioError> {
+        let (mut file, folder, is_inline) = self.scene_file(base_dir)?;
+        let of_scene = |error| self.of_scene(error, is_inline);
+        let (mut scene, moving, aim) = match &self.needle_table()?.target {
+            None => {
+                let moving = self.moving(needle, None)?;
+                file.needle = Some(moving.needle.clone());
+                (file.resolve(&folder).map_err(of_scene)?, moving, None)
+            }
+            Some(_) => {
+                let pace = self.pace()?;
+                let scene = file.resolve(&folder).map_err(of_scene)?;
+                let aim = self.aim(&scene, needle)?;
+                let moving = self.moving(needle, Some(aim.keyframes(pace)))?;
+                let mut scene = scene.with_needle(moving.needle.clone()).map_err(of_scene)?;
+                scene.notes.extend(self.aimed_in_words(&aim, pace));
+                scene.warnings.extend(aim.warnings.iter().cloned());
+                (scene, moving, Some(aim))
+            }
+        };
+        // An inserted needle is shown even if the scene does not enable it.
+        scene.settings.effects.needle.get_or_insert_default();
+        Ok((scene, moving, aim))
+    }
+
+    /// The scene's file without needle and deformation, the base folder of its paths, and whether it is inline.
+    pub(super) fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), ScenarioError> {
+        let (mut file, folder, is_inline) = match &self.scene {
+            None => {
+                return Err(self.wrong_keys(
+                    "scene",
+                    "no `scene`",
+                    "the name of a scene, its path, or a table `[scene]`",
+                ));
+            }
+            Some(SceneSource::Inline(file)) => ((**file).clone(), base.to_owned(), true),
+            Some(SceneSource::Named(name)) => {
+                let (file, folder) = self.named_scene(name, base)?;
+                (file, folder, false)
+            }
+        };
+        let own = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
+        if let Some((key, _)) = own.iter().find(|(_, given)| *given) {
+            let at = if is_inline {
+                format!("scene.{key}")
+            } else {
+                "scene".to_owned()
+            };
+            let found = format!("a scene with `{key}` of its own");
+            return Err(self.wrong_keys(
+                at,
+                found,
+                "a scene without: the scenario moves the needle and the tissue",
+            ));
+        }
+        let target = self.needle.as_ref().and_then(|needle| needle.target.clone());
+        let is_file = file.volume.as_ref().is_some_and(|volume| volume.file.is_some());
+        if target.is_some() && is_file && file.pose.is_none() && file.motion.is_none() {
+            file.pose = Some(PoseTable {
+                target,
+                ..PoseTable::default()
+            });
+        }
+        Ok((file, folder, is_inline))
+    }
+
+    fn named_scene(&self, name: &str, base: &Path) -> Result<(SceneFile, PathBuf), ScenarioError> {
+        if let Some((_, text)) = EXAMPLES.iter().find(|(known, _)| *known == name) {
+            let file = SceneFile::parse(text, name).map_err(|error| self.of_scene(error, false))?;
+            return Ok((file, base.to_owned()));
+        }
+        let path = base.join(name);
+        if !name.contains(['.', '/', '\\']) && !path.exists() {
+            let known: Vec<&str> = EXAMPLES.iter().map(|(known, _)| *known).collect();
+            let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
+            let (found, expected) = (
+                name.to_owned(),
+                format!("one of {}, or the path of a scene file", known.join(", ")),
+            );
+            let wrong = Wrong::Scene(scene::Problem::Name { found, expected });
+            return Err(self.fault("scene", wrong).with_help(help));
+        }
+        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+        let file = SceneFile::read(&path).map_err(|error| match error.location() {
+            Some(_) => self.of_scene(error, false),
+            // A missing scene file is an error of the scenario file.
+            None => error.map(Wrong::Scene).at_key("scene", self.source.as_ref()),
+        })?;
+        Ok((file, folder))
+    }
+}

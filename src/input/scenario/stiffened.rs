@@ -1,0 +1,235 @@
+//! Stiffening and viscoelastic tissue: its tables, and the features that it excludes.
+
+use nalgebra::{Point3, Unit, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::error::ScenarioError;
+use super::file::ScenarioFile;
+use super::instruments::NeedleModel;
+use super::needle::NeedleSettings;
+use super::tissue::TissueModel;
+use crate::input::statics::{MemoryName, SchemeName};
+use crate::mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
+use crate::mechanics::insertion::{Anatomy, InvalidSetup};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
+use crate::tracking::trajectory::{Key, Trajectory};
+
+/// Largest sideways motion of a needle in tissue, mm: rounding of the numbers in a file.
+const SIDEWAYS_MM: f64 = 0.05;
+
+/// Solver for the steps of stiffening tissue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct StepSolverSpec {
+    /// Solution scheme. Default `modified-newton`.
+    pub scheme: Option<SchemeName>,
+    /// Convergence tolerance: largest residual force over the largest force (above 0, below 1). Euler steps have none.
+    /// Default 1e-6.
+    pub tolerance: Option<f64>,
+    /// Maximum number of iterations of each substep (1 to 10000). Default 400.
+    pub iterations: Option<u32>,
+    /// Longest path of the tip through tissue in a substep, mm (0.001 to 100). Default 0.5.
+    pub part_mm: Option<f64>,
+}
+
+/// Viscosity of fractional order, the same for all tissue.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TissueViscositySpec {
+    /// Order k of the derivative (0, elastic, to 1, viscous); moduli are in kPa s^k. Default 0.1, that of porcine
+    /// liver.
+    pub order: Option<f64>,
+    /// Memory variable. Default `load-integral`, that of Kobayashi et al. 2010.
+    #[serde(alias = "law")]
+    pub memory: Option<MemoryName>,
+    /// Bound on the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
+    pub tolerance: Option<f64>,
+}
+
+/// Stiffening tissue.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stiffened {
+    /// Constitutive law of each element.
+    pub laws: Vec<Stiffening>,
+    /// Viscosity of a viscoelastic model.
+    pub viscosity: Option<Viscosity>,
+    /// Substep and solver options.
+    pub options: Options,
+}
+
+/// Whether the tissue of a model stiffens.
+pub(super) fn stiffens(model: TissueModel) -> bool {
+    matches!(model, TissueModel::Nonlinear | TissueModel::Viscoelastic)
+}
+
+impl ScenarioFile {
+    /// Returns the viscosity and solver options of stiffening tissue; unsupported features are refused.
+    pub(super) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, ScenarioError> {
+        let spec = &self.tissue;
+        let refuse = |key: String, found: String, expected: &str| Err(self.wrong_keys(key, found, expected));
+        let (stiffens, creeps) = (stiffens(spec.model), spec.model == TissueModel::Viscoelastic);
+        let expected = "`model = \"nonlinear\"` or `\"viscoelastic\"`";
+        if spec.solver.is_some() && !stiffens {
+            return refuse("tissue.solver".into(), "`solver` of a linear model".into(), expected);
+        }
+        if spec.viscosity.is_some() && !creeps {
+            let found = "`viscosity` of a model without memory".into();
+            return refuse("tissue.viscosity".into(), found, "`model = \"viscoelastic\"`");
+        }
+        for (at, material) in spec.material.iter().enumerate() {
+            let table = format!("tissue.material[{at}]");
+            let [knee, rate] = [
+                ("knee_strain", material.knee_strain),
+                ("stiffening", material.stiffening),
+            ];
+            for ((key, given), (other, beside)) in [(knee, rate), (rate, knee)] {
+                if given.is_some() && !stiffens {
+                    return refuse(format!("{table}.{key}"), format!("`{key}` of a linear model"), expected);
+                }
+                if given.is_some() && beside.is_none() {
+                    let found = format!("`{key}` without `{other}`");
+                    return refuse(
+                        format!("{table}.{key}"),
+                        found,
+                        "both, or neither for tissue that does not stiffen",
+                    );
+                }
+            }
+            if stiffens && material.peak.is_some() {
+                let found = "`peak` of tissue that stiffens, which has no part for it".to_owned();
+                return refuse(format!("{table}.peak"), found, "`model = \"finite-element\"`");
+            }
+        }
+        if !stiffens {
+            return Ok(None);
+        }
+        self.no_others()?;
+        Ok(Some((creeps.then(|| self.viscosity()).transpose()?, self.steps()?)))
+    }
+
+    /// Refuses keys that belong to other models.
+    fn no_others(&self) -> Result<(), ScenarioError> {
+        let spec = &self.tissue;
+        let of_linear = [
+            ("level", spec.level.is_some()),
+            ("device", spec.device.is_some()),
+            ("precision", spec.precision.is_some()),
+            ("columns", spec.columns.is_some()),
+            ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),
+        ];
+        if let Some((key, _)) = of_linear.iter().find(|(_, given)| *given) {
+            let found = format!("`{key}` of tissue that stiffens, whose mesh does not change");
+            return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
+        }
+        if self.contact_probe.is_some() {
+            let found = "a probe in contact with tissue that stiffens, which has no part for it";
+            return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
+        }
+        let Some(needle) = &self.needle else { return Ok(()) };
+        if needle.model != NeedleModel::Rigid {
+            let found = "a needle that bends in tissue that stiffens, which it goes through straight";
+            return Err(self.wrong_keys("needle.model", found, "`model = \"rigid\"`"));
+        }
+        if needle.bevel.is_some() {
+            let found = "a bevel in tissue that stiffens, which a needle goes through straight";
+            return Err(self.wrong_keys("needle.bevel", found, "a needle without"));
+        }
+        Ok(())
+    }
+
+    fn viscosity(&self) -> Result<Viscosity, ScenarioError> {
+        let spec = self.tissue.viscosity.unwrap_or_default();
+        let order = spec.order.unwrap_or(0.1);
+        let range = |x: f64| (0.0..=1.0).contains(&x);
+        Ok(Viscosity {
+            order: self.number("tissue.viscosity.order", order, range, "0 to 1")?,
+            memory: spec.memory.unwrap_or_default().into(),
+        })
+    }
+
+    fn steps(&self) -> Result<Options, ScenarioError> {
+        let mut options = Options::default();
+        let spec = self.tissue.solver.unwrap_or_default();
+        let solving = &mut options.solving;
+        solving.scheme = spec.scheme.map_or(solving.scheme, Into::into);
+        if let Some(found) = spec.tolerance {
+            let range = |x: f64| x > 0.0 && x < 1.0;
+            solving.tolerance = self.number("tissue.solver.tolerance", found, range, "above 0, below 1")?;
+        }
+        if let Some(found) = spec.iterations {
+            let range = |x: f64| (1.0..=10_000.0).contains(&x);
+            self.number("tissue.solver.iterations", found.into(), range, "1 to 10000")?;
+            solving.iterations = found as usize;
+        }
+        if let Some(found) = spec.part_mm {
+            let range = |x: f64| (0.001..=100.0).contains(&x);
+            options.part_mm = self.number("tissue.solver.part_mm", found, range, "0.001 to 100 mm")?;
+        }
+        if let Some(found) = self.tissue.viscosity.and_then(|viscosity| viscosity.tolerance) {
+            let range = |x: f64| (1e-13..=1e-2).contains(&x);
+            options.memory_tolerance = self.number("tissue.viscosity.tolerance", found, range, "1e-13 to 1e-2")?;
+        }
+        Ok(options)
+    }
+
+    /// Refuses a path that the needle cannot follow: sideways in tissue, or into bone.
+    pub(super) fn is_straight(
+        &self,
+        path: &Trajectory,
+        needle: &NeedleSettings,
+        mesh: &TetMesh,
+        laws: &[Stiffening],
+        anatomy: &dyn Anatomy,
+    ) -> Result<(), ScenarioError> {
+        let body = Solid::tetrahedra(mesh, laws).map_err(|error| self.fault("tissue", InvalidSetup::Solver(error)))?;
+        let place = |key: &Key| {
+            let base = needle.base(&key.pose);
+            (
+                base * Point3::new(0.0, 0.0, needle.length_mm),
+                base.rotation * Vector3::z_axis(),
+            )
+        };
+        let blame = |key: &Key, found: String, expected: &str| {
+            let written = self.needle.as_ref().and_then(|table| table.motion.as_ref());
+            let key = match written.is_some_and(|motion| motion.keyframes.is_some()) {
+                true => format!("needle.motion.keyframes[{}]", key.source),
+                false if self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty()) => "plan.needle".to_owned(),
+                false => "needle.motion".to_owned(),
+            };
+            self.wrong_keys(key, found, expected)
+        };
+        for pair in path.keys().windows(2) {
+            let [(from, before), (to, direction)] = [&pair[0], &pair[1]].map(place);
+            let way = to - from;
+            let turned = needle.length_mm * (*before - *direction).norm();
+            let sideways = way.cross(&direction).norm().max(turned);
+            let inside = |tip: &Point3<f64>, along: &Unit<Vector3<f64>>| in_body(&body, tip, along, needle.length_mm);
+            if sideways > SIDEWAYS_MM && (inside(&from, &before) || inside(&to, &direction)) {
+                let found = format!(
+                    "a needle in tissue that is moved {sideways:.2} mm sideways, at {} s",
+                    pair[1].time_s
+                );
+                let expected = "one that goes along its axis until it is out: this model has no sideways moves";
+                return Err(blame(&pair[1], found, expected));
+            }
+            let met = obstacle(anatomy, &from, &direction, way.dot(&direction));
+            if let Some(at_mm) = met.filter(|_| sideways <= SIDEWAYS_MM) {
+                let found = format!(
+                    "a needle that meets bone {at_mm:.1} mm on its way, by {} s",
+                    pair[1].time_s
+                );
+                return Err(blame(
+                    &pair[1],
+                    found,
+                    "a way through soft tissue: this model has no part for bone",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

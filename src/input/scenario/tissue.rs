@@ -1,0 +1,247 @@
+//! `[tissue]` table of a scenario file.
+
+use std::path::PathBuf;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::cylinder::CylinderSpec;
+use super::stiffened::{StepSolverSpec, TissueViscositySpec};
+use crate::base::document::RegionName;
+use crate::mechanics::insertion::{Bone, Interaction, Peak};
+use crate::mechanics::mesh::file::Unit;
+use crate::mechanics::tissue::remesh::{Level, Precision};
+
+/// Default number of nodes of a mesh made from the scene's volume: that of Goksel et al. 2011.
+pub const DEFAULT_NODES: u32 = 3300;
+
+/// Model of tissue deformation.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct TissueSpec {
+    /// Tissue model. Default `finite-element`.
+    pub model: TissueModel,
+    /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS). Its regions are label values of the scene's volume, or have a
+    /// `[[tissue.material]]` each. Default: one made from the scene's volume.
+    pub mesh: Option<PathBuf>,
+    /// Length unit of the coordinates in `mesh`: `mm`, `cm` or `m`. Default `mm`.
+    pub mesh_unit: Unit,
+    /// Name of the cell array (or physical groups) of `mesh` that numbers the regions. Default: the first of the
+    /// common names.
+    pub region_array: Option<String>,
+    /// Maximum number of nodes of a mesh made from the scene's volume (8 to 1000000). Default 3300.
+    pub nodes: Option<u32>,
+    /// Part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of it.
+    pub box_mm: Option<[[f64; 3]; 2]>,
+    /// Whether the elements of a mesh made from the scene's volume are finer along the needle's path. Default: true
+    /// for `finite-element`, false for the other models.
+    pub along_path: Option<bool>,
+    /// Labels excluded from the mesh, such as gel or air: names or values.
+    pub outside: Vec<RegionName>,
+    /// Which part of the compliance is updated after each change of the mesh (finite elements). Default `exact`.
+    pub level: Option<LevelName>,
+    /// Device that stores and updates a dense inverse, at levels I to IV. Default `cpu`.
+    pub device: Option<DeviceName>,
+    /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one supported there; the exact level always
+    /// uses `f64`.
+    pub precision: Option<PrecisionName>,
+    /// Source of the compliance. Default `on-demand` for the exact level, `dense` for all others.
+    pub columns: Option<ColumnsName>,
+    /// Minimum distance between nodes on the needle, mm (0.1 to 100; finite elements): a node of the mesh is moved to the tip when the tip has
+    /// left all elements around the last such node and is at least this far from it. Default 1.
+    pub contact_spacing_mm: Option<f64>,
+    /// Cylinder of a mass-spring model.
+    pub cylinder: Option<CylinderSpec>,
+    /// Solver for the steps of a nonlinear or viscoelastic model.
+    pub solver: Option<StepSolverSpec>,
+    /// Viscosity of a viscoelastic model.
+    pub viscosity: Option<TissueViscositySpec>,
+    /// Materials of regions, where they differ from the scene's tissues.
+    pub material: Vec<MaterialSpec>,
+    /// Fixed nodes.
+    pub fix: Vec<FixSpec>,
+}
+
+/// Tissue model.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum TissueModel {
+    /// Linear finite elements, remeshed at the tip (Goksel et al. 2011).
+    #[default]
+    FiniteElement,
+    /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007).
+    MassSpring,
+    /// Finite elements that stiffen above a knee strain (`knee_strain` and `stiffening` of a material), pushed, punctured and cut by a
+    /// rigid, straight needle (Kobayashi et al. 2010).
+    Nonlinear,
+    /// Finite elements as in `nonlinear`, with viscosity of fractional order.
+    Viscoelastic,
+}
+
+/// Level of remeshing: see `docs/remeshing.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum LevelName {
+    /// Exact at the contacts, computed from an unmodified base.
+    #[default]
+    #[serde(rename = "exact")]
+    Exact,
+    /// The complete inverse is updated after every change.
+    I,
+    /// Rows and columns of the moved node and its neighbours are updated.
+    II,
+    /// Rows and columns of the moved node are updated.
+    III,
+    /// The inverse is not updated.
+    IV,
+}
+
+impl From<LevelName> for Level {
+    fn from(name: LevelName) -> Level {
+        match name {
+            LevelName::Exact => Level::Exact,
+            LevelName::I => Level::I,
+            LevelName::II => Level::II,
+            LevelName::III => Level::III,
+            LevelName::IV => Level::IV,
+        }
+    }
+}
+
+/// Floating-point precision.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub enum PrecisionName {
+    /// Double precision.
+    #[default]
+    #[serde(rename = "f64")]
+    Double,
+    /// Single precision.
+    #[serde(rename = "f32")]
+    Single,
+}
+
+impl From<PrecisionName> for Precision {
+    fn from(name: PrecisionName) -> Precision {
+        match name {
+            PrecisionName::Double => Precision::Double,
+            PrecisionName::Single => Precision::Single,
+        }
+    }
+}
+
+/// Device for the dense inverse.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum DeviceName {
+    /// CPU.
+    #[default]
+    Cpu,
+    /// The best GPU adapter, or the one named by `--adapter` or `INSONIFY_ADAPTER`; software Vulkan if there is no other.
+    Gpu,
+}
+
+/// Source of the columns of the compliance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum ColumnsName {
+    /// Each column is solved for when first needed: immediate start, little memory.
+    OnDemand,
+    /// All columns are computed at the start: seconds to minutes, and the memory of a dense inverse.
+    Dense,
+}
+
+/// Material of a region. Keys left open are taken from the scene's tissue of that label.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct MaterialSpec {
+    /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions without their own
+    /// table.
+    pub region: Option<RegionName>,
+    /// Young's modulus, kPa (above 0).
+    pub young_kpa: Option<f64>,
+    /// Poisson's ratio (above -1, below 0.5).
+    pub poisson: Option<f64>,
+    /// Nonlinear and viscoelastic models: relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
+    /// simple shear the relative strain is 0.866 of the shear.
+    pub knee_strain: Option<f64>,
+    /// With `knee_strain`: stiffening coefficient, a in E (1 + a (e - knee)^2) (0 or more).
+    pub stiffening: Option<f64>,
+    /// Sliding friction of the shaft, N per mm of shaft (0 or more).
+    pub friction_n_per_mm: Option<f64>,
+    /// Ratio of static to sliding friction (1 or more). Default 1.
+    pub static_ratio: Option<f64>,
+    /// Cutting force at the advancing tip, N (0 or more).
+    pub cutting_n: Option<f64>,
+    /// Puncture force at the surface of this tissue, N (0 or more). Default 0: none beyond `cutting_n`.
+    pub puncture_n: Option<f64>,
+    /// Different friction along the shaft near the advancing tip. Default: none.
+    pub peak: Option<PeakSpec>,
+    /// Stops the needle, as bone does. Default: only where the region is rigid.
+    pub bone: Option<BoneSpec>,
+    /// Whether the needle must avoid the region, as a large vessel: entering it raises an event and a warning.
+    /// Default false.
+    pub critical: Option<bool>,
+    /// Whether all nodes of the region are fixed. Default: where its Young's modulus is 1e6 kPa or more, as of
+    /// bone.
+    pub rigid: Option<bool>,
+}
+
+/// Three-parameter friction of Dehghan et al. 2008: within `width_mm` of the tip, while the tip cuts, this force per length
+/// replaces `friction_n_per_mm`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PeakSpec {
+    /// Force per length within `width_mm` of the tip, N/mm (0 or more).
+    pub density_n_per_mm: f64,
+    /// Length of the shaft segment behind the tip, mm (above 0).
+    pub width_mm: f64,
+}
+
+/// Bone contact. The force on the tip grows in proportion to its depth in the bone, up to `stiffness_n_per_mm` x `penetration_mm`:
+/// then the needle stops, and lags behind the hand.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BoneSpec {
+    /// Force per mm of depth, N/mm (above 0). Default for bone 40.
+    pub stiffness_n_per_mm: f64,
+    /// Depth at which the needle stops, mm (above 0). Default for bone 0.5: the hand feels 20 N at most.
+    pub penetration_mm: f64,
+}
+
+/// Fixed nodes: by number, or the intersection of a box, a region and the surface.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct FixSpec {
+    /// Node numbers from 0 in the order of the mesh file.
+    pub nodes: Option<Vec<i64>>,
+    /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
+    pub box_mm: Option<[[f64; 3]; 2]>,
+    /// All nodes of a region: its name, a part of its name, or its number.
+    pub region: Option<RegionName>,
+    /// Only nodes on the surface of the mesh. Default false.
+    pub surface: bool,
+    /// Axes along which the nodes are fixed: `x`, `y`, `z` or several. Default `xyz`.
+    pub axes: Option<String>,
+}
+
+impl MaterialSpec {
+    /// Interaction with the needle; keys left open are taken from `usual`.
+    pub(super) fn interaction(&self, usual: &Interaction) -> Interaction {
+        Interaction {
+            friction_n_per_mm: self.friction_n_per_mm.unwrap_or(usual.friction_n_per_mm),
+            static_ratio: self.static_ratio.unwrap_or(usual.static_ratio),
+            cutting_n: self.cutting_n.unwrap_or(usual.cutting_n),
+            puncture_n: self.puncture_n.unwrap_or(usual.puncture_n),
+            peak: self.peak.map(|peak| Peak {
+                density_n_per_mm: peak.density_n_per_mm,
+                width_mm: peak.width_mm,
+            }),
+            bone: self.bone.map_or(usual.bone, |bone| {
+                Some(Bone {
+                    stiffness_n_per_mm: bone.stiffness_n_per_mm,
+                    penetration_mm: bone.penetration_mm,
+                })
+            }),
+            critical: self.critical.unwrap_or(usual.critical),
+        }
+    }
+}

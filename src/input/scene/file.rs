@@ -1,0 +1,258 @@
+//! Serde types of a scene file, as written: no files are read and nothing is validated here.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::deform::DeformSpec;
+use super::paths::{MotionSpec, NeedleTable};
+use crate::anatomy::acoustics::{Preset, TissueOverride};
+use crate::anatomy::phantom::Phantom;
+use crate::anatomy::volume::complete::Unlabelled;
+use crate::anatomy::volume::texture::{Seam, Values};
+use crate::base::document::{Source, Version};
+use crate::base::matrix::Rows;
+use crate::imaging::effects::Effects;
+use crate::imaging::quality::QualitySpec;
+use crate::tracking::placement::ScanPlane;
+use crate::tracking::pose::PoseSpec;
+use crate::tracking::probe::ProbeSpec;
+use crate::tracking::world::World;
+
+/// A scene file. Paths are relative to the folder of the file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneFile {
+    /// Version of the format: 1, which is the default.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub version: Option<Version>,
+    /// Seed of all random numbers of a frame: speckle, noise, solid textures. Default 0.
+    #[serde(default)]
+    pub seed: u64,
+    /// Time budgets of frames and steps of an insertion: what the scene leaves open is picked from what it costs on this
+    /// machine. Without it, open keys have their defaults.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quality: Option<QualitySpec>,
+    /// Imaged volume.
+    #[schemars(required)]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub volume: Option<VolumeSpec>,
+    /// Transducer. Default: that of a recording's PLUS configuration; or the one that suits the phantom; for a file a
+    /// curvilinear one of 60 mm and 70 degrees, 150 mm deep.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub probe: Option<ProbeSpec>,
+    /// Constant pose of the probe. Default: the phantom's own pose, or on the skin over the largest soft organ.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pose: Option<PoseTable>,
+    /// Motion of the probe, and the number of frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub motion: Option<MotionSpec>,
+    /// Needle. Without it no needle is simulated.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub needle: Option<NeedleTable>,
+    /// Deformation of the tissue. Without it no mesh is made.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub deform: Option<DeformSpec>,
+    /// Pixels of the frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub image: Option<ImageSpec>,
+    /// Tissues that differ from the built-in ones.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub tissue: Vec<TissueOverride>,
+    /// Solid textures from files.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub texture: Vec<TextureSpec>,
+    /// Effects. Without any `[effects]` table the usual ones are enabled with their defaults; with one, exactly those
+    /// that it names, and an empty `[effects]` leaves only slicing.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub effects: Option<Effects>,
+    /// Source text, for errors that point into it.
+    #[serde(skip)]
+    pub(super) source: Option<Arc<Source>>,
+}
+
+impl SceneFile {
+    /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin
+    /// over the largest soft organ, the usual effects.
+    pub fn for_labels(path: &Path) -> Self {
+        Self {
+            version: Some(Version),
+            volume: Some(VolumeSpec {
+                file: Some(path.to_owned()),
+                ..VolumeSpec::default()
+            }),
+            ..Self::default()
+        }
+    }
+}
+
+/// Imaged volume: exactly one of `phantom` and `file`. It may lie anywhere in the world, with probe, needle and deformation in the
+/// same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis uses a local origin at the nearest whole metres.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct VolumeSpec {
+    /// A volume generated from code.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub phantom: Option<Phantom>,
+    /// Phantom only: voxel edge, mm (0.3 to 5). Default: the phantom's own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub resolution_mm: Option<f64>,
+    /// Phantom only: seed of its irregular surfaces, vessels and gas. Default 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// Label file (NIfTI, NRRD or MetaImage), or folder of binary masks named by their files. NIfTI stores its position in single precision, in steps
+    /// of 0.008 mm at 1e5 mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// File only: table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label
+    /// descriptions of ITK-SNAP. Default: for labels without names, the file of the same stem that ends in .csv.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub names: Option<PathBuf>,
+    /// File only: treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the
+    /// labels describe one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unlabelled: Option<Unlabelled>,
+    /// File only: CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
+    /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ct: Option<PathBuf>,
+    /// File only: whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys,
+    /// chambers of the heart, fat around the kidneys and in soft tissue. They are imaged only; meshes and needles use the undivided organs. Default
+    /// true.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub structures: Option<bool>,
+    /// File only: thickness of the muscle that `auto` adds under the fat, mm (0 to 100). Default 8.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub muscle_mm: Option<f64>,
+    /// File only: thickness of the fat that `auto` adds, mm (0 to 100). Default 12.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fat_mm: Option<f64>,
+    /// File only: thickness of the skin that `auto` adds, mm (0 to 100). Default 2.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub skin_mm: Option<f64>,
+    /// Numbering by which labels without a `[[tissue]]` are assigned tissues. Default `auto`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub preset: Option<Preset>,
+}
+
+/// Constant pose of the probe: stated, or placed over a target. Rotations apply to either, and to the default pose.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct PoseTable {
+    /// Target under the probe: the name of a label, a tissue or a TotalSegmentator class, a part of one such as
+    /// `kidney` (the largest matching label counts), or a label value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<String>,
+    /// Orientation of the scan plane of an automatically placed probe. Default: the one that shows more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub plane: Option<ScanPlane>,
+    /// World axes of the pose: `lps` (default), or `ras` as in 3D Slicer.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub world: Option<World>,
+    /// Centre of the array in the world, mm.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub position_mm: Option<[f64; 3]>,
+    /// Axial direction of the probe in the world; any length.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f64; 3]>,
+    /// Approximate direction of the marked side in the world. Default: the patient's left, or the feet if the probe
+    /// points along the left-right axis.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub lateral: Option<[f64; 3]>,
+    /// Probe-to-world transform, mm: rigid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub matrix: Option<Rows>,
+    /// Rotation about the axial direction, degrees. Default 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rotate_deg: Option<f64>,
+    /// Rotation within the image plane, degrees. Default 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rock_deg: Option<f64>,
+    /// Rotation out of the image plane, degrees. Default 0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tilt_deg: Option<f64>,
+}
+
+impl PoseTable {
+    /// Returns the pose keys, in LPS.
+    pub fn pose(&self) -> PoseSpec {
+        PoseSpec {
+            position_mm: self.position_mm,
+            direction: self.direction,
+            lateral: self.lateral,
+            rotate_deg: self.rotate_deg,
+            rock_deg: self.rock_deg,
+            tilt_deg: self.tilt_deg,
+            matrix: self.matrix,
+        }
+        .in_lps(self.world.unwrap_or_default())
+    }
+
+    /// Whether the table states the pose itself, rather than a change to a pose determined otherwise.
+    pub fn is_explicit(&self) -> bool {
+        self.position_mm.is_some() || self.direction.is_some() || self.lateral.is_some() || self.matrix.is_some()
+    }
+}
+
+/// Placement of the pixels of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum GridSpec {
+    /// The complete sector in `width` by `height` square pixels.
+    #[default]
+    Fitted,
+    /// The pixels of the recording that moves the probe, by its size (or that in its PLUS configuration) and its
+    /// calibration.
+    Recorded,
+}
+
+/// Pixels of the frame.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct ImageSpec {
+    /// Placement of the pixels. Default `fitted`.
+    pub grid: GridSpec,
+    /// Columns (1 to 16384). Default 640; with `recorded`, `width` and `height` are those of the recording, without
+    /// `margin`.
+    pub width: u32,
+    /// Rows (1 to 16384). Default 480.
+    pub height: u32,
+    /// Fraction of the image left free on each side of the sector (0 to 0.45). Default 0.02.
+    pub margin: f64,
+    /// Grey level outside the sector (0 to 255). Default 0.
+    pub fill: u8,
+}
+
+impl Default for ImageSpec {
+    fn default() -> Self {
+        Self {
+            grid: GridSpec::Fitted,
+            width: 640,
+            height: 480,
+            margin: 0.02,
+            fill: 0,
+        }
+    }
+}
+
+/// A solid texture from a file, referred to by tissues.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TextureSpec {
+    /// Name of the texture; that of a built-in texture replaces it.
+    pub name: String,
+    /// Three-dimensional grey file: NIfTI, NRRD or MetaImage.
+    pub file: PathBuf,
+    /// Distance between voxel centres along each axis, mm, above 0. Default: that of the file.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub spacing_mm: Option<[f64; 3]>,
+    /// Meaning of the voxel values. Default `amplitude`.
+    #[serde(default)]
+    pub values: Values,
+    /// Method for making the texture periodic. Default: the end of each axis fades into its beginning over a fifth
+    /// of it.
+    #[serde(default)]
+    pub seam: Seam,
+}

@@ -1,0 +1,149 @@
+//! Serde types of a problem file.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use schemars::JsonSchema;
+use serde::Deserialize;
+
+use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
+use super::error::StaticsError;
+use crate::base::document::{self, RegionName, Source, Version};
+use crate::mechanics::mesh::file::Unit;
+
+/// A static problem. Nodes are numbered from 0 in the order of the mesh file.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ProblemFile {
+    /// Version of the format: 1, which is the default.
+    pub version: Option<Version>,
+    /// Tetrahedral mesh, relative to this file: Gmsh or VTK.
+    pub mesh: PathBuf,
+    /// Length unit of the coordinates in the mesh file: `mm`, `cm` or `m`. Default `mm`.
+    #[serde(default)]
+    pub mesh_unit: Unit,
+    /// Name of the mesh's cell array (or physical groups) that numbers the regions. Default: the first of the
+    /// common names.
+    #[serde(alias = "region")]
+    pub region_array: Option<String>,
+    /// Tissue model. Default `linear`.
+    #[serde(default)]
+    pub model: Model,
+    /// Gravitational acceleration, acting on all tissue through its `density_kg_per_m3`, m/s^2, such as `[0, 9.81, 0]` towards the
+    /// back. Default: none.
+    pub gravity_m_per_s2: Option<[f64; 3]>,
+    /// Nodes whose displacements are reported.
+    #[serde(default)]
+    pub report_nodes: Vec<i64>,
+    /// Materials of the regions.
+    #[serde(default)]
+    pub material: Vec<MaterialSpec>,
+    /// Prescribed displacements.
+    #[serde(default)]
+    pub fix: Vec<FixSpec>,
+    /// Forces and pressures.
+    #[serde(default)]
+    pub load: Vec<LoadSpec>,
+    /// Solver of a nonlinear or viscoelastic problem.
+    #[serde(alias = "nonlinear")]
+    pub solver: Option<SolverSpec>,
+    /// Viscosity of viscoelastic tissue.
+    #[serde(alias = "viscoelastic")]
+    pub viscosity: Option<ViscositySpec>,
+    /// Time course of loads and prescribed displacements, for nonlinear and viscoelastic tissue.
+    pub history: Option<HistorySpec>,
+    /// Source text, for errors that point into it.
+    #[serde(skip)]
+    pub(super) source: Option<Arc<Source>>,
+}
+
+/// Material of a region, or of all regions without their own.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MaterialSpec {
+    /// Region: its name, a part of its name, or its number. Without one the material applies to all other regions.
+    pub region: Option<RegionName>,
+    /// Young's modulus, kPa, above 0.
+    pub young_kpa: f64,
+    /// Poisson's ratio, above -1 and below 0.5.
+    pub poisson: f64,
+    /// Relative strain (0 or more) above which the tissue stiffens, for nonlinear and viscoelastic tissue; sqrt(3)/2 times a knee in
+    /// simple shear. Default: no stiffening.
+    pub knee_strain: Option<f64>,
+    /// Stiffening coefficient (0 or more): a in young_kpa (1 + a (strain - knee_strain)^2).
+    pub stiffening: Option<f64>,
+    /// Density, kg/m^3 (above 0, at most 1e6): about 1050 for soft tissue. Required with `gravity_m_per_s2`.
+    pub density_kg_per_m3: Option<f64>,
+}
+
+/// Prescribed displacements of nodes: selected by number, or as the intersection of a box, a region and the surface.
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct FixSpec {
+    /// Node numbers.
+    pub nodes: Option<Vec<i64>>,
+    /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
+    pub box_mm: Option<[[f64; 3]; 2]>,
+    /// All nodes of a region: its name, a part of its name, or its number.
+    pub region: Option<RegionName>,
+    /// Only nodes on the surface of the mesh. Default false.
+    #[serde(default)]
+    pub surface: bool,
+    /// Axes along which the nodes are fixed: `x`, `y`, `z` or several. Default `xyz`.
+    #[serde(default = "all_axes")]
+    pub axes: String,
+    /// Prescribed displacement from the mesh, mm (-1e6 to 1e6); only the components in `axes` count. Default 0.
+    #[serde(default)]
+    pub displacement_mm: [f64; 3],
+    /// Factors on the displacement at the times of the history. Default: those of the history.
+    pub factor: Option<Vec<f64>>,
+}
+
+fn all_axes() -> String {
+    "xyz".to_owned()
+}
+
+/// A load on nodes, selected as in `[[fix]]`, or on the surface between them: exactly one of `total_force_n`, `pressure_kpa` and
+/// `node_force_n`.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LoadSpec {
+    /// Node numbers.
+    pub nodes: Option<Vec<i64>>,
+    /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
+    pub box_mm: Option<[[f64; 3]; 2]>,
+    /// All nodes of a region: its name, a part of its name, or its number.
+    pub region: Option<RegionName>,
+    /// Only nodes on the surface of the mesh. Default false; `total_force_n` and `pressure_kpa` act on the surface
+    /// in any case.
+    pub surface: bool,
+    /// Total force, spread evenly over the surface faces whose nodes are all selected, N.
+    pub total_force_n: Option<[f64; 3]>,
+    /// Pressure on these faces, kPa; positive values push inwards.
+    pub pressure_kpa: Option<f64>,
+    /// Force on each node, N: a finer mesh has more nodes, and a larger total force.
+    #[serde(alias = "force_n")]
+    pub node_force_n: Option<[f64; 3]>,
+    /// Factors on the load at the times of the history. Default: those of the history.
+    pub factor: Option<Vec<f64>>,
+}
+
+impl ProblemFile {
+    /// Reads a problem file.
+    ///
+    /// # Errors
+    /// [`StaticsError`] if the file cannot be read or is not a problem.
+    pub fn read(path: &Path) -> Result<Self, StaticsError> {
+        Self::parse(&document::read(path)?, &path.display().to_string())
+    }
+
+    /// Parses the text of a problem file; `name` is the file name shown in errors.
+    ///
+    /// # Errors
+    /// [`StaticsError`] that points at a syntax error, an unknown key, or a value of the wrong type.
+    pub fn parse(text: &str, name: &str) -> Result<Self, StaticsError> {
+        let (mut file, source): (Self, _) = document::parse(text, name)?;
+        file.source = Some(source);
+        Ok(file)
+    }
+}
