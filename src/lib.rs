@@ -5,29 +5,15 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`document`] | user-written TOML files, and errors that point into them |
-//! | [`scene`] | scene files, validated: every effect is optional |
-//! | [`volume`] | labelled volumes, solid textures and their file formats |
-//! | [`phantom`] | labelled volumes generated from code |
-//! | [`tissue`] | the tissue table and the bank of solid textures |
-//! | [`segmentation`] | label files and folders of masks, with named labels |
-//! | [`tracking`] | probe geometry, poses, trajectories, tracked sequences |
-//! | [`effects`] | the ordered registry of effects: parameters, CPU reference, pass declaration |
-//! | [`plan`] | scene to passes and resources, each with its reason |
-//! | [`quality`] | accuracy levels picked from their measured cost on this machine |
-//! | [`synth`] | execution of a plan on the CPU or the GPU |
+//! | [`base`] | documents, text, memory, random numbers, output files, reports |
 //! | [`gpu`] | adapters, devices, pipelines, read-back; independent of ultrasound |
-//! | [`mechanics`] | tetrahedral meshes, point location, tissue that deforms |
-//! | [`material_case`] | case files for material tests |
+//! | [`anatomy`] | labelled volumes and their formats, phantoms, segmentations, acoustics of tissue |
+//! | [`mechanics`] | meshes, tissue, needles, insertions, remeshing |
+//! | [`tracking`] | probe geometry, poses, trajectories, tracked sequences |
+//! | [`imaging`] | effects, plan, execution on the CPU or the GPU, accuracy levels, sequences of frames |
+//! | [`input`] | scenes, scenarios, static problems, beam and material cases as TOML files |
 //! | [`simulator`] | steps at haptic rate, images on another thread |
-//! | [`remesh_gpu`] | remeshing with the dense inverse on a GPU |
-//! | [`scenario`] | scenario files for needle insertions, and their run |
-//! | [`statics`] | problem files for static problems |
-//! | [`beam_case`] | case files for needles bent at their base |
-//! | [`report`] | tables, pages and plots of all reports |
-//! | [`study`] | benchmarks, stability cases, and inspection of single pixels |
-//! | [`text`] | sanitising of text from files for a terminal |
-//! | [`output`] | PNG, image sequences, sidecars |
+//! | [`study`] | benchmarks, parity, stability cases, trade-offs of accuracy and time |
 //!
 //! # Axes and units
 //!

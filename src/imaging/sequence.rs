@@ -10,8 +10,8 @@ use flate2::Compression;
 use flate2::write::{GzEncoder, ZlibEncoder};
 use nalgebra::Matrix4;
 
-use super::{OutputError, atomic};
 use crate::base::output::atomic::folder_of;
+use crate::base::output::{OutputError, atomic};
 use crate::tracking::sequence::SequenceFrame;
 
 /// Metadata of an image.

@@ -7,8 +7,8 @@ use nalgebra::{Matrix4, Point3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{OutputError, atomic};
 use crate::base::matrix::Rows;
+use crate::base::output::{OutputError, atomic};
 use crate::tracking::needle::NeedlePose;
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::ImageGrid;

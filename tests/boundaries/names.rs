@@ -48,16 +48,6 @@ fn assert_free(module: &str, words: &[&str]) {
     assert!(found.is_empty(), "{module} names {words:?}:\n{}", found.join("\n"));
 }
 
-#[test]
-fn mechanics_name_no_gpu() {
-    assert_free("mechanics", &["wgpu", "gpu"]);
-}
-
-#[test]
-fn the_plan_names_no_gpu() {
-    assert_free("plan", &["wgpu", "gpu"]);
-}
-
 /// Lines of a source before its tests that name a module of the crate by one of these paths.
 fn naming_paths(module: &str, paths: &[&str]) -> Vec<String> {
     let mut found = Vec::new();
@@ -84,59 +74,81 @@ fn naming_paths(module: &str, paths: &[&str]) -> Vec<String> {
     found
 }
 
-/// Studies measure everything else: only the commands know of them.
+/// The rooms of `src/`, lowest first, and the lower rooms that each may name; `ARCHITECTURE.md` says what each holds.
+const ROOMS: &[(&str, &[&str])] = &[
+    ("base", &[]),
+    ("gpu", &["base"]),
+    ("anatomy", &["base"]),
+    ("mechanics", &["base", "gpu"]),
+    ("tracking", &["base", "anatomy", "mechanics"]),
+    ("imaging", &["base", "gpu", "anatomy", "mechanics", "tracking"]),
+    ("input", &["base", "gpu", "anatomy", "mechanics", "tracking", "imaging"]),
+    ("simulator", &["base", "mechanics", "tracking", "imaging"]),
+    (
+        "study",
+        &[
+            "base",
+            "gpu",
+            "anatomy",
+            "mechanics",
+            "tracking",
+            "imaging",
+            "input",
+            "error",
+        ],
+    ),
+];
+
 #[test]
-fn only_the_commands_name_studies() {
-    for entry in std::fs::read_dir(root().join("src")).expect("the sources").flatten() {
-        let path = entry.path();
-        let module = path.file_stem().and_then(|stem| stem.to_str()).expect("a name");
-        if !["cli", "study", "lib"].contains(&module) {
-            let found = naming_paths(module, &["study"]);
-            assert!(found.is_empty(), "{module} names studies:\n{}", found.join("\n"));
-        }
+fn a_room_names_those_below_it_alone() {
+    let mut found = Vec::new();
+    for (room, below) in ROOMS {
+        let mut others: Vec<&str> = ROOMS.iter().map(|(other, _)| *other).collect();
+        others.extend(["cli", "error"]);
+        others.retain(|other| other != room && !below.contains(other));
+        found.extend(naming_paths(room, &others));
+    }
+    assert!(found.is_empty(), "{} lines:\n{}", found.len(), found.join("\n"));
+}
+
+#[test]
+fn mechanics_name_no_gpu_but_for_the_remeshing_there() {
+    for module in ["insertion", "mesh", "needle", "tissue"] {
+        assert_free(&format!("mechanics/{module}"), &["wgpu", "gpu"]);
     }
 }
 
 #[test]
-fn what_a_user_writes_and_reports_name_neither_commands_nor_the_top_error() {
-    for module in [
-        "document",
-        "scene",
-        "scenario",
-        "statics",
-        "beam_case",
-        "material_case",
-        "quality",
-        "report",
-    ] {
-        let found = naming_paths(module, &["cli", "error"]);
-        assert!(found.is_empty(), "{module}:\n{}", found.join("\n"));
+fn the_rooms_are_all_there_is() {
+    let mut found: Vec<String> = Vec::new();
+    for entry in std::fs::read_dir(root().join("src")).expect("the sources").flatten() {
+        let path = entry.path();
+        found.extend(path.file_stem().and_then(|stem| stem.to_str()).map(str::to_owned));
     }
+    found.sort();
+    found.dedup();
+    let mut expected: Vec<&str> = ROOMS
+        .iter()
+        .map(|(room, _)| *room)
+        .chain(["cli", "error", "lib", "main"])
+        .collect();
+    expected.sort();
+    assert_eq!(found, expected);
+}
+
+#[test]
+fn the_plan_names_no_gpu() {
+    assert_free("imaging/plan", &["wgpu", "gpu"]);
 }
 
 #[test]
 fn the_gpu_layer_knows_no_ultrasound() {
-    assert_free(
-        "gpu",
-        &[
-            "effects",
-            "synth",
-            "plan",
-            "tissue",
-            "tracking",
-            "mechanics",
-            "scanline",
-            "scanlines",
-            "speckle",
-        ],
-    );
+    assert_free("gpu", &["tissue", "scanline", "scanlines", "speckle"]);
 }
 
 #[test]
-fn only_the_gpu_layer_and_the_synthesizer_name_wgpu() {
-    for module in [
-        "effects", "volume", "tissue", "tracking", "phantom", "output", "scene", "random", "real",
-    ] {
+fn only_the_gpu_layer_and_those_who_submit_to_it_name_wgpu() {
+    for module in ["base", "anatomy", "tracking", "input", "imaging/effects"] {
         assert_free(module, &["wgpu"]);
     }
 }
@@ -145,7 +157,7 @@ fn only_the_gpu_layer_and_the_synthesizer_name_wgpu() {
 fn every_effect_has_its_source_its_shader_and_its_parity_test() {
     for effect in REGISTRY {
         for file in [
-            format!("src/effects/{}.rs", effect.name),
+            format!("src/imaging/effects/{}.rs", effect.name),
             format!("shaders/{}.wgsl", effect.name),
             format!("tests/parity/{}.rs", effect.name),
         ] {
@@ -205,57 +217,57 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "the public interface has the parameters of each",
     ),
     (
-        "effects/point_spread.rs",
+        "imaging/effects/point_spread.rs",
         &["speckle"],
         "the point spread is stated with the speckle",
     ),
     (
-        "effects/speckle.rs",
+        "imaging/effects/speckle.rs",
         &["interface", "needle"],
         "adds their echoes before the point spread",
     ),
     (
-        "effects/interface.rs",
+        "imaging/effects/interface.rs",
         &["slice", "speckle"],
         "reads labels as they are sliced; writes its echo where the speckle adds it",
     ),
     (
-        "effects/needle.rs",
+        "imaging/effects/needle.rs",
         &["speckle", "interface", "shadow"],
         "writes its echo where the speckle adds it, after the surfaces; shades a part of the beam",
     ),
     (
-        "effects/needle/segments.rs",
+        "imaging/effects/needle/segments.rs",
         &["speckle"],
         "the echo of a thick shaft passes its kernels",
     ),
-    ("effects/shadow.rs", &["needle"], "the needle shades"),
-    ("effects/shadow/aperture.rs", &["needle"], "the needle shades"),
+    ("imaging/effects/shadow.rs", &["needle"], "the needle shades"),
+    ("imaging/effects/shadow/aperture.rs", &["needle"], "the needle shades"),
     (
-        "effects/receiver.rs",
+        "imaging/effects/receiver.rs",
         &["speckle", "shadow"],
         "clutter has the point spread, and attenuates",
     ),
     (
-        "effects/tone.rs",
+        "imaging/effects/tone.rs",
         &["shadow", "receiver"],
         "compensates for attenuation down to the noise",
     ),
-    ("effects/tone/auto_gain.rs", &["receiver"], "amplifies no noise"),
+    ("imaging/effects/tone/auto_gain.rs", &["receiver"], "amplifies no noise"),
     (
-        "synth/tables.rs",
+        "imaging/synth/tables.rs",
         &["thickness"],
         "sub-planes are part of the grid of all passes",
     ),
     (
-        "output/overlay.rs",
+        "imaging/overlay.rs",
         &["speckle", "tone"],
         "draws the focus and the grey scale",
     ),
-    ("scenario/scene.rs", &["needle"], "an insertion shows its needle"),
-    ("scene/check.rs", &["tone"], "tells that grey levels are linear"),
+    ("input/scenario/scene.rs", &["needle"], "an insertion shows its needle"),
+    ("input/scene/check.rs", &["tone"], "tells that grey levels are linear"),
     (
-        "scene/resolve.rs",
+        "input/scene/resolve.rs",
         &["contact", "needle"],
         "tells of gaps under the array and of needles beside the plane",
     ),
@@ -302,15 +314,15 @@ fn an_effect_is_named_in_its_own_files_and_the_registry_alone() {
             continue;
         }
         let mut text = code(&path);
-        if name == "effects.rs" {
+        if name == "imaging/effects.rs" {
             let start = text.find("\nregistry! {").expect("the registry");
             let end = start + text[start..].find("\n}\n").expect("its end");
             text.replace_range(start..end, "");
         }
         for effect in REGISTRY {
-            let is_own =
-                name == format!("effects/{}.rs", effect.name) || name.starts_with(&format!("effects/{}/", effect.name));
-            let beside = name.starts_with("effects");
+            let is_own = name == format!("imaging/effects/{}.rs", effect.name)
+                || name.starts_with(&format!("imaging/effects/{}/", effect.name));
+            let beside = name.starts_with("imaging/effects");
             let is_named = has(&text, "effects::", effect.name)
                 || has(&text, "effects.", effect.name)
                 || imports(&text, "effects::{", effect.name)

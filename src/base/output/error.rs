@@ -88,7 +88,7 @@ impl OutputError {
         Self::Write { path, cause }
     }
 
-    pub(super) fn contents(path: &Path, text: String) -> Self {
+    pub(crate) fn contents(path: &Path, text: String) -> Self {
         let path = path.to_owned();
         Self::Contents { path, text }
     }
