@@ -146,7 +146,7 @@ impl ScenarioFile {
         let range = |x: f64| (0.0..=1.0).contains(&x);
         Ok(Viscosity {
             order: self.number("tissue.viscosity.order", order, range, "0 to 1")?,
-            memory: spec.memory.unwrap_or_default().into(),
+            memory: spec.memory.unwrap_or_default(),
         })
     }
 
