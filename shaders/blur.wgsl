@@ -1,4 +1,4 @@
-// Lateral Gaussian along arcs of constant depth. Twin of src/effects/blur.rs.
+// Lateral Gaussian along arcs of constant depth. Twin of src/imaging/effects/blur.rs.
 struct Params {
     lines: u32,
     samples: u32,

@@ -1,4 +1,4 @@
-// Skin conforms to the array. Twin of src/effects/contact.rs.
+// Skin conforms to the array. Twin of src/imaging/effects/contact.rs.
 struct Params {
     probe_to_world: array<vec4<f32>, 3>,
     lines: u32,

@@ -1,4 +1,4 @@
-// Place of every sample in the world. Twin of src/effects/geometry.rs.
+// Place of every sample in the world. Twin of src/imaging/effects/geometry.rs.
 struct Params {
     probe_to_world: array<vec4<f32>, 3>,
     lines: u32,

@@ -1,4 +1,4 @@
-// Specular echoes where the label changes along a scanline. Twin of src/effects/interface.rs.
+// Specular echoes where the label changes along a scanline. Twin of src/imaging/effects/interface.rs.
 struct Params {
     world_to_index: array<vec4<f32>, 3>,
     size: vec3<u32>,

@@ -1,4 +1,4 @@
-// Echo of needle and seeds in the thickened scan plane. Twin of src/effects/needle.rs.
+// Echo of needle and seeds in the thickened scan plane. Twin of src/imaging/effects/needle.rs.
 struct Params {
     samples: u32,
     sample_mm: f32,

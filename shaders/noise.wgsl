@@ -1,4 +1,4 @@
-// Additive Gaussian noise on grey levels. Twin of src/effects/noise.rs.
+// Additive Gaussian noise on grey levels. Twin of src/imaging/effects/noise.rs.
 struct Params {
     seed: vec2<u32>,
     width: u32,

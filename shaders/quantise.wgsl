@@ -1,4 +1,4 @@
-// Grey levels to bytes, four to a word, rows padded to whole copies. Twin of src/effects/quantise.rs.
+// Grey levels to bytes, four to a word, rows padded to whole copies. Twin of src/imaging/effects/quantise.rs.
 struct Params {
     width: u32,
     words_per_row: u32,

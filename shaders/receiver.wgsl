@@ -1,4 +1,4 @@
-// Electronic noise and acoustic clutter. Twin of src/effects/receiver.rs.
+// Electronic noise and acoustic clutter. Twin of src/imaging/effects/receiver.rs.
 struct Params {
     seed: vec2<u32>,
     samples: u32,

@@ -1,5 +1,5 @@
 // Cumulative phase per half beam width, and focusing by its curvature per scanline: one workgroup each, parallel prefix sums.
-// Twin of src/effects/refraction.rs.
+// Twin of src/imaging/effects/refraction.rs.
 struct Params {
     lines: u32,
     samples: u32,

@@ -1,4 +1,4 @@
-// Beam space to pixels. Twin of src/effects/scan_conversion.rs.
+// Beam space to pixels. Twin of src/imaging/effects/scan_conversion.rs.
 struct Params {
     width: u32,
     lines: u32,

@@ -1,4 +1,4 @@
-// Label and constant echo of every sample. Twin of src/effects/slice.rs.
+// Label and constant echo of every sample. Twin of src/imaging/effects/slice.rs.
 struct Params {
     world_to_index: array<vec4<f32>, 3>,
     size: vec3<u32>,

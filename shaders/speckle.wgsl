@@ -1,4 +1,4 @@
-// Speckle: scatterers of the reference state, then the point spread in the beam frame. Twin of src/effects/speckle.rs.
+// Speckle: scatterers of the reference state, then the point spread in the beam frame. Twin of src/imaging/effects/speckle.rs.
 const NONE: u32 = 0xffffffffu;
 
 struct Params {

@@ -1,4 +1,4 @@
-// Echo amplitude of the tissue's solid texture. Twin of src/effects/texture.rs.
+// Echo amplitude of the tissue's solid texture. Twin of src/imaging/effects/texture.rs.
 struct Params {
     lines: u32,
     samples: u32,

@@ -1,4 +1,4 @@
-// Power average over the sub-planes, into the central one. Twin of src/effects/thickness.rs.
+// Power average over the sub-planes, into the central one. Twin of src/imaging/effects/thickness.rs.
 struct Params {
     weights: array<vec4<f32>, 3>,
     count: u32,

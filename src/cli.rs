@@ -22,7 +22,6 @@ mod realism;
 mod render;
 mod scene;
 mod schema;
-mod signals;
 mod solve;
 mod stability;
 mod study;
@@ -30,10 +29,10 @@ mod terminal;
 mod tradeoff;
 mod variants;
 
+use std::io;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
-
 use failure::Failure;
 
 const EXAMPLES: &str = "\
@@ -99,7 +98,7 @@ impl Cli {
         if self.quiet {
             terminal::quieten();
         }
-        if let Err(cause) = signals::watch() {
+        if let Err(cause) = watch() {
             terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
         }
         match self.command {
@@ -145,6 +144,36 @@ pub fn main() -> ExitCode {
             ExitCode::from(status)
         }
     }
+}
+
+// Handling of interrupts, termination requests and system limits.
+
+/// Ends the program on SIGINT, SIGTERM and SIGHUP with the conventional shell status, after removing unfinished output; a file that
+/// exceeds the size limit is a write error.
+#[cfg(unix)]
+pub fn watch() -> io::Result<()> {
+    use std::sync::Arc;
+    use std::thread;
+
+    use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
+    use signal_hook::iterator::Signals;
+    use signal_hook::{flag, low_level};
+
+    flag::register(SIGXFSZ, Arc::default())?;
+    let mut signals = Signals::new([SIGINT, SIGTERM, SIGHUP])?;
+    thread::Builder::new().name("signals".to_owned()).spawn(move || {
+        if let Some(signal) = signals.forever().next() {
+            crate::base::output::abandon();
+            low_level::exit(128 + signal);
+        }
+    })?;
+    Ok(())
+}
+
+/// On other systems, the next run removes what an interrupt leaves.
+#[cfg(not(unix))]
+pub fn watch() -> io::Result<()> {
+    Ok(())
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-// Twin of src/random.rs.
+// Twin of src/base/random.rs.
 fn pcg3d(input: vec3<u32>) -> vec3<u32> {
     var v = input * 1664525u + 1013904223u;
     v.x += v.y * v.z;

@@ -1,4 +1,4 @@
-// Twin of LabelRow in src/synth/tables.rs.
+// Twin of LabelRow in src/imaging/synth/tables.rs.
 struct LabelRow {
     echo: f32,
     impedance: f32,

@@ -1,32 +1,31 @@
 //! User-written TOML files: parsing, errors that point at a line, and suggestions for misspelt words.
 
 mod fault;
-mod home;
 mod region;
 mod renamed;
 mod source;
 mod suggest;
-mod version;
 
+use std::borrow::Cow;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use schemars::JsonSchema;
-use serde::de::DeserializeOwned;
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+use serde::de::{DeserializeOwned, Deserializer, Error};
+use serde::{Deserialize, Serialize, Serializer};
 
 pub use fault::Fault;
 pub(crate) use region::{Names, plain};
 pub use region::{NoRegion, RegionName};
 pub use source::Source;
 pub(crate) use suggest::nearest;
-pub use version::Version;
 
 use crate::base::read;
 
-/// Why the text of a file cannot be parsed.
+/// What is wrong with the text of a file, or with keys and numbers in it.
 #[derive(Debug, thiserror::Error)]
-pub enum Unreadable {
+pub enum InvalidFile {
     /// The file cannot be read.
     #[error("{}: cannot be read: {cause}", path.display())]
     Read {
@@ -54,9 +53,35 @@ pub enum Unreadable {
         /// Keys known in its table.
         known: Vec<String>,
     },
+    /// Keys that contradict each other, or are incomplete.
+    #[error("found {found}; expected {expected}")]
+    Keys {
+        /// What was found.
+        found: String,
+        /// What was expected.
+        expected: String,
+    },
+    /// A number outside its range.
+    #[error("found {found}; expected {expected}")]
+    Number {
+        /// The number found.
+        found: f64,
+        /// The expected range.
+        expected: String,
+    },
 }
 
-impl Unreadable {
+impl InvalidFile {
+    pub(crate) fn keys(found: impl Into<String>, expected: impl Into<String>) -> Self {
+        let (found, expected) = (found.into(), expected.into());
+        Self::Keys { found, expected }
+    }
+
+    pub(crate) fn number(found: f64, expected: impl Into<String>) -> Self {
+        let expected = expected.into();
+        Self::Number { found, expected }
+    }
+
     /// Whether the machine is at fault rather than the file: the file exists but cannot be read.
     pub fn is_machine(&self) -> bool {
         match self {
@@ -66,19 +91,65 @@ impl Unreadable {
     }
 }
 
+/// Gives the type of an input file what all of them have: reading, parsing, and errors at keys. Its text is in the field
+/// `source`.
+macro_rules! input_file {
+    ($file:ty, $wrong:ty) => {
+        impl $file {
+            /// Reads a file.
+            ///
+            /// # Errors
+            /// Those of [`parse`](Self::parse), or that the file cannot be read.
+            pub fn read(path: &std::path::Path) -> Result<Self, $crate::base::document::Fault<$wrong>> {
+                Self::parse(&$crate::base::document::read(path)?, &path.display().to_string())
+            }
+
+            /// Parses the text of a file; `name` is the file name shown in errors.
+            ///
+            /// # Errors
+            /// One that points at a syntax error, an unknown key, or a value of the wrong type.
+            pub fn parse(text: &str, name: &str) -> Result<Self, $crate::base::document::Fault<$wrong>> {
+                let (mut file, source): (Self, _) = $crate::base::document::parse(text, name)?;
+                file.source = Some(source);
+                Ok(file)
+            }
+
+            /// Error at a key of this file.
+            pub(crate) fn fault(
+                &self,
+                key: impl Into<String>,
+                wrong: impl Into<$wrong>,
+            ) -> $crate::base::document::Fault<$wrong> {
+                $crate::base::document::Fault::new(wrong).at_key(key, self.source.as_ref())
+            }
+
+            /// Error of keys that contradict each other or are incomplete.
+            pub(crate) fn wrong_keys(
+                &self,
+                key: impl Into<String>,
+                found: impl Into<String>,
+                expected: impl Into<String>,
+            ) -> $crate::base::document::Fault<$wrong> {
+                self.fault(key, $crate::base::document::InvalidFile::keys(found, expected))
+            }
+        }
+    };
+}
+pub(crate) use input_file;
+
 /// Reads the text of a file.
-pub(crate) fn read<P: From<Unreadable>>(path: &Path) -> Result<String, Fault<P>> {
+pub(crate) fn read<P: From<InvalidFile>>(path: &Path) -> Result<String, Fault<P>> {
     let bytes = read::whole(path, read::TOML);
     let path = || path.to_owned();
-    let bytes = bytes.map_err(|cause| Fault::new(Unreadable::Read { path: path(), cause }))?;
+    let bytes = bytes.map_err(|cause| Fault::new(InvalidFile::Read { path: path(), cause }))?;
     String::from_utf8(bytes).map_err(|error| {
         let byte = error.utf8_error().valid_up_to();
-        Fault::new(Unreadable::NotText { path: path(), byte })
+        Fault::new(InvalidFile::NotText { path: path(), byte })
     })
 }
 
 /// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
-pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<Unreadable>>(
+pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<InvalidFile>>(
     text: &str,
     name: &str,
 ) -> Result<(T, Arc<Source>), Fault<P>> {
@@ -105,16 +176,16 @@ fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
     None
 }
 
-fn unreadable<T: JsonSchema, P: From<Unreadable>>(source: &Arc<Source>, error: &toml::de::Error) -> Fault<P> {
+fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: &toml::de::Error) -> Fault<P> {
     let message = error.message();
     let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
     if message == "recursion limit" {
-        let problem = Unreadable::Syntax(format!("a key of more than {MOST_PARTS} parts"));
+        let problem = InvalidFile::Syntax(format!("a key of more than {MOST_PARTS} parts"));
         return Fault::new(problem).in_text(source, long_key(source.text()));
     }
     let Some((key, known)) = suggest::unknown_field(message) else {
         let help = suggest::unknown_variant(message);
-        return Fault::new(Unreadable::Syntax(message.trim_end().replace('\n', "; ")))
+        return Fault::new(InvalidFile::Syntax(message.trim_end().replace('\n', "; ")))
             .in_text(source, span)
             .with_help(help);
     };
@@ -124,8 +195,41 @@ fn unreadable<T: JsonSchema, P: From<Unreadable>>(source: &Arc<Source>, error: &
         .cloned()
         .collect();
     let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
-    let help = suggest::for_key(&key, &known, || home::home_of::<T>(&key));
-    Fault::new(Unreadable::UnknownKey { key, known })
+    let help = suggest::for_key(&key, &known, || suggest::home_of::<T>(&key));
+    Fault::new(InvalidFile::UnknownKey { key, known })
         .in_text(source, place)
         .with_help(help)
+}
+
+/// Format version of every file that this crate reads: 1.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Version;
+
+const VERSION: i64 = 1;
+
+impl Serialize for Version {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_i64(VERSION)
+    }
+}
+
+impl<'de> Deserialize<'de> for Version {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        match i64::deserialize(deserializer)? {
+            VERSION => Ok(Version),
+            other => Err(D::Error::custom(format_args!(
+                "found version {other} of the format; expected {VERSION}, which is the default"
+            ))),
+        }
+    }
+}
+
+impl JsonSchema for Version {
+    fn schema_name() -> Cow<'static, str> {
+        "Version".into()
+    }
+
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "const": VERSION })
+    }
 }

@@ -1,13 +1,19 @@
 //! `insonify beam`: a needle with a moved base in stiffening tissue.
 
-mod bend;
 mod fit;
-mod inverse;
-mod table;
+
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
+use serde_json::json;
 
-use super::failure::Failure;
+use crate::cli::failure::Failure;
+use crate::cli::output::{self, Force};
+use crate::cli::study::Printed;
+use crate::cli::terminal;
+use crate::input::beam_case::{self, CaseFile, Report, plot};
+use crate::mechanics::needle::beam::inverse::Wanted;
+use crate::study::beam::table_one;
 
 const EXAMPLES: &str = "\
 The case file names the needle, how its base is moved, and layers of tissue from the entry on:
@@ -55,14 +61,14 @@ pub struct Beam {
     #[command(subcommand)]
     task: Option<Task>,
     #[command(flatten)]
-    bend: bend::Bend,
+    bend: Bend,
 }
 
 #[derive(Subcommand)]
 enum Task {
-    Inverse(inverse::Inverse),
+    Inverse(Inverse),
     Fit(fit::Fit),
-    Table(table::Table),
+    Table(Table),
 }
 
 impl Beam {
@@ -73,5 +79,193 @@ impl Beam {
             Some(Task::Fit(fit)) => fit.run(),
             Some(Task::Table(table)) => table.run(),
         }
+    }
+}
+
+// `insonify beam CASE.toml`: shape of a needle.
+
+/// Discretisation error above which the elements are too long, mm.
+const COARSE_MM: f64 = 1e-3;
+
+/// Compressed length relative to the initial length below which tissue is outside the range that its models were
+/// fitted to.
+const FAR: f64 = 0.3;
+
+#[derive(Args)]
+pub struct Bend {
+    /// Case file: needle, base motion, elements and layers of tissue
+    #[arg(value_name = "CASE.toml", required_unless_present = "example")]
+    case: Option<PathBuf>,
+    /// Print an example case file
+    #[arg(long, conflicts_with_all = ["case", "json", "output"])]
+    example: bool,
+    /// Print one JSON object: `tip_mm`, `rcm_mm`, `com_mm`, `residual`, `iterations`, `shape`
+    #[arg(long)]
+    json: bool,
+    /// Draw the needle in its tissue
+    #[arg(short, long, value_name = "PLOT.svg")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+}
+
+impl Bend {
+    pub fn run(&self) -> Result<(), Failure> {
+        let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
+            return terminal::emit(beam_case::EXAMPLE);
+        };
+        if let Some(output) = &self.output {
+            self.force.check_ending(output, "svg", "plots", &output::inputs(path))?;
+        }
+        let case = CaseFile::read(path)?.resolve()?;
+        let shape = case.solve()?;
+        if shape.least_ratio < FAR {
+            let ratio = shape.least_ratio;
+            terminal::warn(format_args!(
+                "tissue is compressed to {ratio:.3} of its length: materials are seldom measured there"
+            ));
+        }
+        let error_mm = case.element_error_mm(&shape);
+        if let Some(error) = error_mm.filter(|error| *error > COARSE_MM) {
+            let element = case.problem.element_mm;
+            terminal::warn(format_args!(
+                "elements of {element} mm leave {error:.1e} mm (elements of half the length differ by that): use shorter ones"
+            ));
+        }
+        if let Some(output) = &self.output {
+            output::plot(output, &plot(&case, &shape))?;
+        }
+        let report = Report::new(&shape);
+        if self.json {
+            terminal::emit_json(&report)
+        } else {
+            let left = error_mm.map_or(String::new(), |error| format!("elements     leave {error:.1e} mm\n"));
+            terminal::emit(&(left + &report.to_string()))
+        }
+    }
+}
+
+// `insonify beam inverse`: base motion for a wanted result.
+
+const INVERSE_EXAMPLES: &str = "\
+Examples:
+  insonify beam inverse case.toml --tip-mm -2             the base turns as the case says: about its RCM, or freely
+  insonify beam inverse case.toml --tip-mm -2 --rcm-mm 0  the base turns about the point of entry
+  insonify beam inverse case.toml --com-mm 40             the displacement of the case; which slope, so which RCM?
+  insonify beam inverse case.toml --tip-mm -2 --com-mm 40 both displacement and slope are found
+
+JSON: displacement_mm, slope, and what `insonify beam CASE.toml --json` prints of the needle then.
+Exit status: 0 found; 2 there is no such motion, or a file is wrong.";
+
+/// Finds the base motion for a wanted deflection of the tip or a wanted centre of motion
+#[derive(Args)]
+#[command(after_help = INVERSE_EXAMPLES)]
+pub struct Inverse {
+    /// Case file, as `insonify beam` reads it
+    #[arg(value_name = "CASE.toml")]
+    case: PathBuf,
+    /// Wanted deflection of the tip, mm
+    #[arg(
+        long,
+        value_name = "MM",
+        allow_negative_numbers = true,
+        required_unless_present = "com_mm"
+    )]
+    tip_mm: Option<f64>,
+    /// Wanted centre of motion of the needle, mm below the entry
+    #[arg(long, value_name = "MM", allow_negative_numbers = true)]
+    com_mm: Option<f64>,
+    /// With --tip-mm: the base rotates about this point, mm below the entry
+    #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "com_mm")]
+    rcm_mm: Option<f64>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Draw the resulting needle
+    #[arg(short, long, value_name = "PLOT.svg")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+}
+
+impl Inverse {
+    pub fn run(&self) -> Result<(), Failure> {
+        if let Some(output) = &self.output {
+            self.force
+                .check_ending(output, "svg", "plots", &output::inputs(&self.case))?;
+        }
+        let case = CaseFile::read(&self.case)?.resolve()?;
+        for (name, value) in [
+            ("--tip-mm", self.tip_mm),
+            ("--com-mm", self.com_mm),
+            ("--rcm-mm", self.rcm_mm),
+        ] {
+            if let Some(value) = value.filter(|value| !value.is_finite()) {
+                return Err(Failure::usage(
+                    format!("{name} {value} is no length"),
+                    "ask for a finite number of mm",
+                ));
+            }
+        }
+        let base = &case.base;
+        let own_rcm = || match base.slope {
+            None => Ok(None),
+            Some(slope) if slope != 0.0 && base.displacement_mm != 0.0 => {
+                Ok(Some(-case.problem.control_distance_mm - base.displacement_mm / slope))
+            }
+            Some(_) => {
+                let found = "the base of the case does not turn about a point";
+                Err(Failure::usage(
+                    found,
+                    "say --rcm-mm, or leave `slope` out for a base that turns freely",
+                ))
+            }
+        };
+        let wanted = match (self.tip_mm, self.com_mm) {
+            (Some(tip_mm), Some(com_mm)) => Wanted::TipAndCentre { tip_mm, com_mm },
+            (Some(tip_mm), None) => match self.rcm_mm.map_or_else(own_rcm, |rcm| Ok(Some(rcm)))? {
+                Some(rcm_mm) => Wanted::TipAbout { tip_mm, rcm_mm },
+                None => Wanted::TipFree { tip_mm },
+            },
+            (None, Some(com_mm)) => Wanted::Centre {
+                com_mm,
+                displacement_mm: base.displacement_mm,
+            },
+            (None, None) => return Err(Failure::usage("nothing is wanted", "say --tip-mm, --com-mm or both")),
+        };
+        let (_, shape) = case.find(&wanted)?;
+        if let Some(output) = &self.output {
+            output::plot(output, &plot(&case, &shape))?;
+        }
+        let (base, report) = (&shape.points[0], Report::new(&shape));
+        if self.json {
+            let mut all = json!({ "displacement_mm": base.u_mm, "slope": base.slope });
+            let rest = serde_json::to_value(&report).map_err(|error| Failure::Output(error.into()))?;
+            if let (Some(all), Some(rest)) = (all.as_object_mut(), rest.as_object()) {
+                all.extend(rest.clone());
+            }
+            return terminal::emit_json(&all);
+        }
+        let motion = format!("displacement {:.6} mm\nslope        {:.6}\n", base.u_mm, base.slope);
+        terminal::emit(&(motion + &report.to_string()))
+    }
+}
+
+// `insonify beam table`: Table I of Wang et al. 2023.
+
+const SOURCE: &str = "Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation\n\
+Letters 8 (2023) 1343-1350.";
+
+/// Prints Table I of Wang et al. 2023 (centres of motion) beside the values computed by this program
+#[derive(Args)]
+#[command(after_help = SOURCE)]
+pub struct Table {
+    #[command(flatten)]
+    printed: Printed,
+}
+
+impl Table {
+    pub fn run(&self) -> Result<(), Failure> {
+        self.printed.run(|_| Ok(table_one()?))
     }
 }

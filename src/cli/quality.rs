@@ -1,15 +1,25 @@
 //! Choice of open settings of a scene or a scenario by their cost on this machine.
 
-mod frames;
-mod steps;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use nalgebra::Matrix4;
 
 use crate::base::report::machine::Machine;
-use crate::imaging::quality::Picked;
+use crate::base::report::statistics::Spread;
+use crate::cli::backend::BackendArgs;
+use crate::cli::failure::Failure;
+use crate::cli::study::watched;
+use crate::cli::terminal;
 use crate::imaging::quality::cache::Cache;
-use clap::Args;
-
-use super::failure::Failure;
-use super::terminal;
+use crate::imaging::quality::trial::{Tried, pick_tried};
+use crate::imaging::quality::{Costs, Picked, QualitySpec, grid, pick};
+use crate::imaging::synth::FrameState;
+use crate::input::scenario::{NeedleModel, NeedleTable, Scenario, ScenarioFile, TissueModel, Trial};
+use crate::input::scene::Scene;
+use crate::mechanics::tissue::remesh::Level;
+use crate::study::step_costs::{self, Nodes, Situation, StepCosts};
 
 #[derive(Args)]
 pub struct QualityArgs {
@@ -58,4 +68,229 @@ fn tell(picked: &Picked) {
         true => terminal::say(format_args!("quality: {}", picked.why)),
         false => terminal::warn(format_args!("quality.{}: {}", picked.asked, picked.why)),
     }
+}
+
+// Choice of the numbers of scanlines and samples by timing frames of the scene.
+
+/// Number of timed frames on each grid; the 95th percentile (19 of them) counts, as in the reports.
+const FRAMES: usize = 20;
+
+impl QualityArgs {
+    /// Picks, sets and reports the grid of a scene that states a frame time budget and leaves the grid open.
+    pub fn frames(&self, scene: &mut Scene, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+        let Some(budget_ms) = scene.quality.frame_ms else {
+            return Ok(None);
+        };
+        self.grid(scene, budget_ms, backend)
+    }
+
+    fn grid(&self, scene: &mut Scene, budget_ms: f64, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+        let open = scene.open_grid;
+        let image = [scene.settings.image.width, scene.settings.image.height];
+        if open == [false; 2] {
+            terminal::warn(
+                "quality.frame_ms: the scene states probe.lines and probe.samples, so there is nothing to pick",
+            );
+            return Ok(None);
+        }
+        let grids = grid::candidates(&scene.settings.probe, open, image);
+        let on = |scene: &Scene| backend.synthesizer(scene.anatomy.clone(), scene.settings.clone());
+        let (adapter, software) = {
+            let chosen = on(scene)?;
+            let adapter = chosen.adapter().map_or(String::new(), |name| format!(", {name}"));
+            let software = chosen.synth.gpu().is_some_and(|gpu| gpu.report().software);
+            (format!("{}{adapter}", chosen.synth.backend()), software)
+        };
+        let described = serde_json::to_string(&scene.file).map_err(|error| Failure::Output(error.into()))?;
+        let thing = ["frame", &adapter, &format!("{budget_ms}"), &described];
+        let stands = |key: &str, value: &str| {
+            let column = usize::from(key == grid::KEYS[1]);
+            grid::KEYS.contains(&key) && grids.iter().any(|grid| grid[column].to_string() == value)
+        };
+        let sound = |costs: &Costs| costs.dials.len() == 1 && costs.dials.iter().all(|dial| dial.is_sound(stands));
+        let costs = self.kept(&thing, "measuring frames of this scene", sound, || {
+            let measured = format!("kept to by 19 of {FRAMES} frames of this scene on {adapter}");
+            let mut state = FrameState::at(Matrix4::identity());
+            scene.state(0, scene.frames(), &mut state)?;
+            let mut trial = scene.clone();
+            grid::measure(&grids, open, budget_ms, measured, |[lines, samples]| {
+                (trial.settings.probe.lines, trial.settings.probe.samples) = (lines, samples);
+                let mut synth = on(&trial)?.synth;
+                synth.render(&state)?;
+                let times = (0..FRAMES).map(|_| {
+                    let start = Instant::now();
+                    synth.render(&state)?;
+                    Ok(start.elapsed().as_secs_f64() * 1e3)
+                });
+                let times = times.collect::<Result<Vec<f64>, Failure>>()?;
+                Ok(Spread::of(times).map_or(0.0, |spread| spread.p95_ms))
+            })
+        })?;
+        let Some(picked) = pick("frame_ms", &costs, budget_ms, |_| true) else {
+            return Ok(None);
+        };
+        let number = |key: &str, stated: u32| picked.value(key).and_then(|value| value.parse().ok()).unwrap_or(stated);
+        let probe = &mut scene.settings.probe;
+        probe.lines = number(grid::KEYS[0], probe.lines);
+        probe.samples = number(grid::KEYS[1], probe.samples);
+        if let Some(spec) = &mut scene.file.probe {
+            (spec.lines, spec.samples) = (Some(probe.lines), Some(probe.samples));
+        }
+        tell(&picked);
+        if software && !picked.met {
+            terminal::warn("quality.frame_ms: this GPU is software: --backend cpu is faster");
+        }
+        Ok(Some(picked))
+    }
+
+    /// Picks the grid of a scenario's frames; a budget of the scenario takes precedence over that of its scene.
+    pub fn frames_of(&self, scenario: &mut Scenario, backend: &BackendArgs) -> Result<Option<Picked>, Failure> {
+        match scenario.quality.frame_ms.or(scenario.scene.quality.frame_ms) {
+            Some(budget_ms) => self.grid(&mut scenario.scene, budget_ms, backend),
+            None => Ok(None),
+        }
+    }
+}
+
+// Choice of remeshing level, nodes, needle elements and probe candidates by step costs in blocks, verified on the
+// insertion.
+
+/// Time limit of a trial insertion.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+impl QualityArgs {
+    /// Picks, sets and reports the open settings of a scenario that states a step time budget. `folder` is the base of relative paths
+    /// of the scenario.
+    pub fn steps(&self, file: &mut ScenarioFile, folder: &Path) -> Result<Option<Picked>, Failure> {
+        let QualitySpec { step_ms, .. } = file.quality();
+        // A budget out of range is refused with its place in the file when the scenario is resolved.
+        let Some(budget_ms) = step_ms.filter(|_| file.quality().out_of_range().is_none()) else {
+            return Ok(None);
+        };
+        if file.tissue.model != TissueModel::FiniteElement {
+            terminal::warn("quality.step_ms: only tissue of `model = \"finite-element\"` has something to pick");
+            return Ok(None);
+        }
+        let costs: StepCosts = self.kept(
+            &["steps"],
+            "measuring what choices cost in blocks of tissue",
+            |costs: &StepCosts| costs.dials().all(|dial| dial.keys.len() == 1 && dial.is_sound(stands)),
+            || {
+                // Errors of the scenario take precedence.
+                file.resolve(folder, |_| {})?;
+                watched(|progress| Ok(step_costs::measure(progress)?))
+            },
+        )?;
+        let model = file.needle.as_ref().map(|needle| needle.model);
+        let costs = costs.in_situation(&Situation {
+            probe: file.contact_probe.is_some(),
+            beam: model == Some(NeedleModel::Beam),
+            needle_mm: file.needle.as_ref().and_then(|needle| needle.length_mm),
+            nodes: match (&file.tissue.mesh, file.tissue.nodes) {
+                (Some(_), _) => Nodes::Unknown,
+                (None, Some(nodes)) => Nodes::Stated(nodes),
+                (None, None) => Nodes::Open,
+            },
+        });
+        let dense = file.tissue.precision.is_some() || file.tissue.columns.is_some() || file.tissue.device.is_some();
+        let needle = |wanted: NeedleModel, stated: fn(&NeedleTable) -> bool| {
+            model == Some(wanted) && file.needle.as_ref().is_some_and(|needle| !stated(needle))
+        };
+        let open = |key: &str| match key {
+            // Precision, columns and device imply a level: stating them fixes the choice.
+            step_costs::LEVEL => file.tissue.level.is_none() && !dense,
+            // Offered only where it is open.
+            step_costs::NODES => true,
+            step_costs::LINK => needle(NeedleModel::Springs, |needle| needle.link_mm.is_some()),
+            step_costs::ELEMENT => needle(NeedleModel::Beam, |needle| needle.element_mm.is_some()),
+            step_costs::THINNING => file
+                .contact_probe
+                .as_ref()
+                .is_some_and(|probe| probe.thinning.is_none()),
+            _ => false,
+        };
+        // Costs are measured in blocks; the picked settings are tried on the insertion itself.
+        let described = file.described(folder)?;
+        let thing = ["trial", &format!("{budget_ms}"), &described];
+        let sound = |picked: &Option<Picked>| {
+            let mut settings = picked.iter().flat_map(|picked| &picked.settings);
+            settings.all(|setting| stands(&setting.key, &setting.value))
+        };
+        let picked = self.kept(&thing, "trying it on this insertion", sound, || {
+            pick_tried("step_ms", &costs, budget_ms, open, |picked| tried(file, folder, picked))
+        })?;
+        let Some(picked) = picked else {
+            terminal::warn("quality.step_ms: the scenario states all that could be picked");
+            return Ok(None);
+        };
+        set(file, &picked);
+        tell(&picked);
+        Ok(Some(picked))
+    }
+}
+
+/// Whether a value is valid for a key.
+fn stands(key: &str, value: &str) -> bool {
+    match key {
+        step_costs::LEVEL => level_named(value).is_some(),
+        step_costs::NODES | step_costs::THINNING => value.parse::<u32>().is_ok_and(|count| count > 0),
+        step_costs::LINK | step_costs::ELEMENT => value.parse().is_ok_and(|mm: f64| mm.is_finite() && mm > 0.0),
+        _ => false,
+    }
+}
+
+/// Applies the picked settings.
+fn set(file: &mut ScenarioFile, picked: &Picked) {
+    if let Some(level) = picked.value(step_costs::LEVEL) {
+        file.tissue.level = level_named(level);
+    }
+    if let Some(nodes) = picked.value(step_costs::NODES) {
+        file.tissue.nodes = nodes.parse().ok();
+    }
+    if let (Some(link), Some(needle)) = (picked.value(step_costs::LINK), &mut file.needle) {
+        needle.link_mm = link.parse().ok();
+    }
+    if let (Some(element), Some(needle)) = (picked.value(step_costs::ELEMENT), &mut file.needle) {
+        needle.element_mm = element.parse().ok();
+    }
+    if let (Some(every), Some(probe)) = (picked.value(step_costs::THINNING), &mut file.contact_probe) {
+        probe.thinning = every.parse().ok();
+    }
+}
+
+/// Runs the scenario with the picked settings.
+fn tried(file: &ScenarioFile, folder: &Path, picked: &Picked) -> Result<Tried, Failure> {
+    let mut file = file.clone();
+    set(&mut file, picked);
+    let budget_ms = picked.budget_ms;
+    let found = watched(|progress| {
+        progress("trying an insertion", 0.0);
+        let scenario = file.resolve(folder, |_| {})?;
+        let mut model = scenario.model(|_, _| {})?;
+        let told = |share| progress("trying an insertion", share);
+        Ok::<_, Failure>(scenario.trial(model.as_mut(), budget_ms, PATIENCE, told)?)
+    })?;
+    let Trial {
+        steps,
+        over,
+        longest_ms,
+        ..
+    } = found;
+    let counted = match found.remeshing {
+        0 => "median of the steps of this insertion, of which none remeshes".to_owned(),
+        1 => "the step of this insertion that remeshes".to_owned(),
+        remeshing => format!("median of the {remeshing} steps of this insertion that remesh"),
+    };
+    Ok(Tried {
+        ms: found.ms,
+        measured: format!(
+            "{counted}; {over} of {steps} steps take longer than {budget_ms} ms, the longest {longest_ms:.2} ms"
+        ),
+    })
+}
+
+/// Level by its name in a file.
+fn level_named(name: &str) -> Option<Level> {
+    let all = [Level::Exact, Level::I, Level::II, Level::III, Level::IV];
+    all.into_iter().find(|level| format!("\"{level}\"") == name)
 }

@@ -3,28 +3,26 @@
 mod coverage;
 pub mod extras;
 pub mod output;
-mod place;
 pub mod target;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use crate::imaging::quality::Picked;
-use crate::imaging::synth::{FrameState, PassTime, Synthesizer};
-use crate::input::scene::Scene;
 use clap::Args;
+use extras::Extras;
 use nalgebra::Matrix4;
+use output::{Output, Shot};
 use serde::Serialize;
+use target::{Place, Target};
 
 use super::backend::{BackendArgs, Chosen};
 use super::failure::Failure;
 use super::input::Input;
 use super::output::Force;
 use super::terminal;
-use extras::Extras;
-use output::{Output, Shot};
-use place::Place;
-use target::Target;
+use crate::imaging::quality::Picked;
+use crate::imaging::synth::{FrameState, PassTime, Synthesizer};
+use crate::input::scene::Scene;
 
 const EXAMPLES: &str = "\
 Examples:

@@ -15,14 +15,12 @@
 //! # Ok::<(), insonify::input::beam_case::BeamCaseError>(())
 //! ```
 
-mod error;
 mod file;
 pub mod points;
 mod report;
 mod resolve;
 
-pub use error::BeamCaseError;
-pub use file::CaseFile;
+pub use file::{BeamCaseError, CaseFile};
 pub use report::{Report, plot};
 
 /// Example case file with every key.

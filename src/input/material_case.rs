@@ -25,14 +25,12 @@
 //! # Ok::<(), insonify::input::material_case::MaterialCaseError>(())
 //! ```
 
-mod error;
 mod file;
 mod report;
 mod resolve;
 pub mod rheometer;
 
-pub use error::MaterialCaseError;
-pub use file::CaseFile;
+pub use file::{CaseFile, MaterialCaseError};
 
 /// Example case file with every key.
 pub const EXAMPLE: &str = include_str!("../../assets/liver-creep.toml");

@@ -65,7 +65,7 @@ pub use file::{ScenarioFile, SceneSource};
 pub use instruments::{NeedleModel, NeedleTable};
 pub use resolve::Scenario;
 pub use summary::Summary;
-pub use tissue::{DEFAULT_NODES, LevelName, TissueModel};
+pub use tissue::{DEFAULT_NODES, TissueModel};
 pub use trial::Trial;
 
 /// Built-in scenarios, by name.
@@ -104,23 +104,5 @@ impl ScenarioFile {
             }),
             ..Self::default()
         }
-    }
-
-    /// Reads a scenario file.
-    ///
-    /// # Errors
-    /// [`ScenarioError`] if the file cannot be read or is not a scenario.
-    pub fn read(path: &Path) -> Result<Self, ScenarioError> {
-        Self::parse(&document::read(path)?, &path.display().to_string())
-    }
-
-    /// Parses the text of a scenario file; `name` is the file name shown in errors.
-    ///
-    /// # Errors
-    /// [`ScenarioError`] that points at a syntax error, an unknown key, or a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, ScenarioError> {
-        let (mut file, source): (Self, _) = document::parse(text, name)?;
-        file.source = Some(source);
-        Ok(file)
     }
 }

@@ -35,7 +35,6 @@ pub use error::{Problem, SceneError};
 pub use file::{ImageSpec, PoseTable, SceneFile, VolumeSpec};
 pub use paths::{NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 
-use crate::base::document;
 use crate::imaging::quality::QualitySpec;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
@@ -254,24 +253,4 @@ fn show(pose: &NeedlePose, shaft: &mut Option<NeedleShaft>) {
     shaft.nodes.clear();
     shaft.nodes.extend_from_slice(nodes);
     shaft.diameter_mm = pose.diameter_mm();
-}
-
-impl SceneFile {
-    /// Reads a scene file.
-    ///
-    /// # Errors
-    /// [`SceneError`] if the file cannot be read or is not a scene.
-    pub fn read(path: &Path) -> Result<Self, SceneError> {
-        Self::parse(&document::read(path)?, &path.display().to_string())
-    }
-
-    /// Parses the text of a scene file; `name` is the file name shown in errors.
-    ///
-    /// # Errors
-    /// [`SceneError`] that points at a syntax error, an unknown key, or a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, SceneError> {
-        let (mut file, source): (Self, _) = document::parse(text, name)?;
-        file.source = Some(source);
-        Ok(file)
-    }
 }

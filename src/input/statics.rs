@@ -37,7 +37,7 @@ mod resolve;
 mod run;
 pub(crate) mod selection;
 
-pub use course::{MemoryName, Model, SchemeName};
+pub use course::{Model, SchemeName};
 pub use error::{StaticsError, Wrong};
 pub use file::ProblemFile;
 pub use report::Report;

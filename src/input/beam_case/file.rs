@@ -1,13 +1,12 @@
-//! Serde types of a case file.
+//! Serde types of a case file, and its errors.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::error::BeamCaseError;
-use crate::base::document::{self, Source, Version};
+use crate::base::document::{self, Fault, InvalidFile, Source, Version};
+use crate::mechanics::needle::beam::{BeamError, Compression};
 
 /// A needle in layers of tissue whose base is moved sideways. It lies along x, from the base (before 0) through the entry (0) to
 /// the tip; u is its lateral deflection.
@@ -30,6 +29,8 @@ pub struct CaseFile {
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
 }
+
+document::input_file!(CaseFile, Wrong);
 
 /// A solid round rod.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -88,7 +89,7 @@ pub struct LayerSpec {
     /// `yeoh`: coefficient of (I1 - 3)^2, kPa.
     pub c20_kpa: Option<f64>,
     /// Compression model and stress measure.
-    pub compression: CompressionName,
+    pub compression: Compression,
     /// Uncompressed length of the tissue beside the needle, mm (above 0); `inf`: it stays linear.
     pub initial_length_mm: f64,
     /// Friction between needle and tissue (0 to 1). Default 0.
@@ -110,33 +111,23 @@ pub enum ModelName {
     Yeoh,
 }
 
-/// Compression model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum CompressionName {
-    /// Unconstrained, engineering stress.
-    UEng,
-    /// Unconstrained, true stress.
-    UTru,
-    /// Constrained along the needle, true stress.
-    CTru,
+/// Error of a case: the cause, the key concerned and its place in the file.
+pub type BeamCaseError = Fault<Wrong>;
+
+/// Cause of a case error.
+#[derive(Debug, thiserror::Error)]
+pub enum Wrong {
+    /// The file cannot be read or parsed.
+    #[error(transparent)]
+    Text(#[from] InvalidFile),
+    /// The shape of the needle, or the wanted motion of its base, cannot be computed.
+    #[error(transparent)]
+    Beam(BeamError),
 }
 
-impl CaseFile {
-    /// Reads a case file.
-    ///
-    /// # Errors
-    /// [`BeamCaseError`] if the file cannot be read or is not a case.
-    pub fn read(path: &Path) -> Result<Self, BeamCaseError> {
-        Self::parse(&document::read(path)?, &path.display().to_string())
-    }
-
-    /// Parses the text of a case file; `name` is the file name shown in errors.
-    ///
-    /// # Errors
-    /// [`BeamCaseError`] that points at a syntax error, an unknown key, or a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, BeamCaseError> {
-        let (mut file, source): (Self, _) = document::parse(text, name)?;
-        file.source = Some(source);
-        Ok(file)
+impl BeamCaseError {
+    /// Whether the machine is at fault rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self.problem(), Wrong::Text(error) if error.is_machine())
     }
 }

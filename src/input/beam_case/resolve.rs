@@ -1,11 +1,11 @@
 //! Resolution of a case file to a beam, and its shape.
 
-use super::error::{BeamCaseError, Wrong};
-use super::file::{CaseFile, CompressionName, LayerSpec, ModelName};
+use super::file::{BeamCaseError, CaseFile, LayerSpec, ModelName, Wrong};
+use crate::base::document::InvalidFile;
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::beam::inverse::{self, Wanted};
 use crate::mechanics::needle::beam::{
-    Base, BeamError, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
+    Base, BeamError, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
 };
 
 /// A case with all numbers in their ranges.
@@ -16,16 +16,6 @@ pub struct Case {
     pub problem: Problem,
     /// Motion of the base.
     pub base: Base,
-}
-
-impl From<CompressionName> for Compression {
-    fn from(name: CompressionName) -> Self {
-        match name {
-            CompressionName::UEng => Compression::UEng,
-            CompressionName::UTru => Compression::UTru,
-            CompressionName::CTru => Compression::CTru,
-        }
-    }
 }
 
 impl LayerSpec {
@@ -100,7 +90,7 @@ impl CaseFile {
             let expected = format!("{low} to {high} {unit}");
             match (low..=high).contains(&found) {
                 true => Ok(found),
-                false => Err(self.fault(key, Wrong::Number { found, expected })),
+                false => Err(self.fault(key, InvalidFile::number(found, expected))),
             }
         };
         let young_gpa = within("needle.young_gpa", self.needle.young_gpa, [1e-3, 1e4], "GPa")?;
@@ -140,8 +130,7 @@ impl CaseFile {
 
     fn layers(&self) -> Result<Vec<Layer>, BeamCaseError> {
         if self.layer.is_empty() {
-            let (found, expected) = ("no `[[layer]]`".to_owned(), "at least one".to_owned());
-            return Err(self.fault("layer", Wrong::Keys { found, expected }));
+            return Err(self.wrong_keys("layer", "no `[[layer]]`", "at least one"));
         }
         let layer = |(at, spec): (usize, &LayerSpec)| {
             let key = |key: &str| format!("layer[{at}].{key}");
@@ -153,12 +142,12 @@ impl CaseFile {
                 } else {
                     format!("no `{name}`")
                 };
-                self.fault(key(name), Wrong::Keys { found, expected })
+                self.wrong_keys(key(name), found, expected)
             })?;
             let layer = Layer {
                 thickness_mm: spec.thickness_mm,
                 material,
-                compression: spec.compression.into(),
+                compression: spec.compression,
                 initial_length_mm: spec.initial_length_mm,
                 friction: spec.friction,
             };
@@ -170,7 +159,7 @@ impl CaseFile {
 
     fn number(&self, key: String, error: InvalidNeedleModel) -> BeamCaseError {
         let InvalidNeedleModel { found, expected, .. } = error;
-        self.fault(key, Wrong::Number { found, expected })
+        self.fault(key, InvalidFile::number(found, expected))
     }
 }
 

@@ -1,13 +1,13 @@
-//! Serde types of a case file.
+//! Serde types of a case file, and its errors.
 
-use std::path::Path;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use super::error::MaterialCaseError;
-use crate::base::document::{self, Source, Version};
+use crate::base::document::{self, Fault, InvalidFile, Source, Version};
+use crate::mechanics::tissue::viscoelastic::HistoryError;
+use crate::mechanics::tissue::viscoelastic::point::{Loading, Method, Structure};
 
 /// A test of a material: one point in simple shear.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -33,16 +33,18 @@ pub struct CaseFile {
     pub stiffening: Option<f64>,
     /// Position of the stiffness relative to the memory; the two differ only beyond the knee.
     #[serde(default, alias = "structure")]
-    pub memory: MemoryName,
+    pub memory: Structure,
     /// Quadrature of the history.
     #[serde(default)]
-    pub rule: RuleName,
+    pub rule: Method,
     /// Load history.
-    pub history: HistorySpec,
+    pub history: Loading,
     /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
 }
+
+document::input_file!(CaseFile, Wrong);
 
 /// Constitutive law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -54,71 +56,44 @@ pub enum Law {
     Zener,
 }
 
-/// Position of the stiffness relative to the memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum MemoryName {
-    /// G(strain) d^k strain / dt^k = stress, as in measurements of the material.
-    #[default]
-    Rate,
-    /// G(strain) strain = integral of order k of the stress, as in the structural analysis of Kobayashi et al.
-    /// 2010.
-    LoadIntegral,
+/// Error of a material test: the cause, the key concerned and its place in the file.
+pub type MaterialCaseError = Fault<Wrong>;
+
+/// Cause of an error of a material test.
+#[derive(Debug, thiserror::Error)]
+pub enum Wrong {
+    /// The file cannot be read or parsed.
+    #[error(transparent)]
+    Text(#[from] InvalidFile),
+    /// The material or its history is invalid.
+    #[error(transparent)]
+    Point(#[from] HistoryError),
 }
 
-/// Quadrature of the history.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum RuleName {
-    /// Integrand constant over a step: order 1.
-    Rectangle,
-    /// Integrand linear over a step: order 2.
-    Trapezoid,
-    /// Gruenwald-Letnikov difference quotient, order 1: `time_s` must be equally spaced.
-    GruenwaldLetnikov,
-    /// Trapezoid with the kernel as a sum of exponentials within 1e-10: long histories at little cost.
-    #[default]
-    Exponentials,
-}
-
-/// Load history of a material.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct HistorySpec {
-    /// Prescribed quantity; the other one is computed.
-    pub control: ControlName,
-    /// Times, s, ascending; the first is the start.
-    pub time_s: Vec<f64>,
-    /// Stress (kPa) or strain (1) at these times, linear between them; it may jump at the start, from 0 to the first value.
-    pub value: Vec<f64>,
-}
-
-/// Prescribed quantity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ControlName {
-    /// Shear stress, kPa.
-    Stress,
-    /// Shear strain, 1.
-    Strain,
+impl MaterialCaseError {
+    /// Whether the machine is at fault rather than the input.
+    pub fn is_machine(&self) -> bool {
+        matches!(self.problem(), Wrong::Text(error) if error.is_machine())
+    }
 }
 
 impl CaseFile {
-    /// Reads a case file.
-    ///
-    /// # Errors
-    /// [`MaterialCaseError`] if the file cannot be read or is not a case.
-    pub fn read(path: &Path) -> Result<Self, MaterialCaseError> {
-        Self::parse(&document::read(path)?, &path.display().to_string())
-    }
-
-    /// Parses the text of a case file; `name` is the file name shown in errors.
-    ///
-    /// # Errors
-    /// [`MaterialCaseError`] that points at a syntax error, an unknown key, or a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, MaterialCaseError> {
-        let (mut file, source): (Self, _) = document::parse(text, name)?;
-        file.source = Some(source);
-        Ok(file)
+    /// Attaches the key concerned to an error.
+    pub(super) fn blame(&self, error: HistoryError) -> MaterialCaseError {
+        let key = match &error {
+            HistoryError::Number { key, at, .. } => {
+                let key = match *key {
+                    "time_s" | "value" => format!("history.{key}"),
+                    // In a case file the knee refers to the shear strain.
+                    "knee_strain" => "knee_shear".to_owned(),
+                    _ => (*key).to_owned(),
+                };
+                at.map_or(key.clone(), |at| format!("{key}[{at}]"))
+            }
+            HistoryError::Lengths { .. } => "history.value".to_owned(),
+            HistoryError::Overflow { .. } => "history.value".to_owned(),
+            _ => "history.time_s".to_owned(),
+        };
+        MaterialCaseError::new(error).at_key(key, self.source.as_ref())
     }
 }

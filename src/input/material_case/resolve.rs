@@ -1,18 +1,15 @@
 //! Resolution of a case file to a material and its history.
 
-use super::error::MaterialCaseError;
-use super::file::{CaseFile, ControlName, Law, MemoryName, RuleName};
+use super::file::{CaseFile, Law, MaterialCaseError};
 use super::report::Report;
 use crate::mechanics::tissue::viscoelastic::HistoryError;
-use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use crate::mechanics::tissue::viscoelastic::point::{Body, Knee, Point};
 
 /// A material test with every number checked.
 #[derive(Clone, Debug)]
 pub struct Case {
     file: CaseFile,
     point: Point,
-    loading: Loading,
-    method: Method,
 }
 
 impl CaseFile {
@@ -24,33 +21,11 @@ impl CaseFile {
         let point = Point {
             body: self.body()?,
             knee: self.knee()?,
-            structure: match self.memory {
-                MemoryName::Rate => Structure::Rate,
-                MemoryName::LoadIntegral => Structure::LoadIntegral,
-            },
+            structure: self.memory,
         };
-        let loading = Loading {
-            control: match self.history.control {
-                ControlName::Stress => Control::Stress,
-                ControlName::Strain => Control::Strain,
-            },
-            time_s: self.history.time_s.clone(),
-            value: self.history.value.clone(),
-        };
-        let method = match self.rule {
-            RuleName::Rectangle => Method::Rectangle,
-            RuleName::Trapezoid => Method::Trapezoid,
-            RuleName::GruenwaldLetnikov => Method::GruenwaldLetnikov,
-            RuleName::Exponentials => Method::Exponentials,
-        };
-        let checked = point.check().and_then(|()| loading.check());
+        let checked = point.check().and_then(|()| self.history.check());
         checked.map_err(|error| self.blame(error))?;
-        Ok(Case {
-            file: self,
-            point,
-            loading,
-            method,
-        })
+        Ok(Case { file: self, point })
     }
 
     fn body(&self) -> Result<Body, MaterialCaseError> {
@@ -119,9 +94,9 @@ impl Case {
     /// # Errors
     /// [`MaterialCaseError`] if the rule does not apply to the history, or if stress or strain overflows.
     pub fn run(&self) -> Result<Report, MaterialCaseError> {
-        let response = self.point.respond(&self.loading, self.method);
+        let response = self.point.respond(&self.file.history, self.file.rule);
         let response = response.map_err(|error| self.blame(error))?;
-        Ok(Report::new(&self.loading, response))
+        Ok(Report::new(&self.file.history, response))
     }
 
     /// Attaches the key concerned to an error.

@@ -5,7 +5,7 @@ use crate::mechanics::tissue::viscoelastic::HistoryError;
 use std::f64::consts::TAU;
 use std::fmt;
 
-use super::error::MaterialCaseError;
+use super::file::MaterialCaseError;
 use super::resolve::Case;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::statistics;

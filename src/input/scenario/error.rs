@@ -1,7 +1,7 @@
 //! Errors of scenario files.
 
 use super::file::ScenarioFile;
-use crate::base::document::{Fault, NoRegion, Unreadable};
+use crate::base::document::{Fault, InvalidFile, NoRegion};
 use crate::gpu::GpuError;
 use crate::input::scene::{Problem, SceneError};
 use crate::input::statics;
@@ -24,23 +24,7 @@ pub type ScenarioError = Fault<Wrong>;
 pub enum Wrong {
     /// The file cannot be read or parsed.
     #[error(transparent)]
-    Text(#[from] Unreadable),
-    /// Keys that contradict each other, or are incomplete.
-    #[error("found {found}; expected {expected}")]
-    Keys {
-        /// What was found.
-        found: String,
-        /// What was expected.
-        expected: String,
-    },
-    /// A number outside its range.
-    #[error("found {found}; expected {expected}")]
-    Number {
-        /// The number found.
-        found: f64,
-        /// The expected range.
-        expected: &'static str,
-    },
+    Text(#[from] InvalidFile),
     /// An unknown region.
     #[error(transparent)]
     Region(#[from] NoRegion),
@@ -104,22 +88,6 @@ impl ScenarioError {
 }
 
 impl ScenarioFile {
-    /// Creates an error about a key of this file.
-    pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> ScenarioError {
-        ScenarioError::new(wrong).at_key(key, self.source.as_ref())
-    }
-
-    /// Creates an error as [`ScenarioFile::fault`] does, for keys that contradict each other or are incomplete.
-    pub(super) fn wrong_keys(
-        &self,
-        key: impl Into<String>,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> ScenarioError {
-        let (found, expected) = (found.into(), expected.into());
-        self.fault(key, Wrong::Keys { found, expected })
-    }
-
     /// Returns a number of this file if it is within its range.
     pub(super) fn number(
         &self,
@@ -131,7 +99,7 @@ impl ScenarioFile {
         if found.is_finite() && holds(found) {
             Ok(found)
         } else {
-            Err(self.fault(key, Wrong::Number { found, expected }))
+            Err(self.fault(key, InvalidFile::number(found, expected)))
         }
     }
 

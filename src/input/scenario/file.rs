@@ -8,13 +8,15 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
+use super::error::Wrong;
 use super::instruments::{ContactProbeSpec, NeedleTable};
 use super::planned::PlanSpec;
-use super::tissue::{LevelName, TissueSpec};
-use crate::base::document::{Source, Version};
+use super::tissue::TissueSpec;
+use crate::base::document::{self, Source, Version};
 use crate::gpu::AdapterChoice;
 use crate::imaging::quality::QualitySpec;
 use crate::input::scene::SceneFile;
+use crate::mechanics::tissue::remesh::Level;
 
 /// A needle insertion: scene, deformable tissue, and the motion of needle and probe. Paths are relative to the folder of the
 /// file.
@@ -50,6 +52,8 @@ pub struct ScenarioFile {
     #[serde(skip)]
     pub adapter: Option<AdapterChoice>,
 }
+
+document::input_file!(ScenarioFile, Wrong);
 
 impl ScenarioFile {
     /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.
@@ -116,5 +120,5 @@ pub struct ChangeSpec {
     /// reaches this time.
     pub at_s: f64,
     /// New level. One that needs the first dense inverse of the run computes it then, unless `tissue.columns` is `dense`.
-    pub level: LevelName,
+    pub level: Level,
 }

@@ -1,5 +1,6 @@
 //! Mesh of a scenario, read from a file or generated from the scene's volume, and its fixed nodes.
 
+use crate::base::document::InvalidFile;
 use crate::mechanics::tissue::error::LinearError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -100,7 +101,7 @@ impl ScenarioFile {
         let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);
         if !(NODES[0]..=NODES[1]).contains(&nodes) {
             let (found, expected) = (f64::from(nodes), "8 to 1000000 nodes");
-            return Err(self.fault("tissue.nodes", Wrong::Number { found, expected }));
+            return Err(self.fault("tissue.nodes", InvalidFile::number(found, expected)));
         }
         let volume = scene.anatomy.volume.undivided();
         let none = BTreeMap::new();

@@ -3,7 +3,7 @@
 use super::error::ScenarioError;
 use super::file::ScenarioFile;
 use super::resolve::Timing;
-use super::tissue::{ColumnsName, DeviceName, LevelName, TissueModel};
+use super::tissue::{ColumnsName, DeviceName, TissueModel};
 use crate::gpu::{AdapterChoice, Gpu, Needs};
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
@@ -25,14 +25,14 @@ pub struct Modelling {
 impl ScenarioFile {
     pub(super) fn modelling(&self) -> Result<Modelling, ScenarioError> {
         let spec = &self.tissue;
-        let level = Level::from(spec.level.unwrap_or_default());
+        let level = spec.level.unwrap_or_default();
         let is_on_gpu = self.is_on_gpu();
         let usual = if is_on_gpu {
             Precision::Single
         } else {
             Precision::Double
         };
-        let precision = spec.precision.map_or(usual, Precision::from);
+        let precision = spec.precision.unwrap_or(usual);
         let usual = match level {
             Level::Exact => ColumnsName::OnDemand,
             _ => ColumnsName::Dense,
@@ -55,7 +55,7 @@ impl ScenarioFile {
                 expected,
             ));
         }
-        let changes_to_dense = self.run.change.iter().any(|change| change.level != LevelName::Exact);
+        let changes_to_dense = self.run.change.iter().any(|change| change.level != Level::Exact);
         if level == Level::Exact && precision == Precision::Single && !changes_to_dense {
             return Err(self.wrong_keys("tissue.precision", "f32 at the exact level", "`f64`, or another level"));
         }
@@ -111,7 +111,7 @@ impl ScenarioFile {
                 let found = format!("a change at {at_s} s after one at {before} s");
                 return Err(self.wrong_keys(key, found, "ascending times, in a step each"));
             }
-            changes.push((at_s, change.level.into()));
+            changes.push((at_s, change.level));
         }
         Ok(changes)
     }

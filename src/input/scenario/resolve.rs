@@ -7,7 +7,7 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3};
 
 use super::clearance;
-use super::error::{ScenarioError, Wrong};
+use super::error::ScenarioError;
 use super::file::{RunSpec, ScenarioFile};
 use super::labels::{Labels, unmeshed};
 use super::modelling::Modelling;
@@ -16,6 +16,7 @@ use super::plan::{Deposit, Guide, Target};
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
+use crate::base::document::InvalidFile;
 use crate::gpu::Gpu;
 use crate::imaging::quality::QualitySpec;
 use crate::input::scene::Scene;
@@ -180,7 +181,7 @@ impl ScenarioFile {
         let quality = self.quality();
         if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
             let expected = QualitySpec::EXPECTED;
-            return Err(self.fault(format!("quality.{key}"), Wrong::Number { found, expected }));
+            return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
         }
         let dt_s = self.step_s()?;
         let frame_s = self.frame_s()?;

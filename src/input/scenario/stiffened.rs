@@ -9,10 +9,11 @@ use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
 use super::tissue::TissueModel;
-use crate::input::statics::{MemoryName, SchemeName};
+use crate::input::statics::SchemeName;
 use crate::mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
 use crate::mechanics::insertion::{Anatomy, InvalidSetup};
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
 use crate::tracking::trajectory::{Key, Trajectory};
 
@@ -43,7 +44,7 @@ pub struct TissueViscositySpec {
     pub order: Option<f64>,
     /// Memory variable. Default `load-integral`, that of Kobayashi et al. 2010.
     #[serde(alias = "law")]
-    pub memory: Option<MemoryName>,
+    pub memory: Option<Memory>,
     /// Bound on the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
     pub tolerance: Option<f64>,
 }
@@ -145,7 +146,7 @@ impl ScenarioFile {
         let range = |x: f64| (0.0..=1.0).contains(&x);
         Ok(Viscosity {
             order: self.number("tissue.viscosity.order", order, range, "0 to 1")?,
-            memory: spec.memory.unwrap_or_default().into(),
+            memory: spec.memory.unwrap_or_default(),
         })
     }
 

@@ -39,12 +39,12 @@ pub struct TissueSpec {
     /// Labels excluded from the mesh, such as gel or air: names or values.
     pub outside: Vec<RegionName>,
     /// Which part of the compliance is updated after each change of the mesh (finite elements). Default `exact`.
-    pub level: Option<LevelName>,
+    pub level: Option<Level>,
     /// Device that stores and updates a dense inverse, at levels I to IV. Default `cpu`.
     pub device: Option<DeviceName>,
     /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one supported there; the exact level always
     /// uses `f64`.
-    pub precision: Option<PrecisionName>,
+    pub precision: Option<Precision>,
     /// Source of the compliance. Default `on-demand` for the exact level, `dense` for all others.
     pub columns: Option<ColumnsName>,
     /// Minimum distance between nodes on the needle, mm (0.1 to 100; finite elements): a node of the mesh is moved to the tip when the tip has
@@ -76,56 +76,6 @@ pub enum TissueModel {
     Nonlinear,
     /// Finite elements as in `nonlinear`, with viscosity of fractional order.
     Viscoelastic,
-}
-
-/// Level of remeshing: see `docs/remeshing.md`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum LevelName {
-    /// Exact at the contacts, computed from an unmodified base.
-    #[default]
-    #[serde(rename = "exact")]
-    Exact,
-    /// The complete inverse is updated after every change.
-    I,
-    /// Rows and columns of the moved node and its neighbours are updated.
-    II,
-    /// Rows and columns of the moved node are updated.
-    III,
-    /// The inverse is not updated.
-    IV,
-}
-
-impl From<LevelName> for Level {
-    fn from(name: LevelName) -> Level {
-        match name {
-            LevelName::Exact => Level::Exact,
-            LevelName::I => Level::I,
-            LevelName::II => Level::II,
-            LevelName::III => Level::III,
-            LevelName::IV => Level::IV,
-        }
-    }
-}
-
-/// Floating-point precision.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub enum PrecisionName {
-    /// Double precision.
-    #[default]
-    #[serde(rename = "f64")]
-    Double,
-    /// Single precision.
-    #[serde(rename = "f32")]
-    Single,
-}
-
-impl From<PrecisionName> for Precision {
-    fn from(name: PrecisionName) -> Precision {
-        match name {
-            PrecisionName::Double => Precision::Double,
-            PrecisionName::Single => Precision::Single,
-        }
-    }
 }
 
 /// Device for the dense inverse.
@@ -174,37 +124,15 @@ pub struct MaterialSpec {
     /// Puncture force at the surface of this tissue, N (0 or more). Default 0: none beyond `cutting_n`.
     pub puncture_n: Option<f64>,
     /// Different friction along the shaft near the advancing tip. Default: none.
-    pub peak: Option<PeakSpec>,
+    pub peak: Option<Peak>,
     /// Stops the needle, as bone does. Default: only where the region is rigid.
-    pub bone: Option<BoneSpec>,
+    pub bone: Option<Bone>,
     /// Whether the needle must avoid the region, as a large vessel: entering it raises an event and a warning.
     /// Default false.
     pub critical: Option<bool>,
     /// Whether all nodes of the region are fixed. Default: where its Young's modulus is 1e6 kPa or more, as of
     /// bone.
     pub rigid: Option<bool>,
-}
-
-/// Three-parameter friction of Dehghan et al. 2008: within `width_mm` of the tip, while the tip cuts, this force per length
-/// replaces `friction_n_per_mm`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PeakSpec {
-    /// Force per length within `width_mm` of the tip, N/mm (0 or more).
-    pub density_n_per_mm: f64,
-    /// Length of the shaft segment behind the tip, mm (above 0).
-    pub width_mm: f64,
-}
-
-/// Bone contact. The force on the tip grows in proportion to its depth in the bone, up to `stiffness_n_per_mm` x `penetration_mm`:
-/// then the needle stops, and lags behind the hand.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BoneSpec {
-    /// Force per mm of depth, N/mm (above 0). Default for bone 40.
-    pub stiffness_n_per_mm: f64,
-    /// Depth at which the needle stops, mm (above 0). Default for bone 0.5: the hand feels 20 N at most.
-    pub penetration_mm: f64,
 }
 
 /// Fixed nodes: by number, or the intersection of a box, a region and the surface.
@@ -231,16 +159,8 @@ impl MaterialSpec {
             static_ratio: self.static_ratio.unwrap_or(usual.static_ratio),
             cutting_n: self.cutting_n.unwrap_or(usual.cutting_n),
             puncture_n: self.puncture_n.unwrap_or(usual.puncture_n),
-            peak: self.peak.map(|peak| Peak {
-                density_n_per_mm: peak.density_n_per_mm,
-                width_mm: peak.width_mm,
-            }),
-            bone: self.bone.map_or(usual.bone, |bone| {
-                Some(Bone {
-                    stiffness_n_per_mm: bone.stiffness_n_per_mm,
-                    penetration_mm: bone.penetration_mm,
-                })
-            }),
+            peak: self.peak,
+            bone: self.bone.or(usual.bone),
             critical: self.critical.unwrap_or(usual.critical),
         }
     }

@@ -1,8 +1,9 @@
 //! Validation of a scene file that requires no other file.
 
-use super::error::{At, Problem, SceneError};
+use super::error::{At, SceneError};
 use super::file::{SceneFile, VolumeSpec};
 use crate::anatomy::phantom::Phantom;
+use crate::base::document::InvalidFile;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
 use crate::imaging::synth::tables::ImageSize;
@@ -33,7 +34,7 @@ impl SceneFile {
     ) -> Result<Framing, SceneError> {
         if let Some((key, found)) = self.quality.and_then(|quality| quality.out_of_range()) {
             let expected = QualitySpec::EXPECTED;
-            return Err(self.fault(format!("quality.{key}"), Problem::Number { found, expected }));
+            return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
         }
         let volume = self.volume()?;
         let table = self.probe_table(plus, notes, warnings);
@@ -71,7 +72,7 @@ impl SceneFile {
         {
             let found = f64::from(frames);
             let expected = "1 to 1000000 frames";
-            return Err(self.fault("motion.frames", Problem::Number { found, expected }));
+            return Err(self.fault("motion.frames", InvalidFile::number(found, expected)));
         }
         Ok(Framing {
             probe,

@@ -10,9 +10,10 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::error::{At, Problem, SceneError};
+use super::error::{At, SceneError};
 use super::file::SceneFile;
 use crate::anatomy::volume::LabelVolume;
+use crate::base::document::InvalidFile;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::{Displacement, TetMesh};
 
@@ -174,7 +175,7 @@ impl SceneFile {
         if !(NODES[0]..=NODES[1]).contains(&nodes) {
             let found = f64::from(nodes);
             let expected = "8 to 1000000 nodes";
-            return Err(self.fault("deform.nodes", Problem::Number { found, expected }));
+            return Err(self.fault("deform.nodes", InvalidFile::number(found, expected)));
         }
         TetMesh::over_affine_box(&box_of(volume), nodes as usize).at(self, "deform")
     }
@@ -204,7 +205,7 @@ impl SceneFile {
 
     fn amplitude(&self, spec: &DeformSpec) -> Result<Vec<[f64; 2]>, SceneError> {
         const LATEST_S: f64 = 1e9;
-        let number = |key: &str, found: f64, expected| self.fault(key, Problem::Number { found, expected });
+        let number = |key: &str, found: f64, expected| self.fault(key, InvalidFile::number(found, expected));
         match (spec.ramp_s, &spec.amplitude) {
             (None, None) => Ok(vec![[0.0, 1.0]]),
             (Some(_), Some(_)) => {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::file::SceneFile;
 use crate::anatomy::acoustics::TissueError;
 use crate::anatomy::volume::VolumeError;
-use crate::base::document::{Fault, Unreadable};
+use crate::base::document::{Fault, InvalidFile};
 use crate::imaging::effects::OutOfRange;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::{InvalidDisplacement, InvalidMesh};
@@ -19,23 +19,7 @@ pub type SceneError = Fault<Problem>;
 pub enum Problem {
     /// The file cannot be read or parsed.
     #[error(transparent)]
-    Text(#[from] Unreadable),
-    /// Keys that contradict each other, or are incomplete.
-    #[error("found {found}; expected {expected}")]
-    Keys {
-        /// What was found.
-        found: String,
-        /// What was expected.
-        expected: &'static str,
-    },
-    /// A number outside its range.
-    #[error("found {found}; expected {expected}")]
-    Number {
-        /// The number found.
-        found: f64,
-        /// The expected range.
-        expected: &'static str,
-    },
+    Text(#[from] InvalidFile),
     /// A name that is unknown in the scene.
     #[error("nothing here is named \"{found}\"; expected {expected}")]
     Name {
@@ -110,24 +94,6 @@ impl Problem {
             Self::Tracking(error) => error.is_machine(),
             _ => false,
         }
-    }
-}
-
-impl SceneFile {
-    /// Creates an error about a key of this file.
-    pub(super) fn fault(&self, key: impl Into<String>, problem: impl Into<Problem>) -> SceneError {
-        SceneError::new(problem).at_key(key, self.source.as_ref())
-    }
-
-    /// Creates an error as [`SceneFile::fault`] does, for keys that contradict each other or are incomplete.
-    pub(super) fn wrong_keys(
-        &self,
-        key: impl Into<String>,
-        found: impl Into<String>,
-        expected: &'static str,
-    ) -> SceneError {
-        let found = found.into();
-        self.fault(key, Problem::Keys { found, expected })
     }
 }
 

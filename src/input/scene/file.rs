@@ -7,12 +7,13 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::deform::DeformSpec;
+use super::error::Problem;
 use super::paths::{MotionSpec, NeedleTable};
 use crate::anatomy::acoustics::{Preset, TissueOverride};
 use crate::anatomy::phantom::Phantom;
 use crate::anatomy::volume::complete::Unlabelled;
 use crate::anatomy::volume::texture::{Seam, Values};
-use crate::base::document::{Source, Version};
+use crate::base::document::{self, Source, Version};
 use crate::base::matrix::Rows;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
@@ -72,6 +73,8 @@ pub struct SceneFile {
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
 }
+
+document::input_file!(SceneFile, Problem);
 
 impl SceneFile {
     /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin

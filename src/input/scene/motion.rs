@@ -8,6 +8,7 @@ use super::error::{At, Problem, SceneError};
 use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
+use crate::base::document::InvalidFile;
 use crate::tracking::TrackingError;
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::plus::PlusConfig;
@@ -227,7 +228,7 @@ impl SceneFile {
             if !roll.is_finite() {
                 let key = format!("needle.motion.keyframes[{at}].roll_deg");
                 let (found, expected) = (roll, "a finite number of degrees");
-                return Err(self.fault(key, Problem::Number { found, expected }));
+                return Err(self.fault(key, InvalidFile::number(found, expected)));
             }
             keys.push((key.time_s, key.pose.turned(roll.to_radians(), 0.0, 0.0)));
         }

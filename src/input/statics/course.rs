@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{Options, Scheme, Slope};
+use crate::mechanics::tissue::viscoelastic::point::Method;
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
 /// Maximum number of steps of a history.
@@ -71,45 +72,19 @@ pub struct ViscositySpec {
     pub order: f64,
     /// Memory variable. Default `load-integral`.
     #[serde(alias = "law")]
-    pub memory: MemoryName,
+    pub memory: Memory,
     /// Quadrature of the history. Default `exponentials`.
-    pub rule: RuleName,
+    pub rule: Method,
 }
 
 impl Default for ViscositySpec {
     fn default() -> Self {
         ViscositySpec {
             order: 0.1,
-            memory: MemoryName::default(),
-            rule: RuleName::default(),
+            memory: Memory::default(),
+            rule: Method::default(),
         }
     }
-}
-
-/// Memory variable of viscoelastic tissue; the two differ above the knee.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum MemoryName {
-    /// Memory of the loads: K(U) U is their integral of order k, as in Kobayashi et al. 2010.
-    #[default]
-    LoadIntegral,
-    /// Memory of the rates: K(U) times the derivative of order k of U equals the loads.
-    Rate,
-}
-
-/// Quadrature of the history.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum RuleName {
-    /// Product rectangle, first order, as in Kobayashi et al. 2010.
-    Rectangle,
-    /// Product trapezoid, second order.
-    Trapezoid,
-    /// Gruenwald-Letnikov, for equal steps only.
-    GruenwaldLetnikov,
-    /// Product trapezoid with a sum of exponentials, within 1e-9: constant cost per step however long the history.
-    #[default]
-    Exponentials,
 }
 
 /// Time course of loads and prescribed displacements.
@@ -204,23 +179,14 @@ impl From<SchemeName> for Scheme {
     }
 }
 
-impl From<MemoryName> for Memory {
-    fn from(name: MemoryName) -> Memory {
-        match name {
-            MemoryName::LoadIntegral => Memory::LoadIntegral,
-            MemoryName::Rate => Memory::Rate,
-        }
-    }
-}
-
 impl ViscositySpec {
     /// Quadrature rule for steps between these moments.
     pub(super) fn rule(&self, moments: &[Moment]) -> Rule {
         match self.rule {
-            RuleName::Rectangle => Rule::Rectangle,
-            RuleName::Trapezoid => Rule::Trapezoid,
-            RuleName::GruenwaldLetnikov => Rule::GruenwaldLetnikov,
-            RuleName::Exponentials => {
+            Method::Rectangle => Rule::Rectangle,
+            Method::Trapezoid => Rule::Trapezoid,
+            Method::GruenwaldLetnikov => Rule::GruenwaldLetnikov,
+            Method::Exponentials => {
                 let steps = moments.windows(2).map(|pair| pair[1].time_s - pair[0].time_s);
                 Rule::Exponentials(Span {
                     // Slack for rounding of the times.

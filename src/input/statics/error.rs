@@ -2,7 +2,7 @@
 
 use super::file::ProblemFile;
 use super::selection::Odd;
-use crate::base::document::{Fault, NoRegion, Unreadable};
+use crate::base::document::{Fault, InvalidFile, NoRegion};
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::quality::UnusableMesh;
 use crate::mechanics::tissue::error::LinearError;
@@ -17,7 +17,7 @@ pub type StaticsError = Fault<Wrong>;
 pub enum Wrong {
     /// The file cannot be read or parsed.
     #[error(transparent)]
-    Text(#[from] Unreadable),
+    Text(#[from] InvalidFile),
     /// The mesh file cannot be read.
     #[error(transparent)]
     Mesh(#[from] MeshFileError),
@@ -37,22 +37,6 @@ pub enum Wrong {
         found: i64,
         /// Number of nodes.
         nodes: usize,
-    },
-    /// A number that is not finite or outside its range.
-    #[error("found {found}; expected {expected}")]
-    Number {
-        /// The number found.
-        found: f64,
-        /// The expected range.
-        expected: &'static str,
-    },
-    /// Keys that contradict each other, or are incomplete.
-    #[error("found {found}; expected {expected}")]
-    Keys {
-        /// What was found.
-        found: String,
-        /// What was expected.
-        expected: String,
     },
     /// The problem has no solution.
     #[error(transparent)]
@@ -84,22 +68,6 @@ impl StaticsError {
 }
 
 impl ProblemFile {
-    /// Creates an error about a key of this file.
-    pub(super) fn fault(&self, key: impl Into<String>, wrong: impl Into<Wrong>) -> StaticsError {
-        StaticsError::new(wrong).at_key(key, self.source.as_ref())
-    }
-
-    /// Creates an error as [`ProblemFile::fault`] does, for keys that contradict each other or are incomplete.
-    pub(super) fn wrong_keys(
-        &self,
-        key: impl Into<String>,
-        found: impl Into<String>,
-        expected: impl Into<String>,
-    ) -> StaticsError {
-        let (found, expected) = (found.into(), expected.into());
-        self.fault(key, Wrong::Keys { found, expected })
-    }
-
     /// Creates an error about a selection of nodes or axes.
     #[allow(clippy::boxed_local, reason = "the boxed error of a result")]
     pub(super) fn odd(&self, odd: Odd) -> StaticsError {
@@ -110,7 +78,7 @@ impl ProblemFile {
     pub(super) fn within(&self, key: &str, found: f64, most: f64, expected: &'static str) -> Result<(), StaticsError> {
         match found.abs() <= most {
             true => Ok(()),
-            false => Err(self.fault(key, Wrong::Number { found, expected })),
+            false => Err(self.fault(key, InvalidFile::number(found, expected))),
         }
     }
 

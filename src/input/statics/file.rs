@@ -1,13 +1,13 @@
 //! Serde types of a problem file.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
-use super::error::StaticsError;
+use super::error::Wrong;
 use crate::base::document::{self, RegionName, Source, Version};
 use crate::mechanics::mesh::file::Unit;
 
@@ -56,6 +56,8 @@ pub struct ProblemFile {
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,
 }
+
+document::input_file!(ProblemFile, Wrong);
 
 /// Material of a region, or of all regions without their own.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -126,24 +128,4 @@ pub struct LoadSpec {
     pub node_force_n: Option<[f64; 3]>,
     /// Factors on the load at the times of the history. Default: those of the history.
     pub factor: Option<Vec<f64>>,
-}
-
-impl ProblemFile {
-    /// Reads a problem file.
-    ///
-    /// # Errors
-    /// [`StaticsError`] if the file cannot be read or is not a problem.
-    pub fn read(path: &Path) -> Result<Self, StaticsError> {
-        Self::parse(&document::read(path)?, &path.display().to_string())
-    }
-
-    /// Parses the text of a problem file; `name` is the file name shown in errors.
-    ///
-    /// # Errors
-    /// [`StaticsError`] that points at a syntax error, an unknown key, or a value of the wrong type.
-    pub fn parse(text: &str, name: &str) -> Result<Self, StaticsError> {
-        let (mut file, source): (Self, _) = document::parse(text, name)?;
-        file.source = Some(source);
-        Ok(file)
-    }
 }

@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use super::course::Model;
-use super::error::{StaticsError, Wrong};
+use super::error::StaticsError;
 use super::file::{MaterialSpec, ProblemFile};
 use super::resolve::Regions;
+use crate::base::document::InvalidFile;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
@@ -76,7 +77,7 @@ impl ProblemFile {
             && !(found > 0.0 && found <= DENSEST)
         {
             let expected = "above 0, at most 1e6 kg/m^3";
-            return Err(self.fault(key("density_kg_per_m3"), Wrong::Number { found, expected }));
+            return Err(self.fault(key("density_kg_per_m3"), InvalidFile::number(found, expected)));
         }
         match (spec.knee_strain, spec.stiffening) {
             (None, None) => Ok(Stiffening::linear(material)),

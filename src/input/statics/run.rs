@@ -12,7 +12,7 @@ use super::course::{Model, Moment};
 use super::error::{StaticsError, Wrong};
 use super::fields::Fields;
 use super::resolve::{Problem, Solved};
-use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
+use crate::mechanics::tissue::nonlinear::creep::Creep;
 use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Structure, Supports};
 use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
@@ -89,7 +89,7 @@ impl Problem {
         let mut runner = match self.file.model {
             Model::Viscoelastic => {
                 let viscosity = self.file.viscosity.unwrap_or_default();
-                let (memory, rule) = (Memory::from(viscosity.memory), viscosity.rule(&moments));
+                let (memory, rule) = (viscosity.memory, viscosity.rule(&moments));
                 let mut creep = Creep::new(solver, memory, viscosity.order, rule, &loads).map_err(at_start)?;
                 if fields {
                     creep.follow_stress(viscosity.order, rule).map_err(at_start)?;

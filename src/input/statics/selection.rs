@@ -1,6 +1,7 @@
 //! Selection of nodes and axes by a fix or a load.
 
 use super::error::Wrong;
+use crate::base::document::InvalidFile;
 use crate::mechanics::mesh::TetMesh;
 
 /// An invalid selection of nodes or axes, with the key concerned.
@@ -86,8 +87,7 @@ pub(crate) fn axes(table: &str, letters: &str) -> Result<Vec<u8>, Odd> {
 }
 
 fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> Odd {
-    let (found, expected) = (found.into(), expected.into());
-    Box::new((key, Wrong::Keys { found, expected }))
+    Box::new((key, InvalidFile::keys(found, expected).into()))
 }
 
 pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, Odd> {
@@ -104,7 +104,7 @@ pub(crate) fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2
         let expected = "a coordinate, mm, or `inf` for an open side";
         return Err(Box::new((
             format!("{key}[{}][{}]", at / 3, at % 3),
-            Wrong::Number { found, expected },
+            InvalidFile::number(found, expected).into(),
         )));
     }
     Ok([

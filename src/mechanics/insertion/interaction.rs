@@ -5,6 +5,7 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::mechanics::mesh::{Locator, NONE, TetMesh};
@@ -16,7 +17,8 @@ const AROUND_MM: f64 = 0.25;
 /// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from
 /// the tip it is [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters of the tissue that surrounds
 /// it, so that the force is continuous where the tip crosses from one tissue into another.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Peak {
     /// Force per length within `width_mm` of the tip while the needle cuts, in place of the friction there, N/mm (0 or
     /// more).
@@ -28,7 +30,8 @@ pub struct Peak {
 /// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The depth of the tip is
 /// limited to `penetration_mm`: from there on the needle lags behind the hand, and the force stays at its limit,
 /// `stiffness_n_per_mm` x `penetration_mm`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Bone {
     /// Force per mm of depth, N/mm (above 0).
     pub stiffness_n_per_mm: f64,

@@ -41,6 +41,8 @@ mod sampling;
 mod testing;
 
 use faer::{Mat, MatMut, MatRef};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 pub use adaptation::Adaptation;
 pub use adapted::{AdaptedMesh, Change};
@@ -49,9 +51,13 @@ pub use make::{Maker, Source, make};
 pub use options::Options;
 pub use report::{Rebuilt, RemeshReport};
 
-/// Part of the compliance that a remesh updates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+/// Part of the compliance that a remesh updates: see `docs/remeshing.md`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 pub enum Level {
+    /// Only the compliance at the contacts is computed, exactly.
+    #[default]
+    #[serde(rename = "exact")]
+    Exact,
     /// All entries are updated.
     I,
     /// The rows and columns of the moved node and its neighbours are updated.
@@ -60,8 +66,6 @@ pub enum Level {
     III,
     /// No entry is updated: constraints at the moved node act through the compliance of its place in the base.
     IV,
-    /// Only the compliance at the contacts is computed, exactly.
-    Exact,
 }
 
 impl std::fmt::Display for Level {
@@ -77,12 +81,14 @@ impl std::fmt::Display for Level {
 }
 
 /// Floating-point precision of a compliance.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 pub enum Precision {
-    /// Single precision, `f32`.
-    Single,
     /// Double precision, `f64`.
+    #[serde(rename = "f64")]
     Double,
+    /// Single precision, `f32`.
+    #[serde(rename = "f32")]
+    Single,
 }
 
 impl std::fmt::Display for Precision {

@@ -48,16 +48,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     options.check()?;
     let (size, spacing) = (volume.size(), volume.spacing_mm());
     let [nx, ny, _] = size;
-    let grey = sampled(volume, ct);
-    let labelled = || volume.voxels().iter().zip(&grey).filter(|(label, _)| **label != 0);
-    let (all, covered) = (
-        labelled().count(),
-        labelled().filter(|(_, grey)| grey.is_finite()).count(),
-    );
-    let share = covered as f64 / all.max(1) as f64;
-    if share < COVERED {
-        return Err(elsewhere(share));
-    }
+    let grey = sampled(volume, ct)?;
     let smooth = smoothed(size, spacing, &grey);
 
     let tissue = |at: u8| known(volume.labels()[usize::from(at)].name.as_deref()?).map(|(tissue, _)| tissue);
@@ -66,12 +57,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let is_tissue =
         |at: u8, names: &[&str]| tissues[usize::from(at)].is_some_and(|it| names.contains(&it.name.as_ref()));
     let is_organ = |at: u8| tissues[usize::from(at)].is_some_and(|it| it.soft_organ);
-    let median = |wanted: &dyn Fn(u8) -> bool| {
-        let voxels = volume.voxels().iter().zip(&smooth);
-        let mut values: Vec<f32> = voxels.filter(|(at, _)| wanted(**at)).map(|(_, hu)| *hu).collect();
-        let middle = values.len() / 2;
-        (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
-    };
+    let median = |wanted: &dyn Fn(u8) -> bool| median(volume, &smooth, wanted);
     let doubt = median(&is_organ).filter(|hu| !ORGANS_HU.contains(hu));
     let warning = doubt.map(|hu| {
         format!("the solid organs have a median of {hu:.0} in the CT, not -30 to 300 HU: is it the CT of these labels, in Hounsfield units?")
@@ -80,7 +66,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let mut labels = volume.labels().to_vec();
     let class = CLASSES.map(|name| label(&mut labels, name));
     VolumeError::check_labels(labels.len())?;
-    let [soft, muscle, fat, deep_fat, skin, gas, bone, vein] = class;
+    let [soft, muscle, fat, deep_fat, skin, gas, _, vein] = class;
     let liver = |at: u8| is_tissue(at, &["liver"]);
     let bright = median(&liver).map(|hu| hu + VESSELS_HU);
     let is_vessel = |(at, hu): &(&u8, &f32)| liver(**at) && bright.is_some_and(|bright| **hu > bright);
@@ -111,14 +97,11 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
                 return;
             }
             let hu = smooth[place(i)];
-            *voxel = match () {
-                _ if f64::from(from_outside[place(i)]).sqrt() <= reach => skin,
-                _ if hu < LIMITS_HU[0] => gas,
-                _ if hu < LIMITS_HU[1] && distance > 0.0 => fat,
-                _ if hu < LIMITS_HU[1] => deep_fat,
-                _ if hu >= LIMITS_HU[2] => bone,
-                _ if distance > -WALL_MM => muscle,
-                _ => soft,
+            let is_skin = f64::from(from_outside[place(i)]).sqrt() <= reach;
+            *voxel = if is_skin {
+                skin
+            } else {
+                classified(hu, distance, &class)
             };
         });
     });
@@ -142,6 +125,27 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
         note,
         warning,
     })
+}
+
+/// Class of an unlabelled voxel under the skin, at a distance from the outline of the labels, mm.
+fn classified(hu: f32, distance: f64, class: &[u8; 8]) -> u8 {
+    let [soft, muscle, fat, deep_fat, _, gas, bone, _] = *class;
+    match () {
+        _ if hu < LIMITS_HU[0] => gas,
+        _ if hu < LIMITS_HU[1] && distance > 0.0 => fat,
+        _ if hu < LIMITS_HU[1] => deep_fat,
+        _ if hu >= LIMITS_HU[2] => bone,
+        _ if distance > -WALL_MM => muscle,
+        _ => soft,
+    }
+}
+
+/// Median of the grey values under the wanted labels.
+fn median(volume: &LabelVolume, grey: &[f32], wanted: &dyn Fn(u8) -> bool) -> Option<f32> {
+    let voxels = volume.voxels().iter().zip(grey);
+    let mut values: Vec<f32> = voxels.filter(|(at, _)| wanted(**at)).map(|(_, hu)| *hu).collect();
+    let middle = values.len() / 2;
+    (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
 /// Note about a body that was filled by a CT, with the voxels of each class.
@@ -184,8 +188,19 @@ fn elsewhere(share: f64) -> VolumeError {
     VolumeError::option("ct", text)
 }
 
-/// Grey values of the nearest voxels of a CT; not finite outside it.
-fn sampled(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
+/// Grey values of the nearest voxels of a CT, which covers the labels; not finite outside it.
+fn sampled(volume: &LabelVolume, ct: &ScalarImage) -> Result<Vec<f32>, VolumeError> {
+    let grey = nearest(volume, ct);
+    let labelled = || volume.voxels().iter().zip(&grey).filter(|(label, _)| **label != 0);
+    let covered = labelled().filter(|(_, grey)| grey.is_finite()).count();
+    let share = covered as f64 / labelled().count().max(1) as f64;
+    match share < COVERED {
+        true => Err(elsewhere(share)),
+        false => Ok(grey),
+    }
+}
+
+fn nearest(volume: &LabelVolume, ct: &ScalarImage) -> Vec<f32> {
     let [nx, ny, _] = volume.size();
     let Some(to_index) = ct.index_to_world.try_inverse() else {
         return vec![f32::NAN; volume.voxels().len()];

@@ -1,8 +1,9 @@
 //! Validation of the history of a problem.
 
-use super::super::error::{StaticsError, Wrong};
+use super::super::error::StaticsError;
 use super::super::file::ProblemFile;
 use super::{HistorySpec, MOST_STEPS, Model};
+use crate::base::document::InvalidFile;
 
 impl ProblemFile {
     /// Checks the tables for the model, and their values.
@@ -31,7 +32,7 @@ impl ProblemFile {
         let solver = self.solver.unwrap_or_default();
         let number = |key: &str, found: f64, right: bool, expected| match right {
             true => Ok(()),
-            false => Err(self.fault(key, Wrong::Number { found, expected })),
+            false => Err(self.fault(key, InvalidFile::number(found, expected))),
         };
         let (tolerance, iterations) = (solver.tolerance, f64::from(solver.iterations));
         number(
@@ -105,7 +106,7 @@ impl ProblemFile {
         let expected = "a time above 0, for 100000 steps at most";
         let steps: f64 = times.windows(2).map(|pair| ((pair[1] - pair[0]) / step).ceil()).sum();
         if !(step > 0.0 && step.is_finite() && steps <= MOST_STEPS as f64) {
-            return Err(self.fault("history.step_s", Wrong::Number { found: step, expected }));
+            return Err(self.fault("history.step_s", InvalidFile::number(step, expected)));
         }
         Ok(())
     }
@@ -118,7 +119,7 @@ impl ProblemFile {
         expected: &'static str,
     ) -> Result<(), StaticsError> {
         match numbers.iter().enumerate().find(|(at, number)| !right(*at, **number)) {
-            Some((at, &found)) => Err(self.fault(format!("{key}[{at}]"), Wrong::Number { found, expected })),
+            Some((at, &found)) => Err(self.fault(format!("{key}[{at}]"), InvalidFile::number(found, expected))),
             None => Ok(()),
         }
     }

@@ -8,6 +8,9 @@
 #[cfg(test)]
 mod tests;
 
+use schemars::JsonSchema;
+use serde::Deserialize;
+
 use crate::mechanics::needle::InvalidNeedleModel;
 use crate::mechanics::needle::shaft::check;
 
@@ -48,7 +51,7 @@ pub enum Material {
 }
 
 /// Constraint of the compressed tissue, and kind of stress.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 pub enum Compression {
     /// Free to widen in both directions; engineering stress (force per area at rest).
     UEng,

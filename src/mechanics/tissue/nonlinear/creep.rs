@@ -13,12 +13,16 @@
 //! stiffness, as if tissue had always been as stiff: under a constant load it creeps as t^k over the current stiffness,
 //! while the first yields according to the stiffness of each moment.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use super::error::NonlinearError;
 use super::solver::{Contact, Progress, Solver, Target};
 use crate::mechanics::tissue::viscoelastic::{History, Operator, Rule};
 
 /// Quantity whose history is kept.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Memory {
     /// History of the loads: K(U) U = I^k F, as Kobayashi et al. 2010 solve it.
     #[default]

@@ -19,10 +19,14 @@ pub use crate::mechanics::tissue::knee::Knee;
 pub use body::Body;
 pub use respond::{Loading, Method, Response};
 
+use schemars::JsonSchema;
+use serde::Deserialize;
+
 use super::HistoryError;
 
 /// Relation of stiffness and memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Structure {
     /// Stiffness times the rate is the stress, as Kobayashi et al. 2010 (equation 4) state the material law.
     #[default]
@@ -32,7 +36,8 @@ pub enum Structure {
 }
 
 /// Prescribed quantity.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Control {
     /// Shear stress, kPa.
     Stress,

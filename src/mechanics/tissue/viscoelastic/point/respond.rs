@@ -2,6 +2,9 @@
 
 mod refine;
 
+use schemars::JsonSchema;
+use serde::Deserialize;
+
 use super::balance;
 use super::body::{Line, Memory};
 use super::{Control, Point, Structure, check};
@@ -9,7 +12,8 @@ use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
 /// Summation rule of the past, see [`Rule`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Method {
     /// Product rectangle, [`Rule::Rectangle`].
     Rectangle,
@@ -18,6 +22,7 @@ pub enum Method {
     /// Difference quotient, [`Rule::GruenwaldLetnikov`]: the times must be equally spaced.
     GruenwaldLetnikov,
     /// Sum of exponentials, [`Rule::Exponentials`], with the span that the history needs and a tolerance of 1e-10.
+    #[default]
     Exponentials,
 }
 
@@ -26,7 +31,8 @@ const TOLERANCE: f64 = 1e-10;
 const EQUAL: f64 = 1e-9;
 
 /// History of stress or strain. Before the first time all is at rest; then the value may jump to the first one.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Loading {
     /// Prescribed quantity.
     pub control: Control,
