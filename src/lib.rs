@@ -22,6 +22,10 @@
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
 #![cfg_attr(not(feature = "internals"), warn(missing_docs))]
+#![cfg_attr(
+    not(feature = "cli"),
+    allow(dead_code, unused_imports, reason = "the command is their only caller")
+)]
 
 // Modules are private; the feature `internals` opens them to this package's tests, benches and examples.
 #[cfg(not(feature = "internals"))]
@@ -120,5 +124,6 @@ pub use tracking::probe::{Probe, ProbeShape};
 pub use tracking::sequence::Sequence;
 pub use tracking::template::Template;
 
+#[cfg(feature = "cli")]
 #[doc(hidden)]
 pub mod cli;

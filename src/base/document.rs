@@ -23,7 +23,7 @@ pub(crate) use suggest::nearest;
 
 use crate::base::read;
 
-/// What is wrong with the text of a file, or with keys and numbers in it.
+/// Error in the text of a file, its keys or its numbers.
 #[derive(Debug, thiserror::Error)]
 pub enum InvalidFile {
     /// The file cannot be read.
@@ -56,9 +56,9 @@ pub enum InvalidFile {
     /// Keys that contradict each other, or are incomplete.
     #[error("found {found}; expected {expected}")]
     Keys {
-        /// What was found.
+        /// Keys found.
         found: String,
-        /// What was expected.
+        /// Keys expected.
         expected: String,
     },
     /// A number outside its range.
@@ -91,15 +91,14 @@ impl InvalidFile {
     }
 }
 
-/// Gives the type of an input file what all of them have: reading, parsing, and errors at keys. Its text is in the field
-/// `source`.
+/// Implements reading, parsing and errors at keys for the type of an input file, which keeps its text in `source`.
 macro_rules! input_file {
     ($file:ty, $wrong:ty) => {
         impl $file {
             /// Reads a file.
             ///
             /// # Errors
-            /// Those of [`parse`](Self::parse), or that the file cannot be read.
+            /// An unreadable file, and those of [`parse`](Self::parse).
             pub fn read(path: &std::path::Path) -> Result<Self, $crate::base::document::Fault<$wrong>> {
                 Self::parse(&$crate::base::document::read(path)?, &path.display().to_string())
             }
@@ -107,7 +106,7 @@ macro_rules! input_file {
             /// Parses the text of a file; `name` is the file name shown in errors.
             ///
             /// # Errors
-            /// One that points at a syntax error, an unknown key, or a value of the wrong type.
+            /// A syntax error, an unknown key or a value of the wrong type, with its line.
             pub fn parse(text: &str, name: &str) -> Result<Self, $crate::base::document::Fault<$wrong>> {
                 let (mut file, source): (Self, _) = $crate::base::document::parse(text, name)?;
                 file.source = Some(source);

@@ -103,7 +103,7 @@ pub fn name_of(path: &Path) -> String {
 pub struct Place {
     /// Requested path.
     path: PathBuf,
-    /// Where frames are written until the last is complete.
+    /// Temporary path of the frames until the last is complete.
     pub inner: Target,
     folder: Option<Folder>,
     /// Existing files that match by name, and are not written by this run.

@@ -11,17 +11,17 @@ use super::{Control, Point, Structure, check};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
-/// Summation rule of the past, see [`Rule`].
+/// Quadrature of the history.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// Product rectangle, [`Rule::Rectangle`].
+    /// Product rectangle: integrand constant over a step, order 1.
     Rectangle,
-    /// Product trapezoid, [`Rule::Trapezoid`].
+    /// Product trapezoid: integrand linear over a step, order 2.
     Trapezoid,
-    /// Difference quotient, [`Rule::GruenwaldLetnikov`]: the times must be equally spaced.
+    /// Gruenwald-Letnikov difference quotient, order 1: the times must be equally spaced.
     GruenwaldLetnikov,
-    /// Sum of exponentials, [`Rule::Exponentials`], with the span that the history needs and a tolerance of 1e-10.
+    /// Trapezoid with the kernel as a sum of exponentials within 1e-10: long histories at little cost.
     #[default]
     Exponentials,
 }
