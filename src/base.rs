@@ -5,6 +5,7 @@ pub mod matrix;
 pub mod memory;
 pub mod output;
 pub mod random;
+pub mod range;
 pub mod read;
 pub mod real;
 pub mod report;

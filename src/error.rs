@@ -1,20 +1,15 @@
 //! Top-level error type, and whether the user or the machine is at fault.
 
+use crate::input::InputError;
 use std::fmt;
 
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::anatomy::volume::VolumeError;
 use crate::base::output::OutputError;
-use crate::base::report::plot::PlotError;
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
-use crate::input::beam_case::BeamCaseError;
 use crate::input::beam_case::points::PointsError;
-use crate::input::material_case::MaterialCaseError;
-use crate::input::scenario::ScenarioError;
-use crate::input::scene::SceneError;
-use crate::input::statics::StaticsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
@@ -25,27 +20,12 @@ use crate::tracking::TrackingError;
 /// Any error between a command and its output.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
-    /// A scene cannot be used.
+    /// An input file cannot be used.
     #[error(transparent)]
-    Scene(#[from] SceneError),
-    /// A scenario cannot be run.
-    #[error(transparent)]
-    Scenario(#[from] ScenarioError),
+    Input(#[from] InputError),
     /// A step of an insertion failed.
     #[error(transparent)]
     Step(#[from] StepError),
-    /// A plot cannot be drawn.
-    #[error(transparent)]
-    Plot(#[from] PlotError),
-    /// A static problem cannot be solved.
-    #[error(transparent)]
-    Statics(#[from] StaticsError),
-    /// A material cannot be tested.
-    #[error(transparent)]
-    Material(#[from] MaterialCaseError),
-    /// A needle in tissue cannot be bent.
-    #[error(transparent)]
-    BeamCase(#[from] BeamCaseError),
     /// The shape of a needle in tissue cannot be computed in a study.
     #[error(transparent)]
     Beam(#[from] BeamError),
@@ -87,11 +67,7 @@ impl Error {
     /// Whether the machine is at fault, rather than the input.
     pub fn is_machine(&self) -> bool {
         match self {
-            Self::Scene(error) => error.is_machine(),
-            Self::Scenario(error) => error.is_machine(),
-            Self::Statics(error) => error.is_machine(),
-            Self::Material(error) => error.is_machine(),
-            Self::BeamCase(error) => error.is_machine(),
+            Self::Input(error) => error.is_machine(),
             Self::Points(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Generate(error) => error.is_machine(),
@@ -100,7 +76,6 @@ impl Error {
             Self::Synth(SynthError::Memory(_)) => true,
             Self::Calibration(error) => error.is_machine(),
             Self::Output(error) => error.is_machine(),
-            Self::Plot(_) => true,
             Self::Step(error) => error.is_machine(),
             Self::Beam(_) | Self::Simulator(_) | Self::Synth(_) => false,
         }
@@ -115,33 +90,21 @@ impl Error {
 impl Diagnostic for Error {
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
         match self {
-            Self::Scene(error) => error.help(),
-            Self::Scenario(error) => error.help(),
-            Self::Statics(error) => error.help(),
-            Self::Material(error) => error.help(),
-            Self::BeamCase(error) => error.help(),
+            Self::Input(error) => error.help(),
             _ => None,
         }
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
         match self {
-            Self::Scene(error) => error.source_code(),
-            Self::Scenario(error) => error.source_code(),
-            Self::Statics(error) => error.source_code(),
-            Self::Material(error) => error.source_code(),
-            Self::BeamCase(error) => error.source_code(),
+            Self::Input(error) => error.source_code(),
             _ => None,
         }
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
         match self {
-            Self::Scene(error) => error.labels(),
-            Self::Scenario(error) => error.labels(),
-            Self::Statics(error) => error.labels(),
-            Self::Material(error) => error.labels(),
-            Self::BeamCase(error) => error.labels(),
+            Self::Input(error) => error.labels(),
             _ => None,
         }
     }

@@ -19,6 +19,7 @@ pub mod anatomies;
 pub mod beam;
 pub mod bench;
 mod block;
+mod error;
 mod fractional;
 pub mod inspect;
 pub mod matching;
@@ -30,3 +31,5 @@ pub mod step_costs;
 #[cfg(test)]
 pub(crate) mod testing;
 pub mod tradeoff;
+
+pub use error::StudyError;

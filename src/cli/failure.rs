@@ -1,31 +1,20 @@
 //! Failures of subcommands and their exit status.
 
+use crate::input::InputError;
+use crate::study::StudyError;
 use std::fmt;
 use std::io;
 
 use crate::anatomy::volume::VolumeError;
 use crate::base::output::OutputError;
-use crate::base::report::plot::PlotError;
 use crate::error::{INPUT, MACHINE};
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
-use crate::input::beam_case::BeamCaseError;
 use crate::input::beam_case::points::PointsError;
-use crate::input::material_case::MaterialCaseError;
-use crate::input::scenario::ScenarioError;
-use crate::input::scene::SceneError;
-use crate::input::statics::StaticsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
-use crate::study::bench::compare::CompareError;
-use crate::study::puncture::PunctureError;
-use crate::study::tradeoff::RenderError;
-use crate::study::tradeoff::image::ImageError;
-use crate::study::tradeoff::insertion::InsertionStudyError;
-use crate::study::tradeoff::remesh::StudyError;
-use crate::study::tradeoff::tissue::TissueError;
 use crate::tracking::TrackingError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
@@ -35,12 +24,9 @@ pub enum Failure {
     /// Error of the library.
     #[error(transparent)]
     Library(Box<crate::error::Error>),
-    /// Error of a study, which the user can correct.
+    /// Error of a study.
     #[error(transparent)]
-    Study(Box<dyn std::error::Error + Send + Sync>),
-    /// Error of a study, in which the machine failed.
-    #[error(transparent)]
-    Machine(Box<dyn std::error::Error + Send + Sync>),
+    Study(Box<StudyError>),
     /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
@@ -85,8 +71,9 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::Library(error) => error.exit_status(),
+            Self::Study(error) if error.is_machine() => MACHINE,
             Self::Usage { .. } | Self::Study(_) => INPUT,
-            Self::Machine(_) | Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
+            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }
@@ -135,44 +122,21 @@ macro_rules! from_library {
 
 from_library!(
     crate::error::Error,
-    BeamCaseError,
+    InputError,
     BeamError,
     GenerateError,
     GpuError,
-    MaterialCaseError,
     MeshFileError,
     OutputError,
-    PlotError,
     PointsError,
-    ScenarioError,
-    SceneError,
-    StaticsError,
     StepError,
     SynthError,
     TrackingError,
     VolumeError
 );
 
-macro_rules! from_study {
-    ($($error:ty: $machine:expr),*) => {
-        $(impl From<$error> for Failure {
-            fn from(error: $error) -> Self {
-                let machine: fn(&$error) -> bool = $machine;
-                match machine(&error) {
-                    true => Self::Machine(error.into()),
-                    false => Self::Study(error.into()),
-                }
-            }
-        })*
-    };
+impl From<StudyError> for Failure {
+    fn from(error: StudyError) -> Self {
+        Self::Study(Box::new(error))
+    }
 }
-
-from_study!(
-    CompareError: CompareError::is_machine,
-    ImageError: ImageError::is_machine,
-    InsertionStudyError: |_| false,
-    PunctureError: |_| false,
-    RenderError: |_| true,
-    StudyError: StudyError::is_machine,
-    TissueError: |_| false
-);

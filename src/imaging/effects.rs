@@ -31,6 +31,7 @@ pub mod thickness;
 pub mod tone;
 pub mod warp;
 
+use crate::base::range::OutOfRange;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -262,27 +263,11 @@ const fn in_order() -> [&'static Effect; LISTED.len()] {
     order
 }
 
-/// A parameter outside its range.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("`{key}` is {found}; expected {expected}")]
-pub struct OutOfRange {
-    /// Key path below `effects`, such as `speckle.axial_mm`.
-    pub key: String,
-    /// Value found.
-    pub found: String,
-    /// Expected range.
-    pub expected: String,
-}
-
 /// Checks that `value` is a number within `range`.
 pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
     if range.contains(&value) {
         return Ok(());
     }
     let expected = format!("a number from {} to {}", range.start(), range.end());
-    Err(OutOfRange {
-        key: key.to_owned(),
-        found: value.to_string(),
-        expected,
-    })
+    Err(OutOfRange::new(key, value, expected))
 }

@@ -12,15 +12,17 @@
 //!
 //! let error = CaseFile::parse(&beam_case::EXAMPLE.replace("slope", "slop"), "beam.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("beam.toml", 12)));
-//! # Ok::<(), insonify::input::beam_case::BeamCaseError>(())
+//! # Ok::<(), insonify::input::beam_case::InputError>(())
 //! ```
+
+use crate::input::InputError;
 
 mod file;
 pub mod points;
 mod report;
 mod resolve;
 
-pub use file::{BeamCaseError, CaseFile};
+pub use file::CaseFile;
 pub use report::{Report, plot};
 
 /// Example case file with every key.

@@ -22,15 +22,17 @@
 //!
 //! let error = CaseFile::parse(&text.replace("0.1\n", "1.1\n"), "creep.toml")?.resolve().unwrap_err();
 //! assert_eq!(error.location(), Some(("creep.toml", 3)));
-//! # Ok::<(), insonify::input::material_case::MaterialCaseError>(())
+//! # Ok::<(), insonify::input::material_case::InputError>(())
 //! ```
+
+use crate::input::InputError;
 
 mod file;
 mod report;
 mod resolve;
 pub mod rheometer;
 
-pub use file::{CaseFile, MaterialCaseError};
+pub use file::CaseFile;
 
 /// Example case file with every key.
 pub const EXAMPLE: &str = include_str!("../../assets/liver-creep.toml");

@@ -23,7 +23,7 @@
 //!
 //! let error = ScenarioFile::parse(&text.replace("tip_mm", "tip"), "insert.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("insert.toml", 6)));
-//! # Ok::<(), insonify::input::scenario::ScenarioError>(())
+//! # Ok::<(), insonify::input::scenario::InputError>(())
 //! ```
 
 mod aim;
@@ -55,12 +55,12 @@ mod tests;
 mod tissue;
 mod trial;
 
+use crate::input::InputError;
 use std::path::Path;
 
 use crate::base::document;
 use crate::input::scene::SceneFile;
 
-pub use error::ScenarioError;
 pub use file::{ScenarioFile, SceneSource};
 pub use instruments::{NeedleModel, NeedleTable};
 pub use resolve::Scenario;

@@ -13,7 +13,7 @@
 //!
 //! let error = SceneFile::parse("version = 1\n[volume]\nphanton = \"abdomen\"\n", "mine.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("mine.toml", 3)));
-//! # Ok::<(), insonify::input::scene::SceneError>(())
+//! # Ok::<(), insonify::input::scene::InputError>(())
 //! ```
 
 mod check;
@@ -27,11 +27,12 @@ mod resolve;
 mod target;
 mod timeline;
 
+use crate::input::Cause;
+use crate::input::InputError;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Point3};
 
-pub use error::{Problem, SceneError};
 pub use file::{ImageSpec, PoseTable, SceneFile, VolumeSpec};
 pub use paths::{NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 
@@ -98,7 +99,7 @@ pub fn schema() -> serde_json::Value {
 ///     println!("{:.2} s: tip at {tip:?}", scene.time_s(frame, of));
 /// }
 /// assert!(scene.state(of, of, &mut state).is_err());
-/// # Ok::<(), insonify::input::scene::SceneError>(())
+/// # Ok::<(), insonify::input::scene::InputError>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Scene {
@@ -172,7 +173,7 @@ impl Scene {
     }
 
     /// Returns the scene with a needle that moves as `table` states.
-    pub(crate) fn with_needle(mut self, table: NeedleTable) -> Result<Self, SceneError> {
+    pub(crate) fn with_needle(mut self, table: NeedleTable) -> Result<Self, InputError> {
         self.file.needle = Some(table);
         self.needle = self
             .file
@@ -197,10 +198,10 @@ impl Scene {
     /// Fills in the state of frame `frame` of `of`, reusing what `into` already holds.
     ///
     /// # Errors
-    /// [`Problem::Frame`] if there is no such frame.
-    pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), SceneError> {
+    /// [`Cause::Frame`] if there is no such frame.
+    pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), InputError> {
         if frame >= of {
-            return Err(SceneError::new(Problem::Frame { frame, of }));
+            return Err(InputError::new(Cause::Frame { frame, of }));
         }
         self.fill(frame, of, into);
         Ok(())

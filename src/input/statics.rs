@@ -23,8 +23,10 @@
 //!
 //! let error = ProblemFile::parse(&text.replace("poisson", "poison"), "pull.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("pull.toml", 6)));
-//! # Ok::<(), insonify::input::statics::StaticsError>(())
+//! # Ok::<(), insonify::input::statics::InputError>(())
 //! ```
+
+use crate::input::InputError;
 
 mod course;
 mod error;
@@ -38,7 +40,6 @@ mod run;
 pub(crate) mod selection;
 
 pub use course::{Model, SchemeName};
-pub use error::{StaticsError, Wrong};
 pub use file::ProblemFile;
 pub use report::Report;
 

@@ -14,11 +14,12 @@ pub mod pushing;
 pub mod spring;
 mod validation;
 
+use crate::base::range::OutOfRange;
 use nalgebra::{Isometry3, Point3};
 
 use super::needle::CentreLine;
 use super::tissue::remesh::Level;
-pub use interaction::{Anatomy, Bone, Interaction, InvalidInteraction, MeshRegions, Peak};
+pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::ProbeContact;
 pub(crate) use probe::{lever, pointed};

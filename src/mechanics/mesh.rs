@@ -12,6 +12,9 @@
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
 //! | [`Face`] | surface faces, with their outward normals |
 
+use crate::base::range::OutOfRange;
+use quality::UnusableMesh;
+
 mod adjacency;
 pub mod displacement;
 mod element;
@@ -25,7 +28,7 @@ pub mod pack;
 pub mod quality;
 mod surface;
 
-pub use displacement::{Displacement, InvalidDisplacement};
+pub use displacement::Displacement;
 pub use locator::{Locator, NONE};
 pub use surface::Face;
 
@@ -47,6 +50,9 @@ pub enum InvalidMesh {
     /// There is no element.
     #[error("the mesh has no tetrahedra")]
     Empty,
+    /// Elements that no computation can use.
+    #[error("{0}")]
+    Unusable(Box<UnusableMesh>),
     /// More nodes or elements than 32-bit indices can address.
     #[error("{found} {what}; at most {limit} are supported")]
     TooMany {

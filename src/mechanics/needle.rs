@@ -12,6 +12,7 @@ mod rigid;
 mod shaft;
 mod tangent;
 
+use crate::base::range::OutOfRange;
 use std::fmt::Debug;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
@@ -20,7 +21,7 @@ pub use flexible::{ELEMENT_MM, Flexible, LINK_MM, Stiffness};
 pub(in crate::mechanics) use line::across;
 pub use line::{CentreLine, ShaftPoint};
 pub use rigid::{BendingConstraint, Constrained, Rigid};
-pub use shaft::{BEVEL_MM, Bevel, InvalidNeedleModel, Shaft};
+pub use shaft::{BEVEL_MM, Bevel, Shaft};
 
 /// A force on the needle.
 #[derive(Clone, Copy, Debug, PartialEq)]

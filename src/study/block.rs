@@ -2,12 +2,13 @@
 //!
 //! The block reaches from the origin to its extents (mm). The needle moves along z from the skin at z = 0; the far end is fixed.
 
+use crate::base::range::OutOfRange;
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 
 use crate::mechanics::insertion::finite::{Options, Setup};
 use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
-use crate::mechanics::needle::{Bevel, Flexible, InvalidNeedleModel, Needle, Rigid, Shaft, Stiffness};
+use crate::mechanics::needle::{Bevel, Flexible, Needle, Rigid, Shaft, Stiffness};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
@@ -77,16 +78,16 @@ pub fn on_table(mesh: TetMesh, material: Material, interaction: Interaction, nee
 /// Creates a rigid needle with the default shaft.
 ///
 /// # Errors
-/// [`InvalidNeedleModel`].
-pub fn rigid() -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+/// [`OutOfRange`].
+pub fn rigid() -> Result<Box<dyn Needle>, OutOfRange> {
     Ok(Box::new(Rigid::new(Shaft::default(), None)?))
 }
 
 /// Creates a needle of angular springs.
 ///
 /// # Errors
-/// [`InvalidNeedleModel`].
-pub fn springs(stiffness: Stiffness, link_mm: f64, bevel: Bevel) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+/// [`OutOfRange`].
+pub fn springs(stiffness: Stiffness, link_mm: f64, bevel: Bevel) -> Result<Box<dyn Needle>, OutOfRange> {
     Ok(Box::new(Flexible::springs(
         Shaft::default(),
         stiffness,
@@ -98,8 +99,8 @@ pub fn springs(stiffness: Stiffness, link_mm: f64, bevel: Bevel) -> Result<Box<d
 /// Creates a beam needle.
 ///
 /// # Errors
-/// [`InvalidNeedleModel`].
-pub fn beam(stiffness: Stiffness, element_mm: f64, bevel: Bevel) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+/// [`OutOfRange`].
+pub fn beam(stiffness: Stiffness, element_mm: f64, bevel: Bevel) -> Result<Box<dyn Needle>, OutOfRange> {
     Ok(Box::new(Flexible::beam(
         Shaft::default(),
         stiffness,

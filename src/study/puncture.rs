@@ -13,10 +13,13 @@ mod report;
 #[cfg(test)]
 mod tests;
 
+use crate::base::range::OutOfRange;
+use crate::base::range::{OutOfRange, check};
+use crate::mechanics::insertion::InvalidSetup;
+use crate::study::StudyError;
 use serde::Serialize;
 
-use crate::mechanics::insertion::pushing::{InvalidWay, Phase, Pushing};
-use crate::mechanics::tissue::material::InvalidMaterial;
+use crate::mechanics::insertion::pushing::{Phase, Pushing};
 use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use crate::mechanics::tissue::nonlinear::{NonlinearError, Options, Scheme, Solver, Structure};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
@@ -74,48 +77,6 @@ impl Default for PunctureOptions {
     }
 }
 
-/// Error of a puncture simulation or of a measured curve.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PunctureError {
-    /// A number is out of range.
-    #[error("{what} is {found}; expected {expected}")]
-    Number {
-        /// Name of the option.
-        what: &'static str,
-        /// Value given.
-        found: f64,
-        /// Accepted range.
-        expected: &'static str,
-    },
-    /// The material parameters are invalid.
-    #[error(transparent)]
-    Material(#[from] InvalidMaterial),
-    /// The path of the needle is invalid.
-    #[error(transparent)]
-    Way(#[from] InvalidWay),
-    /// The stiffness matrix of the slice cannot be factorised.
-    #[error(transparent)]
-    Nonlinear(#[from] NonlinearError),
-    /// A measured curve is malformed.
-    #[error("{place}: found {found}; expected {expected}")]
-    Curve {
-        /// File, with the line number where known.
-        place: String,
-        /// Content found.
-        found: String,
-        /// Content expected.
-        expected: &'static str,
-    },
-    /// A step cannot be solved.
-    #[error("at {travel_mm} mm: {cause}")]
-    Step {
-        /// Travel of the needle, mm.
-        travel_mm: f64,
-        /// Solver error.
-        cause: NonlinearError,
-    },
-}
-
 /// State after one step of the needle.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Row {
@@ -153,18 +114,14 @@ const NAMES: [&str; 3] = ["capsule", "near-wall", "far-wall"];
 /// Simulates the insertion. `progress` receives the completed fraction, 0 to 1.
 ///
 /// # Errors
-/// [`PunctureError`] if an option is out of range or a step cannot be solved.
-pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Result<Puncture, PunctureError> {
+/// [`StudyError`] if an option is out of range or a step cannot be solved.
+pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Result<Puncture, StudyError> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let steps = (WAY_MM / step).ceil();
     if steps > 1e5 {
         let expected = "a way of at least 0.00042 mm";
-        return Err(PunctureError::Number {
-            what: "step_mm",
-            found: step,
-            expected,
-        });
+        return Err(OutOfRange::new("step_mm", step, expected).into());
     }
     let (liver, mut needle) = pushing(options, steps)?;
     let [near, far] = [1, 2].map(|layer: usize| liver.layers[layer].from_mm);
@@ -185,7 +142,7 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
     for at in 1..=steps as usize {
         let travel_mm = (at as f64 * step).min(WAY_MM);
         let pushed = needle.step(travel_mm, step / speed);
-        let pushed = pushed.map_err(|cause| PunctureError::Step { travel_mm, cause })?;
+        let pushed = pushed.map_err(|cause| StudyError::Travel { travel_mm, cause })?;
         let displacement = needle.structure().displacement();
         if let Some(layer) = pushed.punctured {
             let name = NAMES.get(layer).copied().unwrap_or("layer");
@@ -219,7 +176,7 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
 }
 
 /// Creates the slice, and a needle at its surface prepared for the given number of steps.
-fn pushing(options: &PunctureOptions, steps: f64) -> Result<(Liver, Pushing<2, 3>), PunctureError> {
+fn pushing(options: &PunctureOptions, steps: f64) -> Result<(Liver, Pushing<2, 3>), StudyError> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let liver = Liver::new(options)?;
@@ -246,18 +203,14 @@ fn pushing(options: &PunctureOptions, steps: f64) -> Result<(Liver, Pushing<2, 3
             &loads,
         );
         Structure::Viscous(Box::new(
-            creep.map_err(|cause| PunctureError::Step { travel_mm: 0.0, cause })?,
+            creep.map_err(|cause| StudyError::Travel { travel_mm: 0.0, cause })?,
         ))
     };
     let needle = Pushing::new(structure, liver.entry, [0.0, -1.0], liver.layers.clone())?;
     Ok((liver, needle))
 }
 
-fn positive(what: &'static str, found: f64) -> Result<f64, PunctureError> {
-    if found.is_finite() && found > 0.0 {
-        Ok(found)
-    } else {
-        let expected = "a finite number above 0";
-        Err(PunctureError::Number { what, found, expected })
-    }
+fn positive(key: &str, found: f64) -> Result<f64, StudyError> {
+    check(key, found, found > 0.0, "a finite number above 0")?;
+    Ok(found)
 }

@@ -5,11 +5,12 @@
 //! small block, since a dense inverse of a large one takes minutes; the cost of more nodes is measured at the exact level on blocks up to
 //! the usual size. The cost of one choice is assumed independent of all others.
 
+use crate::study::StudyError;
 use serde::{Deserialize, Serialize};
 
 use crate::imaging::quality::{Costs, Dial, Rung};
 use crate::input::scenario::DEFAULT_NODES;
-use crate::study::tradeoff::insertion::{InsertionOptions, InsertionStudyError, Part, study};
+use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
 use crate::study::tradeoff::{Row, SHIFT_MM, Study, Table};
 
 /// Key of the condensation level in a scenario.
@@ -85,8 +86,8 @@ pub enum Nodes {
 /// Measures the costs. `progress` receives the current task and the completed fraction.
 ///
 /// # Errors
-/// [`InsertionStudyError`] if an insertion cannot be simulated.
-pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts, InsertionStudyError> {
+/// [`StudyError`] if an insertion cannot be simulated.
+pub fn measure(progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<StepCosts, StudyError> {
     let options = |nodes, parts| InsertionOptions {
         nodes,
         depth_mm: DEPTH_MM,

@@ -29,11 +29,11 @@ pub mod report;
 mod tests;
 pub mod tissue;
 
+use crate::base::output::OutputError;
 use serde::{Deserialize, Serialize};
 
 pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
 pub use real_time::{Beat, InTime, Pace};
-pub use render::RenderError;
 
 use crate::base::report::machine::Machine;
 

@@ -1,12 +1,13 @@
 //! Every mistake is named, with its key, its line and a caret on it.
 
-use insonify::input::scene::{Problem, SceneError};
+use insonify::input::Cause;
+use insonify::input::InputError;
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 
 use super::support::{fault, small};
 
 /// The text that the caret stands under.
-fn marked(error: &SceneError) -> String {
+fn marked(error: &InputError) -> String {
     let label = error.labels().and_then(|mut labels| labels.next()).expect("label");
     let source = error.source_code().expect("source");
     let marked = source.read_span(label.inner(), 0, 0).expect("a span of the source");
@@ -262,7 +263,7 @@ fn missing_files_are_named_with_their_key() {
 #[test]
 fn the_report_shows_file_line_and_caret() {
     let error = fault(&small("[effects.blur]\nwidth_mm = -2"));
-    assert!(matches!(error.problem(), Problem::Effect(_)));
+    assert!(matches!(error.problem(), Cause::Number(_)));
     let mut report = String::new();
     GraphicalReportHandler::new_themed(GraphicalTheme::unicode_nocolor())
         .render_report(&mut report, &error)

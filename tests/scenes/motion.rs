@@ -1,6 +1,7 @@
 //! Probe and needle move, tissue deforms, frame by frame.
 
 use insonify::imaging::synth::FrameState;
+use insonify::input::InputError;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::support::{data, fault, resolve, small};
@@ -201,7 +202,7 @@ fn recorded(
     motion: &str,
     sequence: &str,
     more: &str,
-) -> Result<insonify::input::scene::Scene, insonify::input::scene::SceneError> {
+) -> Result<insonify::input::scene::Scene, insonify::input::scene::InputError> {
     recorded_as([TRACKED, CONFIG], motion, sequence, more)
 }
 
@@ -211,7 +212,7 @@ fn recorded_as(
     motion: &str,
     sequence: &str,
     more: &str,
-) -> Result<insonify::input::scene::Scene, insonify::input::scene::SceneError> {
+) -> Result<insonify::input::scene::Scene, insonify::input::scene::InputError> {
     let folder = tempfile::tempdir().expect("folder");
     std::fs::write(folder.path().join("a.mha"), [tracked.as_bytes(), &[0; 2400]].concat()).expect("file");
     std::fs::write(folder.path().join("plus.xml"), config).expect("file");

@@ -1,10 +1,11 @@
 //! Small scenes and what tests do with them.
 
+use insonify::input::InputError;
 use std::path::{Path, PathBuf};
 
 use insonify::imaging::effects::Effects;
 use insonify::imaging::synth::{Backend, Frame, FrameState, Synthesizer};
-use insonify::input::scene::{DEFAULT, Scene, SceneError, SceneFile};
+use insonify::input::scene::{DEFAULT, Scene, SceneFile};
 use nalgebra::Matrix4;
 
 /// A phantom scene that resolves in milliseconds, with more text behind it.
@@ -12,16 +13,16 @@ pub fn small(more: &str) -> String {
     format!("version = 1\n[volume]\nphantom = \"abdomen\"\nresolution_mm = 5\n{more}\n")
 }
 
-pub fn parse(text: &str) -> Result<SceneFile, SceneError> {
+pub fn parse(text: &str) -> Result<SceneFile, InputError> {
     SceneFile::parse(text, "test.toml")
 }
 
-pub fn resolve(text: &str) -> Result<Scene, SceneError> {
+pub fn resolve(text: &str) -> Result<Scene, InputError> {
     parse(text).and_then(|file| file.resolve(Path::new(".")))
 }
 
 /// The error of a scene that must have one.
-pub fn fault(text: &str) -> SceneError {
+pub fn fault(text: &str) -> InputError {
     match resolve(text) {
         Ok(_) => panic!("no error for:\n{text}"),
         Err(error) => error,

@@ -68,6 +68,17 @@ pub enum OutputError {
         /// The path.
         path: PathBuf,
     },
+    /// A plot that the drawing library cannot draw.
+    #[error("the plot \"{title}\" cannot be drawn: {cause}")]
+    Plot {
+        /// Title of the plot.
+        title: String,
+        /// Message of the drawing library.
+        cause: String,
+    },
+    /// A report that cannot be serialised as JSON.
+    #[error("the report cannot be written as JSON: {0}")]
+    Json(#[from] serde_json::Error),
     /// Files that could not be moved to their final places at the end of a run.
     #[error("{cause}\nThe run is done, and {moved} of its files are in their places; the others are kept in {}", path.display())]
     Kept {
@@ -97,7 +108,12 @@ impl OutputError {
     pub fn is_machine(&self) -> bool {
         matches!(
             self,
-            Self::Write { .. } | Self::Folder { .. } | Self::NoFolder { .. } | Self::Kept { .. }
+            Self::Write { .. }
+                | Self::Folder { .. }
+                | Self::NoFolder { .. }
+                | Self::Plot { .. }
+                | Self::Json(_)
+                | Self::Kept { .. }
         )
     }
 }

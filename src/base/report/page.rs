@@ -1,6 +1,7 @@
 //! Self-contained HTML pages for reports: one file each, complete without scripts or external resources, legible on a phone and on paper,
 //! in the reader's light or dark theme.
 
+use crate::base::output::OutputError;
 use std::fmt::{Display, Write};
 
 use base64::Engine;
@@ -8,7 +9,7 @@ use base64::engine::general_purpose::STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError};
 
-use super::plot::{Plot, PlotError};
+use super::plot::Plot;
 use super::table::Table;
 
 /// Style sheet. Plots have dark lines without a background; on a dark page their lightness is inverted and their hue kept.
@@ -85,8 +86,8 @@ impl Page {
     /// Adds plots beside one another, each with its title as caption.
     ///
     /// # Errors
-    /// [`PlotError`] if a plot cannot be drawn.
-    pub fn plots<'a>(&mut self, plots: impl IntoIterator<Item = &'a Plot>) -> Result<(), PlotError> {
+    /// [`OutputError`] if a plot cannot be drawn.
+    pub fn plots<'a>(&mut self, plots: impl IntoIterator<Item = &'a Plot>) -> Result<(), OutputError> {
         self.put("<div class=\"figures\">");
         for plot in plots {
             self.figure(&plot.svg_for_page()?, &plot.title);

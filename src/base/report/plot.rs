@@ -4,6 +4,7 @@
 
 mod legend;
 
+use crate::base::output::OutputError;
 use std::sync::Once;
 
 use plotters::coord::Shift;
@@ -152,16 +153,6 @@ pub struct Plot {
     pub front: Vec<Vec<[f64; 2]>>,
 }
 
-/// Error of drawing a plot.
-#[derive(Debug, thiserror::Error)]
-#[error("the plot \"{title}\" cannot be drawn: {cause}")]
-pub struct PlotError {
-    /// Title of the plot.
-    pub title: String,
-    /// Message of the drawing library.
-    pub cause: String,
-}
-
 impl Series {
     /// Creates points that no line joins.
     pub fn points(name: impl Into<String>, colour: usize, marker: Marker, points: Vec<[f64; 2]>) -> Self {
@@ -199,8 +190,8 @@ impl Plot {
     /// Draws the plot as an SVG document.
     ///
     /// # Errors
-    /// [`PlotError`] if drawing fails.
-    pub fn svg(&self) -> Result<String, PlotError> {
+    /// [`OutputError`] if drawing fails.
+    pub fn svg(&self) -> Result<String, OutputError> {
         let mut text = String::new();
         {
             let root = SVGBackend::with_string(&mut text, (SIZE[0], SIZE[1])).into_drawing_area();
@@ -212,8 +203,8 @@ impl Plot {
     /// Draws the plot as an SVG document for a page on a narrow screen: without title or background, the legend below.
     ///
     /// # Errors
-    /// [`PlotError`] if drawing fails.
-    pub fn svg_for_page(&self) -> Result<String, PlotError> {
+    /// [`OutputError`] if drawing fails.
+    pub fn svg_for_page(&self) -> Result<String, OutputError> {
         let mut text = String::new();
         {
             let height = PAGE[1] + self.legend_height() as u32;
@@ -226,8 +217,8 @@ impl Plot {
     /// Draws the plot as RGB pixels, three bytes each, of [`SIZE`].
     ///
     /// # Errors
-    /// [`PlotError`] if drawing fails.
-    pub fn rgb(&self) -> Result<Vec<u8>, PlotError> {
+    /// [`OutputError`] if drawing fails.
+    pub fn rgb(&self) -> Result<Vec<u8>, OutputError> {
         let mut pixels = vec![0; (3 * SIZE[0] * SIZE[1]) as usize];
         {
             let root = BitMapBackend::with_buffer(&mut pixels, (SIZE[0], SIZE[1])).into_drawing_area();
@@ -240,7 +231,7 @@ impl Plot {
         &self,
         root: &DrawingArea<DB, Shift>,
         layout: Layout,
-    ) -> Result<(), PlotError> {
+    ) -> Result<(), OutputError> {
         static FONT: Once = Once::new();
         FONT.call_once(|| {
             let font = include_bytes!("../../../assets/fonts/DejaVuSans-subset.ttf");
@@ -258,7 +249,7 @@ impl Plot {
             (true, false) => self.chart(root, layout, log(x), linear(y)),
             (true, true) => self.chart(root, layout, log(x), log(y)),
         }
-        .map_err(|cause| PlotError {
+        .map_err(|cause| OutputError::Plot {
             title: self.title.clone(),
             cause: cause.to_string(),
         })

@@ -45,11 +45,7 @@ impl Parameters for Thickness {
             return Ok(());
         }
         let expected = format!("an odd number from 3 to {MAX_PLANES}");
-        Err(OutOfRange {
-            key: "thickness.planes".into(),
-            found: self.planes.to_string(),
-            expected,
-        })
+        Err(OutOfRange::new("thickness.planes", self.planes, expected))
     }
 }
 

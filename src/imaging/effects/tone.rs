@@ -94,11 +94,8 @@ impl Parameters for Tone {
             within(&format!("tone.tgc_points[{at}][0]"), point[0], 0.0..=1000.0)?;
             within(&format!("tone.tgc_points[{at}][1]"), point[1], -100.0..=100.0)?;
             if at > 0 && point[0] <= self.tgc_points[at - 1][0] {
-                return Err(OutOfRange {
-                    key: format!("tone.tgc_points[{at}][0]"),
-                    found: point[0].to_string(),
-                    expected: format!("more than the depth before it, {}", self.tgc_points[at - 1][0]),
-                });
+                let expected = format!("more than the depth before it, {}", self.tgc_points[at - 1][0]);
+                return Err(OutOfRange::new(format!("tone.tgc_points[{at}][0]"), point[0], expected));
             }
         }
         Ok(())

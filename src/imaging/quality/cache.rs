@@ -1,5 +1,6 @@
 //! Cache of measured costs in the user's cache folder: one file for each machine, program version and measured item.
 
+use crate::base::document::InvalidFile;
 use std::env;
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -16,14 +17,6 @@ pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 
 /// Maximum size of a file, bytes; a file of costs has a few thousand.
 const MOST_BYTES: u64 = 1 << 20;
-
-/// A cache file with invalid contents.
-#[derive(Debug, thiserror::Error)]
-#[error("{}: {reason}", path.display())]
-pub struct BadFile {
-    path: PathBuf,
-    reason: String,
-}
 
 /// A cache folder of measured costs.
 #[derive(Clone, Debug)]
@@ -66,8 +59,12 @@ impl Cache {
     /// Returns the value stored for `thing` on this machine by this version, if any.
     ///
     /// # Errors
-    /// [`BadFile`] if a file cannot be read, or its contents are not `sound`.
-    pub fn get<T: DeserializeOwned>(&self, thing: &[&str], sound: impl Fn(&T) -> bool) -> Result<Option<T>, BadFile> {
+    /// [`InvalidFile`] if a file cannot be read, or its contents are not `sound`.
+    pub fn get<T: DeserializeOwned>(
+        &self,
+        thing: &[&str],
+        sound: impl Fn(&T) -> bool,
+    ) -> Result<Option<T>, InvalidFile> {
         let Some(path) = self.path(thing) else { return Ok(None) };
         let mut text = String::new();
         let read = File::open(&path).and_then(|file| file.take(MOST_BYTES).read_to_string(&mut text));
@@ -78,7 +75,7 @@ impl Cache {
             Ok(Err(cause)) => cause.to_string(),
             Err(cause) => cause.to_string(),
         };
-        Err(BadFile { path, reason })
+        Err(InvalidFile::Syntax(format!("{}: {reason}", path.display())))
     }
 
     /// Creates the folder and checks that costs can be stored in it.

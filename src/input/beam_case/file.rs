@@ -1,5 +1,6 @@
 //! Serde types of a case file, and its errors.
 
+use crate::input::Cause;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
@@ -30,7 +31,7 @@ pub struct CaseFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(CaseFile, Wrong);
+document::input_file!(CaseFile, Cause);
 
 /// A solid round rod.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -109,25 +110,4 @@ pub enum ModelName {
     MooneyRivlin,
     /// Yeoh: W = c10 (I1 - 3) + c20 (I1 - 3)^2.
     Yeoh,
-}
-
-/// Error of a case: the cause, the key concerned and its place in the file.
-pub type BeamCaseError = Fault<Wrong>;
-
-/// Cause of a case error.
-#[derive(Debug, thiserror::Error)]
-pub enum Wrong {
-    /// The file cannot be read or parsed.
-    #[error(transparent)]
-    Text(#[from] InvalidFile),
-    /// The shape of the needle, or the wanted motion of its base, cannot be computed.
-    #[error(transparent)]
-    Beam(BeamError),
-}
-
-impl BeamCaseError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        matches!(self.problem(), Wrong::Text(error) if error.is_machine())
-    }
 }

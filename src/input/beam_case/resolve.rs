@@ -1,8 +1,10 @@
 //! Resolution of a case file to a beam, and its shape.
 
-use super::file::{BeamCaseError, CaseFile, LayerSpec, ModelName, Wrong};
+use super::file::{CaseFile, LayerSpec, ModelName};
 use crate::base::document::InvalidFile;
-use crate::mechanics::needle::InvalidNeedleModel;
+use crate::base::range::OutOfRange;
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::mechanics::needle::beam::inverse::{self, Wanted};
 use crate::mechanics::needle::beam::{
     Base, BeamError, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
@@ -84,8 +86,8 @@ impl CaseFile {
     /// Checks every number.
     ///
     /// # Errors
-    /// [`BeamCaseError`] with the key and its place in the file.
-    pub fn resolve(self) -> Result<Case, BeamCaseError> {
+    /// [`InputError`] with the key and its place in the file.
+    pub fn resolve(self) -> Result<Case, InputError> {
         let within = |key: &str, found: f64, [low, high]: [f64; 2], unit: &str| {
             let expected = format!("{low} to {high} {unit}");
             match (low..=high).contains(&found) {
@@ -128,7 +130,7 @@ impl CaseFile {
         })
     }
 
-    fn layers(&self) -> Result<Vec<Layer>, BeamCaseError> {
+    fn layers(&self) -> Result<Vec<Layer>, InputError> {
         if self.layer.is_empty() {
             return Err(self.wrong_keys("layer", "no `[[layer]]`", "at least one"));
         }
@@ -157,8 +159,8 @@ impl CaseFile {
         self.layer.iter().enumerate().map(layer).collect()
     }
 
-    fn number(&self, key: String, error: InvalidNeedleModel) -> BeamCaseError {
-        let InvalidNeedleModel { found, expected, .. } = error;
+    fn number(&self, key: String, error: OutOfRange) -> InputError {
+        let OutOfRange { found, expected, .. } = error;
         self.fault(key, InvalidFile::number(found, expected))
     }
 }
@@ -167,8 +169,8 @@ impl Case {
     /// Solves for the shape of the needle.
     ///
     /// # Errors
-    /// [`BeamCaseError`] if no shape is found.
-    pub fn solve(&self) -> Result<Shape, BeamCaseError> {
+    /// [`InputError`] if no shape is found.
+    pub fn solve(&self) -> Result<Shape, InputError> {
         self.beam()?.solve(&self.base).map_err(|error| self.blame(error))
     }
 
@@ -188,17 +190,17 @@ impl Case {
     /// Finds the base motion for a wanted result, and the resulting shape of the needle.
     ///
     /// # Errors
-    /// [`BeamCaseError`] if there is none.
-    pub fn find(&self, wanted: &Wanted) -> Result<(Base, Shape), BeamCaseError> {
+    /// [`InputError`] if there is none.
+    pub fn find(&self, wanted: &Wanted) -> Result<(Base, Shape), InputError> {
         inverse::find(&mut self.beam()?, wanted).map_err(|error| self.blame(error))
     }
 
-    fn beam(&self) -> Result<FoundationBeam, BeamCaseError> {
-        let key = |error: &InvalidNeedleModel| format!("needle.{}", error.key);
+    fn beam(&self) -> Result<FoundationBeam, InputError> {
+        let key = |error: &OutOfRange| format!("needle.{}", error.key);
         FoundationBeam::new(&self.problem).map_err(|error| self.file.number(key(&error), error))
     }
 
-    fn blame(&self, error: BeamError) -> BeamCaseError {
+    fn blame(&self, error: BeamError) -> InputError {
         let key = match &error {
             BeamError::Crushed { depth_mm, .. } => {
                 let mut depth = 0.0;
@@ -210,6 +212,6 @@ impl Case {
             }
             _ => "base".to_owned(),
         };
-        self.file.fault(key, Wrong::Beam(error))
+        self.file.fault(key, Cause::Beam(error))
     }
 }

@@ -1,3 +1,4 @@
+use crate::input::InputError;
 use std::path::Path;
 
 use super::points::PointsError;
@@ -7,7 +8,7 @@ use crate::mechanics::needle::beam::Base;
 use crate::mechanics::needle::beam::inverse::Wanted;
 
 /// The example with a piece of its text replaced.
-fn changed(from: &str, to: &str) -> Result<Case, BeamCaseError> {
+fn changed(from: &str, to: &str) -> Result<Case, InputError> {
     let text = EXAMPLE.replacen(from, to, 1);
     assert_ne!(text, EXAMPLE, "{from}");
     CaseFile::parse(&text, "beam.toml").and_then(CaseFile::resolve)

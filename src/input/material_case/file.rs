@@ -1,5 +1,7 @@
 //! Serde types of a case file, and its errors.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
@@ -44,7 +46,7 @@ pub struct CaseFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(CaseFile, Wrong);
+document::input_file!(CaseFile, Cause);
 
 /// Constitutive law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
@@ -56,30 +58,9 @@ pub enum Law {
     Zener,
 }
 
-/// Error of a material test: the cause, the key concerned and its place in the file.
-pub type MaterialCaseError = Fault<Wrong>;
-
-/// Cause of an error of a material test.
-#[derive(Debug, thiserror::Error)]
-pub enum Wrong {
-    /// The file cannot be read or parsed.
-    #[error(transparent)]
-    Text(#[from] InvalidFile),
-    /// The material or its history is invalid.
-    #[error(transparent)]
-    Point(#[from] HistoryError),
-}
-
-impl MaterialCaseError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        matches!(self.problem(), Wrong::Text(error) if error.is_machine())
-    }
-}
-
 impl CaseFile {
     /// Attaches the key concerned to an error.
-    pub(super) fn blame(&self, error: HistoryError) -> MaterialCaseError {
+    pub(super) fn blame(&self, error: HistoryError) -> InputError {
         let key = match &error {
             HistoryError::Number { key, at, .. } => {
                 let key = match *key {
@@ -94,6 +75,6 @@ impl CaseFile {
             HistoryError::Overflow { .. } => "history.value".to_owned(),
             _ => "history.time_s".to_owned(),
         };
-        MaterialCaseError::new(error).at_key(key, self.source.as_ref())
+        InputError::new(error).at_key(key, self.source.as_ref())
     }
 }

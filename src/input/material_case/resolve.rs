@@ -1,7 +1,8 @@
 //! Resolution of a case file to a material and its history.
 
-use super::file::{CaseFile, Law, MaterialCaseError};
+use super::file::{CaseFile, Law};
 use super::report::Report;
+use crate::input::InputError;
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::point::{Body, Knee, Point};
 
@@ -16,8 +17,8 @@ impl CaseFile {
     /// Checks every key and number.
     ///
     /// # Errors
-    /// [`MaterialCaseError`] with the key and its place in the file.
-    pub fn resolve(self) -> Result<Case, MaterialCaseError> {
+    /// [`InputError`] with the key and its place in the file.
+    pub fn resolve(self) -> Result<Case, InputError> {
         let point = Point {
             body: self.body()?,
             knee: self.knee()?,
@@ -28,7 +29,7 @@ impl CaseFile {
         Ok(Case { file: self, point })
     }
 
-    fn body(&self) -> Result<Body, MaterialCaseError> {
+    fn body(&self) -> Result<Body, InputError> {
         let (order, modulus_kpa) = (self.order, self.modulus_kpa);
         match self.law {
             Law::SpringPot => {
@@ -60,7 +61,7 @@ impl CaseFile {
         }
     }
 
-    fn knee(&self) -> Result<Knee, MaterialCaseError> {
+    fn knee(&self) -> Result<Knee, InputError> {
         match (self.knee_shear, self.stiffening) {
             (None, None) => Ok(Knee::NONE),
             (Some(strain), Some(stiffening)) => Ok(Knee { strain, stiffening }),
@@ -92,15 +93,15 @@ impl Case {
     /// Computes the response to the history.
     ///
     /// # Errors
-    /// [`MaterialCaseError`] if the rule does not apply to the history, or if stress or strain overflows.
-    pub fn run(&self) -> Result<Report, MaterialCaseError> {
+    /// [`InputError`] if the rule does not apply to the history, or if stress or strain overflows.
+    pub fn run(&self) -> Result<Report, InputError> {
         let response = self.point.respond(&self.file.history, self.file.rule);
         let response = response.map_err(|error| self.blame(error))?;
         Ok(Report::new(&self.file.history, response))
     }
 
     /// Attaches the key concerned to an error.
-    pub(super) fn blame(&self, error: HistoryError) -> MaterialCaseError {
+    pub(super) fn blame(&self, error: HistoryError) -> InputError {
         self.file.blame(error)
     }
 }

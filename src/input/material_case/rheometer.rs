@@ -1,11 +1,11 @@
 //! Virtual rheometer, after the measurements of Kobayashi et al. 2010 (section 3.1): a sine at many frequencies (figure 7), creep at
 //! many stresses (section 3.1.2), and the stiffness derived from creep against strain (figure 8).
 
+use crate::input::InputError;
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use std::f64::consts::TAU;
 use std::fmt;
 
-use super::file::MaterialCaseError;
 use super::resolve::Case;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::statistics;
@@ -71,8 +71,8 @@ impl Case {
     /// Measures the material. Creep depends only on its knee and structure; the sine is as small as in Kobayashi et al. 2010.
     ///
     /// # Errors
-    /// [`MaterialCaseError`] if stress or strain overflows.
-    pub fn rheometer(&self) -> Result<Rheometer, MaterialCaseError> {
+    /// [`InputError`] if stress or strain overflows.
+    pub fn rheometer(&self) -> Result<Rheometer, InputError> {
         let point = self.point();
         let measured = || -> Result<Rheometer, HistoryError> {
             Ok(Rheometer {

@@ -1,5 +1,6 @@
 use super::report::Report;
 use super::*;
+use crate::input::InputError;
 
 const CREEP: &str = "\
 law = \"zener\"
@@ -17,7 +18,7 @@ time_s = [0, 1, 2.5]
 value = [0.5, 0.5, -0.5]
 ";
 
-fn run(text: &str) -> Result<Report, MaterialCaseError> {
+fn run(text: &str) -> Result<Report, InputError> {
     CaseFile::parse(text, "c.toml")?.resolve()?.run()
 }
 

@@ -2,10 +2,10 @@
 
 mod place;
 
+use crate::input::InputError;
 use nalgebra::{Point3, Vector3};
 
 use super::clearance::{Bones, Course};
-use super::error::ScenarioError;
 use super::file::{ScenarioFile, SceneSource};
 use super::instruments::{BESIDE, EntrySpec};
 use super::needle::NeedleSettings;
@@ -65,7 +65,7 @@ struct Goal {
 
 impl ScenarioFile {
     /// Returns the path of a needle that is aimed by name.
-    pub(super) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, ScenarioError> {
+    pub(super) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, InputError> {
         let body = scene.body();
         let pose = scene.probe_path().at(scene.probe_path().start_s());
         let goal = self.goal(scene, &pose)?;
@@ -150,7 +150,7 @@ impl ScenarioFile {
     }
 
     /// Finds the label of the target and a point in it.
-    fn goal(&self, scene: &Scene, pose: &Pose) -> Result<Goal, ScenarioError> {
+    fn goal(&self, scene: &Scene, pose: &Pose) -> Result<Goal, InputError> {
         let (body, target) = (scene.body(), self.needle_table()?.target.clone().unwrap_or_default());
         let label = body.named(&target).ok_or_else(|| {
             let known = Names::new(body.entries()).known();
@@ -180,7 +180,7 @@ impl ScenarioFile {
         entry: [f64; 3],
         needle: &NeedleSettings,
         warnings: &mut Vec<String>,
-    ) -> Result<Candidate, ScenarioError> {
+    ) -> Result<Candidate, InputError> {
         let stated = self.place("needle.entry", entry)?;
         let away = stated - goal.tip;
         let found = |what: &str| format!("an entry {:.0} mm from {}{what}", away.norm(), goal.name);
@@ -239,7 +239,7 @@ impl ScenarioFile {
         pose: &Pose,
         goal: &Goal,
         needle: &NeedleSettings,
-    ) -> Result<Candidate, ScenarioError> {
+    ) -> Result<Candidate, InputError> {
         let (body, probe) = (scene.body(), &scene.settings.probe);
         if let ProbeKind::TrusTransverse | ProbeKind::TrusSagittal = probe.shape.kind() {
             let found = format!("\"{BESIDE}\" of a probe that lies inside the body");
@@ -278,7 +278,7 @@ impl ScenarioFile {
         chosen.ok_or_else(|| self.no_way(&body, goal, needle, &candidates))
     }
 
-    fn no_way(&self, body: &Body<'_>, goal: &Goal, needle: &NeedleSettings, candidates: &[Candidate]) -> ScenarioError {
+    fn no_way(&self, body: &Body<'_>, goal: &Goal, needle: &NeedleSettings, candidates: &[Candidate]) -> InputError {
         let target = body.volume.label_index_at(&goal.tip);
         if target.is_some_and(|label| body.is_bone(label)) {
             let found = format!("{}, which is bone", goal.name);

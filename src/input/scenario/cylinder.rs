@@ -1,9 +1,11 @@
 //! Mass-spring cylinder of a scenario, and the anatomy before it is placed.
 
+use crate::input::Cause;
+use crate::input::InputError;
+use crate::mechanics::insertion::InvalidSetup;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::labels::Labels;
 use super::tissue::TissueModel;
@@ -48,7 +50,7 @@ pub struct CylinderSpec {
 
 impl ScenarioFile {
     /// Parameters of the cylinder, for the mass-spring model.
-    pub(super) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, ScenarioError> {
+    pub(super) fn cylinder_of(&self, path: &Trajectory) -> Result<Option<Parameters>, InputError> {
         let spec = &self.tissue;
         if spec.model != TissueModel::MassSpring {
             return match spec.cylinder {
@@ -85,19 +87,17 @@ impl ScenarioFile {
         Ok(Some(parameters))
     }
 
-    pub(super) fn spring_fault(&self, error: crate::mechanics::insertion::spring::InvalidParameters) -> ScenarioError {
-        use crate::mechanics::insertion::spring::InvalidParameters::Number;
+    pub(super) fn spring_fault(&self, error: crate::mechanics::insertion::spring::InvalidSetup) -> InputError {
         let key = match &error {
             Number { key, .. } => format!("tissue.cylinder.{key}"),
             _ => "tissue.cylinder".to_owned(),
         };
-        self.fault(key, Wrong::Springs(error))
+        self.fault(key, Cause::Setup(error))
     }
 
     /// Mesh of the cylinder. Its place is set when the needle enters.
-    pub(super) fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, ScenarioError> {
-        let needle =
-            Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", Wrong::NeedleModel(error)))?;
+    pub(super) fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, InputError> {
+        let needle = Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", Cause::Number(error)))?;
         let mut model = MassSpring::new(parameters, Box::new(labels.clone()), Box::new(needle))
             .map_err(|error| self.spring_fault(error))?;
         let (mut snapshot, mut tissue, mut imager) = (Snapshot::default(), Tissue::default(), model.imager());
@@ -106,7 +106,7 @@ impl ScenarioFile {
         let elements = imager.elements().to_vec();
         let regions = vec![0; elements.len()];
         TetMesh::new(tissue.reference, elements, regions)
-            .map_err(|error| self.fault("tissue.cylinder", Wrong::Mesh(error)))
+            .map_err(|error| self.fault("tissue.cylinder", Cause::Mesh(error)))
     }
 }
 

@@ -1,91 +1,8 @@
-//! Errors of scenario files.
+//! Errors at keys of scenario files.
 
 use super::file::ScenarioFile;
-use crate::base::document::{Fault, InvalidFile, NoRegion};
-use crate::gpu::GpuError;
-use crate::input::scene::{Problem, SceneError};
-use crate::input::statics;
-use crate::mechanics::insertion::spring::InvalidParameters;
-use crate::mechanics::insertion::{InvalidInteraction, InvalidSetup};
-use crate::mechanics::mesh::InvalidMesh;
-use crate::mechanics::mesh::file::MeshFileError;
-use crate::mechanics::mesh::generate::GenerateError;
-use crate::mechanics::mesh::quality::UnusableMesh;
-use crate::mechanics::needle::InvalidNeedleModel;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::material::InvalidMaterial;
-use crate::tracking::TrackingError;
-
-/// Error of a scenario: the cause, the key concerned and its place in the file.
-pub type ScenarioError = Fault<Wrong>;
-
-/// Cause of a scenario error.
-#[derive(Debug, thiserror::Error)]
-pub enum Wrong {
-    /// The file cannot be read or parsed.
-    #[error(transparent)]
-    Text(#[from] InvalidFile),
-    /// An unknown region.
-    #[error(transparent)]
-    Region(#[from] NoRegion),
-    /// The scene is invalid.
-    #[error(transparent)]
-    Scene(#[from] Problem),
-    /// Nodes or axes selected by a table are invalid.
-    #[error(transparent)]
-    Nodes(#[from] statics::Wrong),
-    /// The mesh file cannot be read.
-    #[error(transparent)]
-    MeshFile(#[from] MeshFileError),
-    /// The mesh can be read, but is unsuitable for computation.
-    #[error(transparent)]
-    Unusable(#[from] UnusableMesh),
-    /// No mesh can be generated.
-    #[error(transparent)]
-    Generate(#[from] GenerateError),
-    /// A material is invalid.
-    #[error(transparent)]
-    Material(#[from] InvalidMaterial),
-    /// The interaction of a tissue with the needle is invalid.
-    #[error(transparent)]
-    Interaction(#[from] InvalidInteraction),
-    /// Tissue is not sufficiently fixed.
-    #[error(transparent)]
-    Rigid(#[from] LinearError),
-    /// The needle is invalid.
-    #[error(transparent)]
-    Needle(#[from] TrackingError),
-    /// No model can be built for the needle.
-    #[error(transparent)]
-    NeedleModel(#[from] InvalidNeedleModel),
-    /// No GPU is available.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// No model can be built for the tissue.
-    #[error(transparent)]
-    Setup(#[from] InvalidSetup),
-    /// Mass-spring parameters are invalid.
-    #[error(transparent)]
-    Springs(#[from] InvalidParameters),
-    /// The elements do not form a valid mesh.
-    #[error(transparent)]
-    Mesh(#[from] InvalidMesh),
-}
-
-impl ScenarioError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
-        match self.problem() {
-            Wrong::Text(error) => error.is_machine(),
-            Wrong::Scene(problem) => problem.is_machine(),
-            Wrong::MeshFile(error) => error.is_machine(),
-            Wrong::Generate(error) => error.is_machine(),
-            Wrong::Setup(error) => error.is_machine(),
-            Wrong::Gpu(error) => error.is_machine(),
-            _ => false,
-        }
-    }
-}
+use crate::base::document::InvalidFile;
+use crate::input::InputError;
 
 impl ScenarioFile {
     /// Returns a number of this file if it is within its range.
@@ -95,7 +12,7 @@ impl ScenarioFile {
         found: f64,
         holds: impl FnOnce(f64) -> bool,
         expected: &'static str,
-    ) -> Result<f64, ScenarioError> {
+    ) -> Result<f64, InputError> {
         if found.is_finite() && holds(found) {
             Ok(found)
         } else {
@@ -108,7 +25,7 @@ impl ScenarioFile {
         &self,
         key: &str,
         found: [f64; 3],
-    ) -> Result<nalgebra::Unit<nalgebra::Vector3<f64>>, ScenarioError> {
+    ) -> Result<nalgebra::Unit<nalgebra::Vector3<f64>>, InputError> {
         let finite = found.iter().all(|x| x.is_finite());
         nalgebra::Unit::try_new(nalgebra::Vector3::from(found), 1e-9)
             .filter(|_| finite)
@@ -119,7 +36,7 @@ impl ScenarioFile {
     }
 
     /// Returns a point of this file.
-    pub(super) fn place(&self, key: &str, found: [f64; 3]) -> Result<nalgebra::Point3<f64>, ScenarioError> {
+    pub(super) fn place(&self, key: &str, found: [f64; 3]) -> Result<nalgebra::Point3<f64>, InputError> {
         if found.iter().all(|x| x.abs() <= crate::base::matrix::FARTHEST_MM) {
             Ok(found.into())
         } else {
@@ -129,9 +46,8 @@ impl ScenarioFile {
     }
 
     /// Converts an error of the scene, which lies in its own file or inline in this one.
-    pub(super) fn of_scene(&self, error: SceneError, is_inline: bool) -> ScenarioError {
+    pub(super) fn of_scene(&self, mut error: InputError, is_inline: bool) -> InputError {
         let key = error.key().map(str::to_owned);
-        let mut error = error.map(Wrong::Scene);
         if is_inline && key.as_deref() == Some("volume.file") && self.source.is_some() {
             let help = "the key `file` under [scene.volume] names the label file: put the path of your own there";
             error = error.with_help(Some(help.to_owned()));

@@ -1,5 +1,6 @@
 //! Serde types of a scenario file.
 
+use crate::input::Cause;
 use std::fmt;
 use std::sync::Arc;
 
@@ -8,7 +9,6 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::error::Wrong;
 use super::instruments::{ContactProbeSpec, NeedleTable};
 use super::planned::PlanSpec;
 use super::tissue::TissueSpec;
@@ -53,7 +53,7 @@ pub struct ScenarioFile {
     pub adapter: Option<AdapterChoice>,
 }
 
-document::input_file!(ScenarioFile, Wrong);
+document::input_file!(ScenarioFile, Cause);
 
 impl ScenarioFile {
     /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.

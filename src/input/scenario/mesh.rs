@@ -1,6 +1,7 @@
 //! Mesh of a scenario, read from a file or generated from the scene's volume, and its fixed nodes.
 
 use crate::base::document::InvalidFile;
+use crate::input::InputError;
 use crate::mechanics::tissue::error::LinearError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -9,7 +10,6 @@ use nalgebra::Point3;
 
 use super::along;
 use super::cut;
-use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
@@ -45,7 +45,7 @@ impl ScenarioFile {
         progress: impl FnMut(f32),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Meshed, ScenarioError> {
+    ) -> Result<Meshed, InputError> {
         let spec = &self.tissue;
         let meshed = match &spec.mesh {
             Some(file) => {
@@ -97,7 +97,7 @@ impl ScenarioFile {
         path: &Trajectory,
         progress: impl FnMut(f32),
         notes: &mut Vec<String>,
-    ) -> Result<TetMesh, ScenarioError> {
+    ) -> Result<TetMesh, InputError> {
         let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);
         if !(NODES[0]..=NODES[1]).contains(&nodes) {
             let (found, expected) = (f64::from(nodes), "8 to 1000000 nodes");
@@ -155,7 +155,7 @@ impl ScenarioFile {
     }
 
     /// Numbers of the labels excluded from the mesh.
-    pub(super) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
+    pub(super) fn outside(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
         let mut outside = Vec::new();
         for (at, name) in self.tissue.outside.iter().enumerate() {
             outside.extend(regions.numbers(&format!("tissue.outside[{at}]"), name)?);
@@ -164,9 +164,8 @@ impl ScenarioFile {
     }
 
     /// Returns the labels, with everything outside a box unlabelled.
-    fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, ScenarioError> {
-        let [low, high] =
-            ordered("tissue.box_mm", corners).map_err(|odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1)))?;
+    fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, InputError> {
+        let [low, high] = ordered("tissue.box_mm", corners).map_err(|odd: Odd| self.fault(odd.0, odd.1))?;
         let [nx, ny, _] = volume.size();
         let to_world = volume.index_to_world();
         let inside = |at: usize| {
@@ -195,7 +194,7 @@ impl ScenarioFile {
         made_of: &BTreeMap<i32, Region>,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Vec<(u32, u8)>, ScenarioError> {
+    ) -> Result<Vec<(u32, u8)>, InputError> {
         let mut fixed = vec![[false; 3]; mesh.nodes().len()];
         let rigid = |region: &i32| made_of.get(region).is_some_and(|of| of.rigid);
         let elements = mesh.elements().iter().zip(mesh.regions());
@@ -220,7 +219,7 @@ impl ScenarioFile {
         }
         for (at, spec) in self.tissue.fix.iter().enumerate() {
             let table = format!("tissue.fix[{at}]");
-            let nodes_wrong = |odd: Odd| self.fault(odd.0, Wrong::Nodes(odd.1));
+            let nodes_wrong = |odd: Odd| self.fault(odd.0, odd.1);
             let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
             let key = format!("{table}.region");
             let regions = spec
@@ -251,7 +250,7 @@ impl ScenarioFile {
         names: &Regions<'_>,
         fixed: &mut [[bool; 3]],
         warnings: &mut Vec<String>,
-    ) -> Result<(), ScenarioError> {
+    ) -> Result<(), InputError> {
         let most = CRUMB * mesh.nodes().len() as f64;
         let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
             Ok(()) => return Ok(()),

@@ -1,9 +1,11 @@
 //! Construction of the tissue model of a scenario.
 
+use crate::base::range::OutOfRange;
+use crate::input::Cause;
+use crate::input::InputError;
 use std::sync::Arc;
 
 use super::along;
-use super::error::{ScenarioError, Wrong};
 use super::needle::Bending;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
@@ -11,7 +13,7 @@ use super::tissue::ColumnsName;
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};
-use crate::mechanics::needle::{Constrained, Flexible, InvalidNeedleModel, Needle, Rigid, Shaft, Stiffness};
+use crate::mechanics::needle::{Constrained, Flexible, Needle, Rigid, Shaft, Stiffness};
 use crate::mechanics::remesh_gpu::maker;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
@@ -25,11 +27,11 @@ impl Scenario {
     /// computations.
     ///
     /// # Errors
-    /// [`ScenarioError`] with the offending key.
-    pub fn model(&self, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, ScenarioError> {
+    /// [`InputError`] with the offending key.
+    pub fn model(&self, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
         let needle = self.needle_model().map_err(|error| {
             let key = format!("needle.{}", error.key);
-            self.file.fault(key, Wrong::NeedleModel(error))
+            self.file.fault(key, Cause::Number(error))
         })?;
         if let Some(parameters) = self.cylinder {
             let springs = MassSpring::new(parameters, Box::new(Arc::clone(&self.anatomy)), needle);
@@ -73,7 +75,7 @@ impl Scenario {
         }
     }
 
-    fn stiffened(&self, stiffened: &Stiffened) -> Result<Box<dyn Model>, ScenarioError> {
+    fn stiffened(&self, stiffened: &Stiffened) -> Result<Box<dyn Model>, InputError> {
         let setup = nonlinear::Setup {
             mesh: Arc::clone(&self.mesh),
             laws: stiffened.laws.clone(),
@@ -88,7 +90,7 @@ impl Scenario {
         Ok(Box::new(model.map_err(|error| self.file.fault("tissue", error))?))
     }
 
-    fn needle_model(&self) -> Result<Box<dyn Needle>, InvalidNeedleModel> {
+    fn needle_model(&self) -> Result<Box<dyn Needle>, OutOfRange> {
         let shaft = self.shaft();
         Ok(match self.needle.bending {
             Bending::None { bevel } => Box::new(Rigid::new(shaft, bevel)?),
@@ -112,7 +114,7 @@ impl Scenario {
         })
     }
 
-    fn blame(&self, error: InvalidSetup) -> ScenarioError {
+    fn blame(&self, error: InvalidSetup) -> InputError {
         let key = match &error {
             InvalidSetup::Interaction { .. } => "tissue.material",
             InvalidSetup::Fixed { .. }
@@ -123,7 +125,7 @@ impl Scenario {
             | InvalidSetup::Remesh(_) => "tissue.level",
             _ => "tissue",
         };
-        self.file.fault(key, Wrong::Setup(error))
+        self.file.fault(key, Cause::Setup(error))
     }
 
     /// Prefetches the data that remeshing along the needle's path will read, so that no step waits for it.

@@ -1,10 +1,10 @@
 //! Tissue model settings: model, level of remeshing, precision, device.
 
-use super::error::ScenarioError;
 use super::file::ScenarioFile;
 use super::resolve::Timing;
 use super::tissue::{ColumnsName, DeviceName, TissueModel};
 use crate::gpu::{AdapterChoice, Gpu, Needs};
+use crate::input::InputError;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
 /// Tissue model settings.
@@ -23,7 +23,7 @@ pub struct Modelling {
 }
 
 impl ScenarioFile {
-    pub(super) fn modelling(&self) -> Result<Modelling, ScenarioError> {
+    pub(super) fn modelling(&self) -> Result<Modelling, InputError> {
         let spec = &self.tissue;
         let level = spec.level.unwrap_or_default();
         let is_on_gpu = self.is_on_gpu();
@@ -84,7 +84,7 @@ impl ScenarioFile {
     }
 
     /// Opens the GPU, if requested.
-    pub(super) fn gpu(&self) -> Result<Option<Gpu>, ScenarioError> {
+    pub(super) fn gpu(&self) -> Result<Option<Gpu>, InputError> {
         if !self.is_on_gpu() {
             return Ok(None);
         }
@@ -94,7 +94,7 @@ impl ScenarioFile {
     }
 
     /// Times of changes of the level, and the new levels.
-    pub(super) fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, ScenarioError> {
+    pub(super) fn changes(&self, timing: &Timing) -> Result<Vec<(f64, Level)>, InputError> {
         let mut changes: Vec<(f64, Level)> = Vec::new();
         for (at, change) in self.run.change.iter().enumerate() {
             let key = format!("run.change[{at}].at_s");

@@ -1,8 +1,9 @@
 //! Validation and defaults of the needle of a scenario.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 
-use super::error::{ScenarioError, Wrong};
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
@@ -79,14 +80,14 @@ impl NeedleSettings {
 }
 
 impl ScenarioFile {
-    pub(super) fn needle_table(&self) -> Result<&NeedleTable, ScenarioError> {
+    pub(super) fn needle_table(&self) -> Result<&NeedleTable, InputError> {
         self.needle
             .as_ref()
             .ok_or_else(|| self.wrong_keys("needle", "no `[needle]`", "the needle that goes in"))
     }
 
     /// Returns the needle settings, every number checked.
-    pub(super) fn needle_settings(&self) -> Result<NeedleSettings, ScenarioError> {
+    pub(super) fn needle_settings(&self) -> Result<NeedleSettings, InputError> {
         let table = self.needle_table()?;
         let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
         let of_models: [(&str, bool, &[NeedleModel], &str); 5] = [
@@ -139,7 +140,7 @@ impl ScenarioFile {
         })
     }
 
-    fn bending(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+    fn bending(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, InputError> {
         match table.model {
             NeedleModel::Rigid => Ok(Bending::None {
                 bevel: self.bevel(table, length_mm)?,
@@ -153,7 +154,7 @@ impl ScenarioFile {
                 };
                 constraint.validate().map_err(|error| {
                     let key = error.key().unwrap_or_default();
-                    self.fault(format!("needle.bending.{key}"), Wrong::Needle(error))
+                    self.fault(format!("needle.bending.{key}"), Cause::Tracking(error))
                 })?;
                 Ok(Bending::Constrained(constraint))
             }
@@ -162,7 +163,7 @@ impl ScenarioFile {
         }
     }
 
-    fn bevel(&self, table: &NeedleTable, length_mm: f64) -> Result<Option<Bevel>, ScenarioError> {
+    fn bevel(&self, table: &NeedleTable, length_mm: f64) -> Result<Option<Bevel>, InputError> {
         let Some(bevel) = table.bevel else { return Ok(None) };
         let range = |x: f64| (0.0..=5.0).contains(&x);
         let r_mm = self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
@@ -177,7 +178,7 @@ impl ScenarioFile {
         Ok(Some(Bevel { r_mm, length_mm }))
     }
 
-    fn springs(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+    fn springs(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, InputError> {
         if table.kappa_nmm_per_deg.is_some() && table.bending_stiffness_nmm2.is_some() {
             let found = "both `kappa_nmm_per_deg` and `bending_stiffness_nmm2`";
             return Err(self.wrong_keys("needle.kappa_nmm_per_deg", found, "one of them"));
@@ -208,7 +209,7 @@ impl ScenarioFile {
         })
     }
 
-    fn beam(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, ScenarioError> {
+    fn beam(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, InputError> {
         if table.young_gpa.is_some() && table.bending_stiffness_nmm2.is_some() {
             let found = "both `young_gpa` and `bending_stiffness_nmm2`";
             return Err(self.wrong_keys("needle.young_gpa", found, "one of them"));
@@ -237,7 +238,7 @@ impl ScenarioFile {
     }
 
     /// Checks that exactly one key moves the needle.
-    pub(super) fn mover(&self) -> Result<(), ScenarioError> {
+    pub(super) fn mover(&self) -> Result<(), InputError> {
         let table = self.needle_table()?;
         let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
         let movers = [
@@ -273,7 +274,7 @@ impl ScenarioFile {
         &self,
         needle: &NeedleSettings,
         aimed: Option<Vec<NeedleKeyframe>>,
-    ) -> Result<Moving, ScenarioError> {
+    ) -> Result<Moving, InputError> {
         let table = self.needle_table()?;
         let of_keyframes = |keyframes| NeedleMotionSpec {
             keyframes: Some(keyframes),
@@ -304,7 +305,7 @@ impl ScenarioFile {
         })
     }
 
-    fn commanded(&self, times: &[f64]) -> Result<Vec<Deposit>, ScenarioError> {
+    fn commanded(&self, times: &[f64]) -> Result<Vec<Deposit>, InputError> {
         for (at, time) in times.iter().enumerate() {
             let after = at.checked_sub(1).map_or(f64::NEG_INFINITY, |before| times[before]);
             let key = format!("needle.deposit_s[{at}]");

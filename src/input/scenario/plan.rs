@@ -1,8 +1,8 @@
 //! Template holes of a plan, and the motion and seeds of the insertions through them.
 
+use crate::input::InputError;
 use nalgebra::{Point3, Unit};
 
-use super::error::ScenarioError;
 use super::file::ScenarioFile;
 use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle};
 use crate::input::scene::NeedleKeyframe;
@@ -50,7 +50,7 @@ pub struct Guide {
 
 impl ScenarioFile {
     /// Targets of the plan.
-    pub(super) fn targets(&self) -> Result<Vec<Target>, ScenarioError> {
+    pub(super) fn targets(&self) -> Result<Vec<Target>, InputError> {
         let specs = self.plan.iter().flat_map(|plan| &plan.target);
         let one = |(at, spec): (usize, &super::planned::TargetSpec)| {
             Ok(Target {
@@ -62,7 +62,7 @@ impl ScenarioFile {
     }
 
     /// Planned insertions of a needle of the given length (mm), if there are any.
-    pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, ScenarioError> {
+    pub(super) fn insertions(&self, length_mm: f64) -> Result<Option<Insertions>, InputError> {
         let Some(plan) = &self.plan else { return Ok(None) };
         // The template is checked whether or not a needle uses it.
         let template = self.template()?;
@@ -86,7 +86,7 @@ impl ScenarioFile {
     }
 
     /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
-    pub(super) fn pace(&self) -> Result<[f64; 3], ScenarioError> {
+    pub(super) fn pace(&self) -> Result<[f64; 3], InputError> {
         let plan = self.plan.as_ref();
         let stated = |of: fn(&PlanSpec) -> Option<f64>, usual: f64| plan.and_then(of).unwrap_or(usual);
         let time = |key: &str, found: f64, [low, high]: [f64; 2], expected| {
@@ -100,7 +100,7 @@ impl ScenarioFile {
     }
 
     /// Speed of insertion, mm/s.
-    fn speed(&self, key: String, found: f64) -> Result<f64, ScenarioError> {
+    fn speed(&self, key: String, found: f64) -> Result<f64, InputError> {
         let range = |x: f64| x > 0.0 && x <= 1000.0;
         self.number(key, found, range, "a speed above 0, at most 1000 mm/s")
     }
@@ -113,7 +113,7 @@ impl ScenarioFile {
         [length_mm, speed_mm_s, pause_s]: [f64; 3],
         now_s: &mut f64,
         made: &mut Insertions,
-    ) -> Result<(), ScenarioError> {
+    ) -> Result<(), InputError> {
         let key = |key: &str| format!("plan.needle[{at}].{key}");
         let hole = template.hole(&needle.hole).map_err(|unknown| {
             let help = unknown.meant.map(|meant| format!("did you mean \"{meant}\"?"));
@@ -170,8 +170,8 @@ impl ScenarioFile {
     /// Returns the template of the plan, if it has one.
     ///
     /// # Errors
-    /// [`ScenarioError`] at the invalid key.
-    pub fn template(&self) -> Result<Option<Template>, ScenarioError> {
+    /// [`InputError`] at the invalid key.
+    pub fn template(&self) -> Result<Option<Template>, InputError> {
         let Some(spec) = self.plan.as_ref().and_then(|plan| plan.template.as_ref()) else {
             return Ok(None);
         };

@@ -1,8 +1,8 @@
 //! Probe contact of a scenario, and selection of the nodes that the probe can touch.
 
+use crate::input::InputError;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
-use super::error::ScenarioError;
 use super::file::ScenarioFile;
 use super::instruments::ContactProbeSpec;
 use super::regions::Regions;
@@ -47,7 +47,7 @@ impl ScenarioFile {
         mesh: &TetMesh,
         fixed: &[(u32, u8)],
         regions: &Regions<'_>,
-    ) -> Result<Option<Contact>, ScenarioError> {
+    ) -> Result<Option<Contact>, InputError> {
         let Some(spec) = &self.contact_probe else {
             return Ok(None);
         };
@@ -114,7 +114,7 @@ impl ScenarioFile {
     }
 
     /// Transform from the frame of the cylinder to the probe frame.
-    fn cylinder(&self, spec: &ContactProbeSpec) -> Result<Isometry3<f64>, ScenarioError> {
+    fn cylinder(&self, spec: &ContactProbeSpec) -> Result<Isometry3<f64>, InputError> {
         let size = |key: &str, found, most, expected| {
             self.number(
                 format!("contact_probe.{key}"),

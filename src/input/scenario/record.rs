@@ -5,12 +5,13 @@ mod film;
 mod page;
 mod table;
 
+use crate::base::output::OutputError;
 use std::io::{self, Write};
 
 use super::resolve::Scenario;
 use super::run::{Moment, Step};
 use super::summary::Summary;
-use crate::base::report::plot::{Plot, PlotError};
+use crate::base::report::plot::Plot;
 use crate::imaging::synth::Frame;
 use curves::Curves;
 use film::Film;
@@ -79,8 +80,8 @@ impl Record {
     /// Self-contained HTML page with summary, frames and plots; `others` are files beside it that it links to.
     ///
     /// # Errors
-    /// [`PlotError`].
-    pub fn page(&self, title: &str, summary: &Summary, others: &[&str]) -> Result<String, PlotError> {
+    /// [`OutputError`].
+    pub fn page(&self, title: &str, summary: &Summary, others: &[&str]) -> Result<String, OutputError> {
         page::page(title, summary, &self.film, &self.plots(), others)
     }
 }

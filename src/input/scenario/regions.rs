@@ -1,8 +1,8 @@
 //! Names and materials of mesh regions.
 
+use crate::input::InputError;
 use std::collections::BTreeMap;
 
-use super::error::ScenarioError;
 use super::file::ScenarioFile;
 use super::tissue::MaterialSpec;
 use crate::anatomy::acoustics::Tissue;
@@ -72,7 +72,7 @@ impl<'a> Regions<'a> {
     }
 
     /// Numbers of the regions that match a name.
-    pub fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, ScenarioError> {
+    pub fn numbers(&self, key: &str, name: &RegionName) -> Result<Vec<i32>, InputError> {
         let labels = self.body().entries().into_iter();
         let of_labels = labels.filter_map(|(_, value, names)| Some((i32::try_from(value).ok()?, value, names)));
         let of_mesh = self.named.iter();
@@ -85,7 +85,7 @@ impl<'a> Regions<'a> {
     }
 
     /// Properties of each of `regions`.
-    pub fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, ScenarioError> {
+    pub fn made_of(&self, regions: &[i32]) -> Result<BTreeMap<i32, Region>, InputError> {
         let (mut others, mut own) = (None, BTreeMap::new());
         for (at, spec) in self.file.tissue.material.iter().enumerate() {
             let table = format!("tissue.material[{at}]");
@@ -113,7 +113,7 @@ impl<'a> Regions<'a> {
     }
 
     /// Checks the values of a material table, independent of its region.
-    fn check(&self, table: &str, spec: &MaterialSpec) -> Result<(), ScenarioError> {
+    fn check(&self, table: &str, spec: &MaterialSpec) -> Result<(), InputError> {
         spec.interaction(&Interaction::default()).check().map_err(|error| {
             let within = match error.key {
                 "density_n_per_mm" | "width_mm" => "peak.",
@@ -127,14 +127,14 @@ impl<'a> Regions<'a> {
         self.law(table, spec, material).map(drop)
     }
 
-    fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<Stiffening, ScenarioError> {
+    fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<Stiffening, InputError> {
         let (Some(knee), Some(rate)) = (spec.knee_strain, spec.stiffening) else {
             return Ok(Stiffening::linear(material));
         };
         Stiffening::new(material, knee, rate).map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))
     }
 
-    fn region(&self, region: i32, spec: Option<(usize, &MaterialSpec)>) -> Result<Region, ScenarioError> {
+    fn region(&self, region: i32, spec: Option<(usize, &MaterialSpec)>) -> Result<Region, InputError> {
         let nothing = MaterialSpec::default();
         let (at, spec) = match spec {
             Some((at, spec)) => (Some(at), spec),

@@ -1,5 +1,6 @@
 //! Resolution of a scenario file to a runnable scenario.
 
+use crate::input::InputError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -7,7 +8,6 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3};
 
 use super::clearance;
-use super::error::ScenarioError;
 use super::file::{RunSpec, ScenarioFile};
 use super::labels::{Labels, unmeshed};
 use super::modelling::Modelling;
@@ -176,8 +176,8 @@ impl ScenarioFile {
     /// at `base_dir`, the folder of the file. `progress` receives the completed fraction of mesh generation.
     ///
     /// # Errors
-    /// [`ScenarioError`] with the key and its place in the file.
-    pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, ScenarioError> {
+    /// [`InputError`] with the key and its place in the file.
+    pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, InputError> {
         let quality = self.quality();
         if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
             let expected = QualitySpec::EXPECTED;
@@ -283,7 +283,7 @@ impl ScenarioFile {
     }
 
     /// Checks that each seed is deposited within the run, in a step of its own.
-    fn check_deposits(&self, deposits: &[Deposit], timing: &Timing) -> Result<(), ScenarioError> {
+    fn check_deposits(&self, deposits: &[Deposit], timing: &Timing) -> Result<(), InputError> {
         if let Some(at) = deposits.iter().position(|of| !self.during(timing, of.time_s)) {
             let key = if self.needle_table()?.deposit_s.is_empty() {
                 "plan.needle"
@@ -316,7 +316,7 @@ impl ScenarioFile {
         progress: impl FnMut(f32),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Made, ScenarioError> {
+    ) -> Result<Made, InputError> {
         let meshed = self.mesh(scene, base_dir, path, progress, notes, warnings)?;
         let regions = Regions::new(self, scene, &meshed.names);
         let mut present = meshed.mesh.regions().to_vec();
@@ -348,7 +348,7 @@ impl ScenarioFile {
     }
 
     /// Builds the mass-spring tissue.
-    fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, ScenarioError> {
+    fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, InputError> {
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
         let present = self.labelled(&regions)?;
@@ -369,7 +369,7 @@ impl ScenarioFile {
     }
 
     /// Regions of the labels present in the volume, without the excluded ones.
-    fn labelled(&self, regions: &Regions<'_>) -> Result<Vec<i32>, ScenarioError> {
+    fn labelled(&self, regions: &Regions<'_>) -> Result<Vec<i32>, InputError> {
         let (outside, volume) = (self.outside(regions)?, regions.volume());
         let labels = volume.labels().iter().enumerate().skip(1);
         let held = labels.filter(|(index, _)| volume.holds(*index));
@@ -385,19 +385,19 @@ impl ScenarioFile {
     /// that they name have changed.
     ///
     /// # Errors
-    /// [`ScenarioError`] if a scene cannot be read.
-    pub fn described(&self, base_dir: &Path) -> Result<String, ScenarioError> {
+    /// [`InputError`] if a scene cannot be read.
+    pub fn described(&self, base_dir: &Path) -> Result<String, InputError> {
         let (scene, folder, _) = self.scene_file(base_dir)?;
         Ok(format!("{self:?} {scene:?} {folder:?}"))
     }
 
-    fn step_s(&self) -> Result<f64, ScenarioError> {
+    fn step_s(&self) -> Result<f64, InputError> {
         let found = self.run.dt_ms.unwrap_or(1.0);
         let dt_ms = self.number("run.dt_ms", found, |x| (0.01..=100.0).contains(&x), "0.01 to 100 ms")?;
         Ok(dt_ms * 1e-3)
     }
 
-    fn frame_s(&self) -> Result<f64, ScenarioError> {
+    fn frame_s(&self) -> Result<f64, InputError> {
         let found = self.run.frame_rate_hz.unwrap_or(25.0);
         let range = |x: f64| x > 0.0 && x <= 1000.0;
         let rate = self.number(
@@ -409,7 +409,7 @@ impl ScenarioFile {
         Ok(1.0 / rate)
     }
 
-    fn timing(&self, scene: &Scene, path: &NeedlePath, [dt_s, frame_s]: [f64; 2]) -> Result<Timing, ScenarioError> {
+    fn timing(&self, scene: &Scene, path: &NeedlePath, [dt_s, frame_s]: [f64; 2]) -> Result<Timing, InputError> {
         let RunSpec { duration_s, .. } = self.run;
         let (needle, probe) = (path.tip(), scene.probe_path());
         let moves = probe.keys().len() > 1;

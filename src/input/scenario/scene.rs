@@ -1,9 +1,10 @@
 //! Scene of a scenario: located, resolved, and equipped with the needle.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use std::path::{Path, PathBuf};
 
 use super::aim::Aim;
-use super::error::{ScenarioError, Wrong};
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
 use crate::base::document::nearest;
@@ -15,7 +16,7 @@ impl ScenarioFile {
         &self,
         needle: &NeedleSettings,
         base_dir: &Path,
-    ) -> Result<(Scene, Moving, Option<Aim>), ScenarioError> {
+    ) -> Result<(Scene, Moving, Option<Aim>), InputError> {
         let (mut file, folder, is_inline) = self.scene_file(base_dir)?;
         let of_scene = |error| self.of_scene(error, is_inline);
         let (mut scene, moving, aim) = match &self.needle_table()?.target {
@@ -41,7 +42,7 @@ impl ScenarioFile {
     }
 
     /// The scene's file without needle and deformation, the base folder of its paths, and whether it is inline.
-    pub(super) fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), ScenarioError> {
+    pub(super) fn scene_file(&self, base: &Path) -> Result<(SceneFile, PathBuf, bool), InputError> {
         let (mut file, folder, is_inline) = match &self.scene {
             None => {
                 return Err(self.wrong_keys(
@@ -81,7 +82,7 @@ impl ScenarioFile {
         Ok((file, folder, is_inline))
     }
 
-    fn named_scene(&self, name: &str, base: &Path) -> Result<(SceneFile, PathBuf), ScenarioError> {
+    fn named_scene(&self, name: &str, base: &Path) -> Result<(SceneFile, PathBuf), InputError> {
         if let Some((_, text)) = EXAMPLES.iter().find(|(known, _)| *known == name) {
             let file = SceneFile::parse(text, name).map_err(|error| self.of_scene(error, false))?;
             return Ok((file, base.to_owned()));
@@ -94,14 +95,14 @@ impl ScenarioFile {
                 name.to_owned(),
                 format!("one of {}, or the path of a scene file", known.join(", ")),
             );
-            let wrong = Wrong::Scene(scene::Problem::Name { found, expected });
+            let wrong = Cause::Scene(Cause::Name { found, expected });
             return Err(self.fault("scene", wrong).with_help(help));
         }
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let file = SceneFile::read(&path).map_err(|error| match error.location() {
             Some(_) => self.of_scene(error, false),
             // A missing scene file is an error of the scenario file.
-            None => error.map(Wrong::Scene).at_key("scene", self.source.as_ref()),
+            None => error.at_key("scene", self.source.as_ref()),
         })?;
         Ok((file, folder))
     }

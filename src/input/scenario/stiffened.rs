@@ -1,10 +1,10 @@
 //! Stiffening and viscoelastic tissue: its tables, and the features that it excludes.
 
+use crate::input::InputError;
 use nalgebra::{Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::error::ScenarioError;
 use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
@@ -67,7 +67,7 @@ pub(super) fn stiffens(model: TissueModel) -> bool {
 
 impl ScenarioFile {
     /// Returns the viscosity and solver options of stiffening tissue; unsupported features are refused.
-    pub(super) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, ScenarioError> {
+    pub(super) fn stiffening(&self) -> Result<Option<(Option<Viscosity>, Options)>, InputError> {
         let spec = &self.tissue;
         let refuse = |key: String, found: String, expected: &str| Err(self.wrong_keys(key, found, expected));
         let (stiffens, creeps) = (stiffens(spec.model), spec.model == TissueModel::Viscoelastic);
@@ -111,7 +111,7 @@ impl ScenarioFile {
     }
 
     /// Refuses keys that belong to other models.
-    fn no_others(&self) -> Result<(), ScenarioError> {
+    fn no_others(&self) -> Result<(), InputError> {
         let spec = &self.tissue;
         let of_linear = [
             ("level", spec.level.is_some()),
@@ -140,7 +140,7 @@ impl ScenarioFile {
         Ok(())
     }
 
-    fn viscosity(&self) -> Result<Viscosity, ScenarioError> {
+    fn viscosity(&self) -> Result<Viscosity, InputError> {
         let spec = self.tissue.viscosity.unwrap_or_default();
         let order = spec.order.unwrap_or(0.1);
         let range = |x: f64| (0.0..=1.0).contains(&x);
@@ -150,7 +150,7 @@ impl ScenarioFile {
         })
     }
 
-    fn steps(&self) -> Result<Options, ScenarioError> {
+    fn steps(&self) -> Result<Options, InputError> {
         let mut options = Options::default();
         let spec = self.tissue.solver.unwrap_or_default();
         let solving = &mut options.solving;
@@ -183,7 +183,7 @@ impl ScenarioFile {
         mesh: &TetMesh,
         laws: &[Stiffening],
         anatomy: &dyn Anatomy,
-    ) -> Result<(), ScenarioError> {
+    ) -> Result<(), InputError> {
         let body = Solid::tetrahedra(mesh, laws).map_err(|error| self.fault("tissue", InvalidSetup::Solver(error)))?;
         let place = |key: &Key| {
             let base = needle.base(&key.pose);

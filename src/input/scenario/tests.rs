@@ -6,9 +6,10 @@ mod prescribed;
 mod read;
 mod stepped;
 
+use crate::input::InputError;
 use std::path::Path;
 
-use super::{Scenario, ScenarioError, ScenarioFile};
+use super::{Scenario, ScenarioFile};
 
 /// Coarse block, fixed at the bottom, with a needle inserted 20 mm along z in 2 s.
 const BLOCK: &str = r#"version = 1
@@ -41,7 +42,7 @@ direction = [0, 0, 1]
 roll_deg = 90
 "#;
 
-fn resolved(text: &str) -> Result<Scenario, ScenarioError> {
+fn resolved(text: &str) -> Result<Scenario, InputError> {
     ScenarioFile::parse(text, "block.toml")?.resolve(Path::new("."), |_| {})
 }
 

@@ -1,12 +1,13 @@
 //! Validation of a scene file that requires no other file.
 
-use super::error::{At, SceneError};
+use super::error::At;
 use super::file::{SceneFile, VolumeSpec};
 use crate::anatomy::phantom::Phantom;
 use crate::base::document::InvalidFile;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
 use crate::imaging::synth::tables::ImageSize;
+use crate::input::InputError;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
 
@@ -31,7 +32,7 @@ impl SceneFile {
         plus: Option<&PlusConfig>,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Framing, SceneError> {
+    ) -> Result<Framing, InputError> {
         if let Some((key, found)) = self.quality.and_then(|quality| quality.out_of_range()) {
             let expected = QualitySpec::EXPECTED;
             return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
@@ -88,7 +89,7 @@ impl SceneFile {
 
     /// Returns the volume table after checking that it names exactly one volume and no key that does not apply to
     /// it.
-    pub(super) fn volume(&self) -> Result<&VolumeSpec, SceneError> {
+    pub(super) fn volume(&self) -> Result<&VolumeSpec, InputError> {
         const EXPECTED: &str = "exactly one of `phantom = \"abdomen\"` (or another) and `file = \"labels.nii.gz\"`";
         let Some(volume) = &self.volume else {
             return Err(self.wrong_keys("volume", "no `[volume]`", EXPECTED));

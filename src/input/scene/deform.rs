@@ -1,5 +1,6 @@
 //! Kinematic tissue deformation: analytic fields, or displacements from a mesh file, on a mesh over the volume.
 
+use crate::input::InputError;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::error::{At, SceneError};
+use super::error::At;
 use super::file::SceneFile;
 use crate::anatomy::volume::LabelVolume;
 use crate::base::document::InvalidFile;
@@ -133,7 +134,7 @@ impl Deformation {
 
 impl SceneFile {
     /// Returns the deformation of the scene, if it has one.
-    pub(super) fn deformation(&self, volume: &LabelVolume, base: &Path) -> Result<Option<Deformation>, SceneError> {
+    pub(super) fn deformation(&self, volume: &LabelVolume, base: &Path) -> Result<Option<Deformation>, InputError> {
         let Some(spec) = &self.deform else { return Ok(None) };
         for (at, field) in spec.field.iter().enumerate() {
             field
@@ -163,7 +164,7 @@ impl SceneFile {
         }))
     }
 
-    fn mesh_over(&self, volume: &LabelVolume, spec: &DeformSpec) -> Result<TetMesh, SceneError> {
+    fn mesh_over(&self, volume: &LabelVolume, spec: &DeformSpec) -> Result<TetMesh, InputError> {
         if spec.array.is_some() {
             return Err(self.wrong_keys(
                 "deform.array",
@@ -180,7 +181,7 @@ impl SceneFile {
         TetMesh::over_affine_box(&box_of(volume), nodes as usize).at(self, "deform")
     }
 
-    fn mesh_file(&self, path: &Path, spec: &DeformSpec) -> Result<(TetMesh, Option<Nodes>), SceneError> {
+    fn mesh_file(&self, path: &Path, spec: &DeformSpec) -> Result<(TetMesh, Option<Nodes>), InputError> {
         if spec.nodes.is_some() {
             return Err(self.wrong_keys(
                 "deform.nodes",
@@ -203,7 +204,7 @@ impl SceneFile {
         Ok((file.mesh, file.displacements))
     }
 
-    fn amplitude(&self, spec: &DeformSpec) -> Result<Vec<[f64; 2]>, SceneError> {
+    fn amplitude(&self, spec: &DeformSpec) -> Result<Vec<[f64; 2]>, InputError> {
         const LATEST_S: f64 = 1e9;
         let number = |key: &str, found: f64, expected| self.fault(key, InvalidFile::number(found, expected));
         match (spec.ramp_s, &spec.amplitude) {

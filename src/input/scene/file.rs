@@ -1,5 +1,6 @@
 //! Serde types of a scene file, as written: no files are read and nothing is validated here.
 
+use crate::input::Cause;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -7,7 +8,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::deform::DeformSpec;
-use super::error::Problem;
 use super::paths::{MotionSpec, NeedleTable};
 use crate::anatomy::acoustics::{Preset, TissueOverride};
 use crate::anatomy::phantom::Phantom;
@@ -74,7 +74,7 @@ pub struct SceneFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(SceneFile, Problem);
+document::input_file!(SceneFile, Cause);
 
 impl SceneFile {
     /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin

@@ -1,10 +1,12 @@
 //! Paths of probe and needle in a scene, evaluated over time.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Point3, Vector3};
 
-use super::error::{At, Problem, SceneError};
+use super::error::At;
 use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
@@ -38,7 +40,7 @@ impl SceneFile {
         plus: Option<&PlusConfig>,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Option<ProbePath>, SceneError> {
+    ) -> Result<Option<ProbePath>, InputError> {
         let Some(motion) = &self.motion else { return Ok(None) };
         let MotionSpec {
             keyframes,
@@ -96,7 +98,7 @@ impl SceneFile {
         plus: Option<&PlusConfig>,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Option<Needle>, SceneError> {
+    ) -> Result<Option<Needle>, InputError> {
         let Some(table) = &self.needle else { return Ok(None) };
         let of_probe = self.motion.as_ref().and_then(|motion| motion.world);
         if table.world.is_none() && of_probe == Some(World::Ras) {
@@ -127,7 +129,7 @@ impl SceneFile {
         Ok(Some(Needle::Moving { path, recorded }))
     }
 
-    fn needle_path(&self, table: &NeedleTable, tip: Trajectory) -> Result<NeedlePath, SceneError> {
+    fn needle_path(&self, table: &NeedleTable, tip: Trajectory) -> Result<NeedlePath, InputError> {
         let length = table.length_mm.unwrap_or(DEFAULT_LENGTH_MM);
         let diameter = table.diameter_mm.unwrap_or(DEFAULT_DIAMETER_MM);
         let path = NeedlePath::new(tip, length, diameter).map_err(|error| self.fault(needle_key(&error), error))?;
@@ -148,7 +150,7 @@ impl SceneFile {
         (base, plus): (&Path, Option<&PlusConfig>),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<(Trajectory, bool), SceneError> {
+    ) -> Result<(Trajectory, bool), InputError> {
         let interpolation = motion.interpolation.unwrap_or_default();
         match (&motion.keyframes, &motion.csv, &motion.sequence) {
             (Some(keyframes), None, None) => {
@@ -198,14 +200,14 @@ impl SceneFile {
     }
 
     /// Error of a path from the recorded poses of a transform.
-    fn tracked(&self, table: &str, transform: &str, error: TrackingError) -> SceneError {
+    fn tracked(&self, table: &str, transform: &str, error: TrackingError) -> InputError {
         let key = tracked_key(table, &error);
         match error {
             TrackingError::NoValidPose { .. } => {
                 let transform = transform.to_owned();
                 self.fault(
                     key,
-                    Problem::NoPose {
+                    Cause::NoPose {
                         transform,
                         source: error,
                     },
@@ -221,7 +223,7 @@ impl SceneFile {
         tip: Trajectory,
         keyframes: &[NeedleKeyframe],
         interpolation: Interpolation,
-    ) -> Result<Trajectory, SceneError> {
+    ) -> Result<Trajectory, InputError> {
         let mut keys = Vec::with_capacity(keyframes.len());
         for (at, (key, of)) in tip.keys().iter().zip(keyframes).enumerate() {
             let roll = of.roll_deg.unwrap_or(0.0);

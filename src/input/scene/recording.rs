@@ -1,11 +1,13 @@
 //! Tracked sequences of a scene: recorded poses, calibration, and the probe and pixels of the recorded images.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use nalgebra::Matrix4;
 
-use super::error::{At, Problem, SceneError};
+use super::error::At;
 use super::file::{GridSpec, ImageSpec, SceneFile};
 use super::paths::SequenceSpec;
 use crate::base::document::nearest;
@@ -41,7 +43,7 @@ pub(super) struct Recording {
 
 impl SceneFile {
     /// Reads the PLUS configuration that the scene names.
-    pub(super) fn plus_config(&self, base: &Path) -> Result<Option<PlusConfig>, SceneError> {
+    pub(super) fn plus_config(&self, base: &Path) -> Result<Option<PlusConfig>, InputError> {
         let spec = self.motion.as_ref().and_then(|motion| motion.sequence.as_ref());
         let config = spec.and_then(|spec| spec.plus_config.as_ref());
         let read = |config| PlusConfig::read(&base.join(config)).at(self, "motion.sequence.plus_config");
@@ -98,7 +100,7 @@ impl SceneFile {
         plus: Option<&PlusConfig>,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<(Vec<TrackedFrame>, Recording), SceneError> {
+    ) -> Result<(Vec<TrackedFrame>, Recording), InputError> {
         let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
         let (frames, sequence) = self.frames(KEY, (spec.file.as_deref(), transform, plus), base, notes)?;
         warnings.extend(sequence.warnings);
@@ -172,7 +174,7 @@ impl SceneFile {
         (file, transform, plus): (Option<&Path>, &str, Option<&PlusConfig>),
         base: &Path,
         notes: &mut Vec<String>,
-    ) -> Result<(Vec<TrackedFrame>, Sequence), SceneError> {
+    ) -> Result<(Vec<TrackedFrame>, Sequence), InputError> {
         let Some(file) = file else {
             return Err(self.wrong_keys(key, "no `file`", "the path of a tracked sequence"));
         };
@@ -182,7 +184,7 @@ impl SceneFile {
         let Some((from, to)) = ends(transform) else {
             let (found, expected) = (transform.to_owned(), "a transform such as `ProbeToTracker`".to_owned());
             let (_, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
-            let error = self.fault(format!("{key}.transform"), Problem::Name { found, expected });
+            let error = self.fault(format!("{key}.transform"), Cause::Name { found, expected });
             return Err(error.with_help(help));
         };
         let named = sequence
@@ -213,7 +215,7 @@ impl SceneFile {
         }
         let (has, help) = known_transforms(&sequence, &defined, transform, [from, to]);
         let transform = transform.to_owned();
-        let problem = Problem::NoTransform { path, transform, has };
+        let problem = Cause::NoTransform { path, transform, has };
         Err(self.fault(format!("{key}.transform"), problem).with_help(help))
     }
 
@@ -224,7 +226,7 @@ impl SceneFile {
         plus: Option<&PlusConfig>,
         marker: &str,
         image_size: Option<[usize; 2]>,
-    ) -> Result<Option<Calibration>, SceneError> {
+    ) -> Result<Option<Calibration>, InputError> {
         let ways = [
             spec.transducer_to_probe.is_some(),
             spec.image_to_probe.is_some(),
@@ -270,7 +272,7 @@ impl SceneFile {
     }
 
     /// Pixels of a frame, on the grid of the recording if the scene requests it.
-    pub(super) fn on_grid(&self, image: ImageSize, recording: Option<&Recording>) -> Result<ImageSize, SceneError> {
+    pub(super) fn on_grid(&self, image: ImageSize, recording: Option<&Recording>) -> Result<ImageSize, InputError> {
         let Some(spec) = self.image.filter(|image| image.grid == GridSpec::Recorded) else {
             return Ok(image);
         };

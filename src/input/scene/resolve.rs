@@ -1,5 +1,7 @@
 //! Resolution of a scene file to a renderable scene.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -9,7 +11,7 @@ use nalgebra::{Point3, Vector3};
 use super::Scene;
 use super::check::Framing;
 use super::deform::Deformation;
-use super::error::{At, Problem, SceneError};
+use super::error::At;
 use super::file::{PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
 use super::paths::MotionSpec;
@@ -36,8 +38,8 @@ impl SceneFile {
     /// `base_dir`, the folder of the scene file.
     ///
     /// # Errors
-    /// [`SceneError`] with the key and its place in the file.
-    pub fn resolve(&self, base_dir: &Path) -> Result<Scene, SceneError> {
+    /// [`InputError`] with the key and its place in the file.
+    pub fn resolve(&self, base_dir: &Path) -> Result<Scene, InputError> {
         let mut notes: Vec<String> = self.source.iter().flat_map(|source| source.renamed()).collect();
         let mut warnings = Vec::new();
         let plus = self.plus_config(base_dir)?;
@@ -159,7 +161,7 @@ impl SceneFile {
         base: &Path,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<LabelVolume, SceneError> {
+    ) -> Result<LabelVolume, InputError> {
         let spec = self.volume()?;
         if let Some(kind) = spec.phantom {
             let options = PhantomOptions {
@@ -244,7 +246,7 @@ impl SceneFile {
         open.into_iter().filter(|(_, open)| *open).map(note).collect()
     }
 
-    fn textures(&self, base: &Path) -> Result<BTreeMap<String, Arc<SolidTexture>>, SceneError> {
+    fn textures(&self, base: &Path) -> Result<BTreeMap<String, Arc<SolidTexture>>, InputError> {
         let mut textures = BTreeMap::new();
         for (at, spec) in self.texture.iter().enumerate() {
             let key = |key: &str| format!("texture[{at}].{key}");
@@ -263,7 +265,7 @@ impl SceneFile {
         spec: &TextureSpec,
         base: &Path,
         key: &dyn Fn(&str) -> String,
-    ) -> Result<SolidTexture, SceneError> {
+    ) -> Result<SolidTexture, InputError> {
         let image = load_scalar(&base.join(&spec.file)).at(self, &key("file"))?;
         let options = TextureOptions {
             values: spec.values,
@@ -281,7 +283,7 @@ impl SceneFile {
         })
     }
 
-    fn check_texture_names(&self, textures: &BTreeMap<String, Arc<SolidTexture>>) -> Result<(), SceneError> {
+    fn check_texture_names(&self, textures: &BTreeMap<String, Arc<SolidTexture>>) -> Result<(), InputError> {
         let mut known: Vec<&str> = bank::names().collect();
         known.extend(textures.keys().map(String::as_str).chain(["none"]));
         for (at, tissue) in self.tissue.iter().enumerate() {
@@ -291,7 +293,7 @@ impl SceneFile {
                 let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
                 let found = name.clone();
                 let expected = format!("one of {}", known.join(", "));
-                let error = self.fault(format!("tissue[{at}].texture"), Problem::Name { found, expected });
+                let error = self.fault(format!("tissue[{at}].texture"), Cause::Name { found, expected });
                 return Err(error.with_help(help));
             }
         }

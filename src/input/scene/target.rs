@@ -1,8 +1,9 @@
 //! Automatic pose of a probe without a stated one.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use nalgebra::{Point3, Vector3};
 
-use super::error::{Problem, SceneError};
 use super::file::SceneFile;
 use crate::anatomy::acoustics::TissueTable;
 use crate::anatomy::phantom;
@@ -28,7 +29,7 @@ impl SceneFile {
         probe: &Probe,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Pose, SceneError> {
+    ) -> Result<Pose, InputError> {
         let table = self.pose.clone().unwrap_or_default();
         let invalid = |error: crate::tracking::TrackingError| {
             let key = error
@@ -64,7 +65,7 @@ impl SceneFile {
     }
 
     /// Error about a target that matches no label, with the most similar labels and the warnings about labels.
-    fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> SceneError {
+    fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> InputError {
         let names = Names::new(body.entries()).known();
         let meant = nearest(target, names.iter().map(String::as_str)).map(|meant| format!("did you mean \"{meant}\"?"));
         let of_file = body.volume.labels().iter().skip(1).filter(|label| label.voxels > 0);
@@ -75,7 +76,7 @@ impl SceneFile {
         let expected =
             format!("a label such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
         let found = target.to_owned();
-        let error = self.fault("pose.target", Problem::Name { found, expected });
+        let error = self.fault("pose.target", Cause::Name { found, expected });
         let help: Vec<String> = meant.into_iter().chain(warnings.iter().cloned()).collect();
         error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
     }
@@ -86,7 +87,7 @@ impl SceneFile {
         probe: &Probe,
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Pose, SceneError> {
+    ) -> Result<Pose, InputError> {
         let table = self.pose.clone().unwrap_or_default();
         let label = match &table.target {
             Some(target) => {

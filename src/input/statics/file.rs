@@ -1,5 +1,6 @@
 //! Serde types of a problem file.
 
+use crate::input::Cause;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -7,7 +8,6 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
-use super::error::Wrong;
 use crate::base::document::{self, RegionName, Source, Version};
 use crate::mechanics::mesh::file::Unit;
 
@@ -57,7 +57,7 @@ pub struct ProblemFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(ProblemFile, Wrong);
+document::input_file!(ProblemFile, Cause);
 
 /// Material of a region, or of all regions without their own.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]

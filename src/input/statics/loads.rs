@@ -1,8 +1,8 @@
 //! Assembly of loads into nodal forces.
 
+use crate::input::InputError;
 use std::collections::BTreeMap;
 
-use super::error::StaticsError;
 use super::file::{LoadSpec, ProblemFile};
 use super::materials::Made;
 use super::resolve::Regions;
@@ -62,7 +62,7 @@ impl ProblemFile {
         mesh: &TetMesh,
         regions: &Regions,
         made: &BTreeMap<i32, Made>,
-    ) -> Result<Loads, StaticsError> {
+    ) -> Result<Loads, InputError> {
         let mut loads = Loads::default();
         for (at, spec) in self.load.iter().enumerate() {
             let area = self.load(at, spec, mesh, regions, &mut loads)?;
@@ -79,7 +79,7 @@ impl ProblemFile {
         mesh: &TetMesh,
         regions: &Regions,
         loads: &mut Loads,
-    ) -> Result<f64, StaticsError> {
+    ) -> Result<f64, InputError> {
         let table = format!("load[{at}]");
         let numbers = self.chosen(&table, spec.region.as_ref(), regions)?;
         let choice = Choice {
@@ -138,7 +138,7 @@ impl ProblemFile {
         mesh: &TetMesh,
         nodes: &[u32],
         regions: Option<&[i32]>,
-    ) -> Result<(Vec<(Face, f64)>, f64), StaticsError> {
+    ) -> Result<(Vec<(Face, f64)>, f64), InputError> {
         let mut chosen = vec![false; mesh.nodes().len()];
         nodes.iter().for_each(|node| chosen[*node as usize] = true);
         let whole = |face: &Face| {
@@ -161,7 +161,7 @@ impl ProblemFile {
     }
 
     /// Adds the weight of all tissue, a quarter of each tetrahedron's weight at each corner.
-    fn weight(&self, mesh: &TetMesh, made: &BTreeMap<i32, Made>, loads: &mut Loads) -> Result<(), StaticsError> {
+    fn weight(&self, mesh: &TetMesh, made: &BTreeMap<i32, Made>, loads: &mut Loads) -> Result<(), InputError> {
         let Some(gravity) = self.gravity_m_per_s2 else {
             return Ok(());
         };

@@ -1,9 +1,9 @@
 //! Materials of the regions of a problem.
 
+use crate::input::InputError;
 use std::collections::BTreeMap;
 
 use super::course::Model;
-use super::error::StaticsError;
 use super::file::{MaterialSpec, ProblemFile};
 use super::resolve::Regions;
 use crate::base::document::InvalidFile;
@@ -24,7 +24,7 @@ pub(super) struct Made {
 
 impl ProblemFile {
     /// Material of each region of the mesh.
-    pub(super) fn materials(&self, mesh: &TetMesh, regions: &Regions) -> Result<BTreeMap<i32, Made>, StaticsError> {
+    pub(super) fn materials(&self, mesh: &TetMesh, regions: &Regions) -> Result<BTreeMap<i32, Made>, InputError> {
         if self.material.is_empty() {
             return Err(self.wrong_keys("material", "no `[[material]]`", "at least one"));
         }
@@ -69,7 +69,7 @@ impl ProblemFile {
         ))
     }
 
-    fn law(&self, table: &str, spec: &MaterialSpec) -> Result<Stiffening, StaticsError> {
+    fn law(&self, table: &str, spec: &MaterialSpec) -> Result<Stiffening, InputError> {
         let key = |name: &str| format!("{table}.{name}");
         let material =
             Material::new(spec.young_kpa, spec.poisson).map_err(|error| self.fault(key(error.key), error))?;

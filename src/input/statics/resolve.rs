@@ -1,12 +1,13 @@
 //! Resolution of a problem file to a static problem, and its solution.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
 use super::course::Model;
-use super::error::{StaticsError, Wrong};
 use super::fields::Fields;
 use super::file::ProblemFile;
 use super::loads::Loads;
@@ -86,8 +87,8 @@ impl ProblemFile {
     /// file.
     ///
     /// # Errors
-    /// [`StaticsError`] with the key and its place in the file.
-    pub fn resolve(self, base_dir: &Path) -> Result<Problem, StaticsError> {
+    /// [`InputError`] with the key and its place in the file.
+    pub fn resolve(self, base_dir: &Path) -> Result<Problem, InputError> {
         let started = Instant::now();
         let mut warnings = self.source.as_ref().map_or_else(Vec::new, |source| source.renamed());
         self.check_course()?;
@@ -126,7 +127,7 @@ impl ProblemFile {
     }
 
     /// Numbers of the regions that match a name.
-    pub(super) fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, StaticsError> {
+    pub(super) fn regions(&self, key: &str, name: &RegionName, regions: &Regions) -> Result<Vec<i32>, InputError> {
         regions.1.find(name).map_err(|error| {
             let help = error.help();
             self.fault(key, error).with_help(help)
@@ -139,7 +140,7 @@ impl ProblemFile {
         table: &str,
         name: Option<&RegionName>,
         regions: &Regions,
-    ) -> Result<Option<Vec<i32>>, StaticsError> {
+    ) -> Result<Option<Vec<i32>>, InputError> {
         let numbers = name.map(|name| self.regions(&format!("{table}.region"), name, regions));
         numbers.transpose()
     }
@@ -150,7 +151,7 @@ impl ProblemFile {
         mesh: &TetMesh,
         regions: &Regions,
         warnings: &mut Vec<String>,
-    ) -> Result<(Vec<Fix>, Vec<usize>), StaticsError> {
+    ) -> Result<(Vec<Fix>, Vec<usize>), InputError> {
         let (mut fixes, mut tables) = (Vec::new(), Vec::new());
         for (at, spec) in self.fix.iter().enumerate() {
             let table = format!("fix[{at}]");
@@ -238,8 +239,8 @@ impl Problem {
     /// need a history of their own.
     ///
     /// # Errors
-    /// [`StaticsError`] with the offending key.
-    pub fn solve(&self, fields: bool) -> Result<Solved, StaticsError> {
+    /// [`InputError`] with the offending key.
+    pub fn solve(&self, fields: bool) -> Result<Solved, InputError> {
         if self.file.model != Model::Linear {
             return self.run(fields);
         }
@@ -261,7 +262,7 @@ impl Problem {
     }
 
     /// Solution of the linear problem with loads and displacements as written.
-    pub(super) fn linear(&self) -> Result<Solution, StaticsError> {
+    pub(super) fn linear(&self) -> Result<Solution, InputError> {
         let problem = StaticProblem {
             mesh: &self.mesh,
             materials: self.linear_materials()?,
@@ -271,7 +272,7 @@ impl Problem {
         problem.solve().map_err(|error| self.blame(error))
     }
 
-    fn linear_materials(&self) -> Result<Materials, StaticsError> {
+    fn linear_materials(&self) -> Result<Materials, InputError> {
         let made = self.made.iter();
         let materials: Vec<_> = made.map(|(region, made)| (*region, *made.law.material())).collect();
         Materials::new(None, &materials).map_err(|error| self.blame(error))
@@ -319,7 +320,7 @@ impl Problem {
     }
 
     /// Attaches the key concerned to an error.
-    fn blame(&self, error: LinearError) -> StaticsError {
+    fn blame(&self, error: LinearError) -> InputError {
         let key = match &error {
             LinearError::Contradiction { node, axis, .. } => self.contradicting(*node, *axis),
             LinearError::FreeParts { .. } => "fix".to_owned(),
@@ -332,7 +333,7 @@ impl Problem {
                 "material".to_owned()
             }
             // Node and axis numbers are valid here; the remaining errors concern the problem as a whole.
-            _ => return StaticsError::new(Wrong::Solve(error)),
+            _ => return InputError::new(Cause::Linear(error)),
         };
         match error {
             LinearError::LooseNodes { .. } | LinearError::FreeParts { .. } => {

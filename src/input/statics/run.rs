@@ -1,5 +1,7 @@
 //! Time stepping of problems with a history.
 
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::collections::BTreeMap;
@@ -9,7 +11,6 @@ use std::time::Instant;
 use serde::Serialize;
 
 use super::course::{Model, Moment};
-use super::error::{StaticsError, Wrong};
 use super::fields::Fields;
 use super::resolve::{Problem, Solved};
 use crate::mechanics::tissue::nonlinear::creep::Creep;
@@ -61,8 +62,8 @@ impl Problem {
     /// Solves a problem with a history; returns the final state and the course up to it.
     ///
     /// # Errors
-    /// [`StaticsError`] with the offending key and the time reached.
-    pub(super) fn run(&self, fields: bool) -> Result<Solved, StaticsError> {
+    /// [`InputError`] with the offending key and the time reached.
+    pub(super) fn run(&self, fields: bool) -> Result<Solved, InputError> {
         let started = Instant::now();
         // The linear problem at full load detects every error except those of the history.
         let linear = self.linear()?;
@@ -146,7 +147,7 @@ impl Problem {
     }
 
     /// Body of the mesh, with the constitutive laws of its regions.
-    pub(super) fn body(&self) -> Result<Solid, StaticsError> {
+    pub(super) fn body(&self) -> Result<Solid, InputError> {
         // Every region has a material.
         let laws = self.mesh().regions().iter().filter_map(|region| self.made.get(region));
         let laws: Vec<_> = laws.map(|made| made.law).collect();
@@ -155,7 +156,7 @@ impl Problem {
 
     /// Checks that displacements prescribed by several tables agree at all times, and start at 0 for viscous
     /// tissue.
-    fn check_held(&self) -> Result<(), StaticsError> {
+    fn check_held(&self) -> Result<(), InputError> {
         let course = self.file.course();
         let mut given: BTreeMap<(u32, u8), Vec<f64>> = BTreeMap::new();
         for (fix, &table) in self.fixes.iter().zip(&self.tables) {
@@ -199,7 +200,7 @@ impl Problem {
         history.residual.push(progress.residual());
     }
 
-    fn fault_at(&self, time_s: f64, cause: NonlinearError) -> StaticsError {
+    fn fault_at(&self, time_s: f64, cause: NonlinearError) -> InputError {
         let key = match &cause {
             NonlinearError::History(HistoryError::Order { .. }) => "viscosity.order",
             NonlinearError::History(HistoryError::Uneven { .. }) => "viscosity.rule",
@@ -208,7 +209,7 @@ impl Problem {
             _ if self.file.history.is_some() => "history.step_s",
             _ => "model",
         };
-        self.file.fault(key, Wrong::Step { time_s, cause })
+        self.file.fault(key, Cause::Step { time_s, cause })
     }
 }
 

@@ -1,11 +1,11 @@
 //! Selection of nodes and axes by a fix or a load.
 
-use super::error::Wrong;
 use crate::base::document::InvalidFile;
+use crate::input::Cause;
 use crate::mechanics::mesh::TetMesh;
 
 /// An invalid selection of nodes or axes, with the key concerned.
-pub(crate) type Odd = Box<(String, Wrong)>;
+pub(crate) type Odd = Box<(String, Cause)>;
 
 pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 
@@ -93,7 +93,7 @@ fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> O
 pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, Odd> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),
-        _ => Err(Box::new((format!("{key}[{at}]"), Wrong::Node { found, nodes: of }))),
+        _ => Err(Box::new((format!("{key}[{at}]"), Cause::Node { found, nodes: of }))),
     };
     nodes.iter().enumerate().map(check).collect()
 }

@@ -1,3 +1,4 @@
+use crate::input::InputError;
 use std::path::Path;
 
 use super::file::MaterialSpec;
@@ -28,7 +29,7 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-fn solve(text: &str) -> Result<Report, StaticsError> {
+fn solve(text: &str) -> Result<Report, InputError> {
     let folder = folder();
     let problem = ProblemFile::parse(text, "p.toml")?.resolve(folder.path())?;
     let solution = problem.solve(false)?;
@@ -291,7 +292,7 @@ fn free_motion_points_at_the_fixes() {
 fn keys_are_known() {
     let error = solve(&GOOD.replace("poisson", "poison")).unwrap_err();
     assert_eq!(error.location(), Some(("p.toml", 5)));
-    let help = |error: &StaticsError| miette::Diagnostic::help(error).map(|help| help.to_string());
+    let help = |error: &InputError| miette::Diagnostic::help(error).map(|help| help.to_string());
     assert_eq!(help(&error).as_deref(), Some("did you mean `poisson`?"));
     let error = solve(&format!("node_force_n = [0, 0, 1]\n{GOOD}")).unwrap_err();
     assert_eq!(help(&error).as_deref(), Some("`node_force_n` belongs in [[load]]"));

@@ -1,5 +1,7 @@
 //! Anatomy at rest as seen by a needle: regions in space and their interactions with the needle.
 
+use crate::base::range::OutOfRange;
+use crate::base::range::check;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -108,18 +110,6 @@ impl Default for Interaction {
     }
 }
 
-/// A number outside its range.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("`{key}` is {found}; expected {expected}")]
-pub struct InvalidInteraction {
-    /// Name of the field.
-    pub key: &'static str,
-    /// The rejected value.
-    pub found: f64,
-    /// Permitted range.
-    pub expected: &'static str,
-}
-
 impl Interaction {
     /// Returns the sliding force on a length of shaft in this tissue from `near_mm` to `far_mm` behind the tip, N. Of the
     /// last `cut_mm` cut by the tip, the part near it has the density of the peak.
@@ -134,20 +124,13 @@ impl Interaction {
     /// Checks every number against its range.
     ///
     /// # Errors
-    /// [`InvalidInteraction`].
-    pub fn check(&self) -> Result<(), InvalidInteraction> {
+    /// [`OutOfRange`].
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let (negative, zero, ratio) = (
             "a finite number of 0 or more",
             "a finite number above 0",
             "a finite number of 1 or more",
         );
-        let check = |key, found: f64, holds: bool, expected| {
-            if found.is_finite() && holds {
-                Ok(())
-            } else {
-                Err(InvalidInteraction { key, found, expected })
-            }
-        };
         for (key, found) in [
             ("friction_n_per_mm", self.friction_n_per_mm),
             ("cutting_n", self.cutting_n),

@@ -23,13 +23,14 @@
 mod line;
 mod slide;
 
+use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
-pub use line::{InvalidWay, Layer, crossings};
+pub use line::{Layer, crossings};
 use line::{Line, check};
 pub(super) use slide::At;
 
@@ -78,13 +79,13 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// `layers`. Prescribed displacements of the body stay 0.
     ///
     /// # Errors
-    /// [`InvalidWay`], with the invalid number.
+    /// [`InvalidSetup`], with the invalid number.
     pub fn new(
         structure: Structure<D, N>,
         entry: [f64; D],
         direction: [f64; D],
         layers: Vec<Layer>,
-    ) -> Result<Self, InvalidWay> {
+    ) -> Result<Self, InvalidSetup> {
         let mut needle = Pushing::away(structure);
         needle.aim(entry, direction, layers)?;
         Ok(needle)
@@ -107,8 +108,8 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// cut has healed.
     ///
     /// # Errors
-    /// [`InvalidWay`]; the needle is then unchanged.
-    pub fn aim(&mut self, entry: [f64; D], direction: [f64; D], layers: Vec<Layer>) -> Result<(), InvalidWay> {
+    /// [`InvalidSetup`]; the needle is then unchanged.
+    pub fn aim(&mut self, entry: [f64; D], direction: [f64; D], layers: Vec<Layer>) -> Result<(), InvalidSetup> {
         check(&layers)?;
         self.line = Line::new(self.body(), entry, direction)?;
         self.layers = layers;

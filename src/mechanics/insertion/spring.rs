@@ -39,6 +39,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
+use crate::mechanics::insertion::InvalidSetup;
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use super::imager::NetworkImager;
@@ -47,7 +48,7 @@ use crate::mechanics::needle::{CentreLine, Load, Needle};
 use body::{Body, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;
-pub use cylinder::{InvalidParameters, Parameters};
+pub use cylinder::{LEAST_DIHEDRAL_DEG, MOST_NODES, Parameters};
 use network::Network;
 
 /// Maximum number of substeps.
@@ -78,12 +79,12 @@ impl MassSpring {
     /// Builds a model at rest. `anatomy` is the body that the needle enters.
     ///
     /// # Errors
-    /// [`InvalidParameters`].
+    /// [`InvalidSetup`].
     pub fn new(
         parameters: Parameters,
         anatomy: Box<dyn Anatomy>,
         needle: Box<dyn Needle>,
-    ) -> Result<MassSpring, InvalidParameters> {
+    ) -> Result<MassSpring, InvalidSetup> {
         let cylinder = Cylinder::new(&parameters)?;
         let (skin_nodes, least_dihedral_deg) = (cylinder.skin_nodes, cylinder.least_dihedral_deg);
         let network = Network::new(cylinder, &parameters);

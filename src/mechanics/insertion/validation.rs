@@ -1,9 +1,10 @@
 //! Validation of what models are set up from and stepped with.
 
+use crate::base::range::OutOfRange;
 use nalgebra::Isometry3;
 
-use super::{Interaction, InvalidInteraction, StepError};
-use crate::mechanics::needle::InvalidNeedleModel;
+use super::spring::{LEAST_DIHEDRAL_DEG, MOST_NODES};
+use super::{Interaction, StepError};
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::remesh::RemeshError;
@@ -17,17 +18,51 @@ pub enum InvalidSetup {
         /// The region.
         region: i32,
         /// The invalid number.
-        cause: InvalidInteraction,
+        cause: OutOfRange,
     },
     /// A number out of range.
-    #[error("`{key}` is {found}; expected {expected}")]
-    Number {
-        /// Name of the number.
-        key: &'static str,
-        /// The rejected value.
-        found: f64,
-        /// Permitted range.
-        expected: &'static str,
+    #[error(transparent)]
+    Number(#[from] OutOfRange),
+    /// Rings, sectors and layers of a mass-spring cylinder make elements too thin for computation.
+    #[error(
+        "the cylinder's least dihedral angle is {found_deg:.2} degrees; expected at least {LEAST_DIHEDRAL_DEG} \
+         (make radius / rings and length / layers more alike)"
+    )]
+    Thin {
+        /// The least angle between two faces of an element, degrees.
+        found_deg: f64,
+    },
+    /// Rings, sectors and layers of a mass-spring cylinder make more nodes than the model supports.
+    #[error("the cylinder has {found} nodes; expected at most {MOST_NODES}")]
+    Large {
+        /// Number of nodes.
+        found: usize,
+    },
+    /// The entry of a needle that pushes tissue lies outside the body.
+    #[error("the entry {entry:?} lies outside the body")]
+    Outside {
+        /// The entry, mm.
+        entry: Vec<f64>,
+    },
+    /// The direction of a needle has zero length or is not finite.
+    #[error("the direction {found:?} is none; expected a vector with a length")]
+    Direction {
+        /// The rejected direction.
+        found: Vec<f64>,
+    },
+    /// There are no layers along a needle, or the first does not begin at the entry.
+    #[error("the first layer begins at {found:?} mm; expected 0")]
+    First {
+        /// Start of the first layer, if there is one.
+        found: Option<f64>,
+    },
+    /// A layer begins before the one above, or a number of it is out of range.
+    #[error("layer {layer}: {cause}")]
+    Layer {
+        /// Index of the layer, from 0.
+        layer: usize,
+        /// The invalid number.
+        cause: OutOfRange,
     },
     /// A fixed node or axis that does not exist.
     #[error("node {node}, axis {axis} is to be fixed, but there are {nodes} nodes (numbered from 0) with axes 0 to 2")]
@@ -53,9 +88,6 @@ pub enum InvalidSetup {
         /// Description of the fault.
         reason: &'static str,
     },
-    /// An invalid needle.
-    #[error(transparent)]
-    Needle(#[from] InvalidNeedleModel),
     /// Supports that do not prevent rigid-body motion, or a stiffness that cannot be assembled, factored or inverted.
     #[error(transparent)]
     Linear(#[from] LinearError),
@@ -102,11 +134,7 @@ pub(super) fn fixed(given: &[(u32, u8)], nodes: usize) -> Result<(), InvalidSetu
 /// Checks that numbers are finite and above 0.
 pub(super) fn above_zero(given: &[(&'static str, f64)]) -> Result<(), InvalidSetup> {
     match given.iter().find(|(_, found)| !(found.is_finite() && *found > 0.0)) {
-        Some(&(key, found)) => Err(InvalidSetup::Number {
-            key,
-            found,
-            expected: "a finite number above 0",
-        }),
+        Some(&(key, found)) => Err(OutOfRange::new(key, found, "a finite number above 0").into()),
         None => Ok(()),
     }
 }

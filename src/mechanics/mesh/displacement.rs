@@ -1,5 +1,7 @@
 //! Analytic displacement fields, which deform a mesh without any mechanics.
 
+use crate::base::range::OutOfRange;
+use crate::base::range::check;
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -80,20 +82,6 @@ fn incompressible() -> f64 {
     0.5
 }
 
-/// A parameter of a displacement field out of range.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("displacement `{kind}`: {key} is {found}; it must be {expected}")]
-pub struct InvalidDisplacement {
-    /// The `kind` of the field.
-    pub kind: &'static str,
-    /// The invalid key.
-    pub key: &'static str,
-    /// The rejected value.
-    pub found: String,
-    /// Permitted values.
-    pub expected: &'static str,
-}
-
 impl Displacement {
     /// Returns the `kind` of the field in files.
     pub fn kind(&self) -> &'static str {
@@ -110,25 +98,15 @@ impl Displacement {
     /// Checks every parameter against its range.
     ///
     /// # Errors
-    /// [`InvalidDisplacement`] for the first that is out of range or not finite.
-    pub fn validate(&self) -> Result<(), InvalidDisplacement> {
-        let fault = |key, found: String, expected| InvalidDisplacement {
-            kind: self.kind(),
-            key,
-            found,
-            expected,
-        };
-        let number = |key, value: f64, holds: bool, expected| match value.is_finite() && holds {
-            true => Ok(()),
-            false => Err(fault(key, value.to_string(), expected)),
-        };
+    /// [`OutOfRange`] for the first that is out of range or not finite.
+    pub fn validate(&self) -> Result<(), OutOfRange> {
         let position = |key, value: &[f64; 3]| match value.iter().all(|x| x.is_finite()) {
             true => Ok(()),
-            false => Err(fault(key, format!("{value:?}"), "three finite numbers")),
+            false => Err(OutOfRange::new(key, format!("{value:?}"), "three finite numbers")),
         };
         let direction = |key, value: &[f64; 3]| match unit(value) {
             Some(_) => Ok(()),
-            None => Err(fault(
+            None => Err(OutOfRange::new(
                 key,
                 format!("{value:?}"),
                 "three finite numbers that are not all zero",
@@ -143,8 +121,8 @@ impl Displacement {
             } => {
                 position("fixed_mm", fixed_mm)?;
                 direction("direction", along)?;
-                number("strain", *strain, *strain < 1.0, "a fraction below 1")?;
-                number(
+                check("strain", *strain, *strain < 1.0, "a fraction below 1")?;
+                check(
                     "poisson",
                     *poisson,
                     (-1.0..=0.5).contains(poisson),
@@ -159,8 +137,8 @@ impl Displacement {
             } => {
                 position("centre_mm", centre_mm)?;
                 direction("direction", along)?;
-                number("depth_mm", *depth_mm, true, "a finite number")?;
-                number("radius_mm", *radius_mm, *radius_mm > 0.0, "above 0")
+                check("depth_mm", *depth_mm, true, "a finite number")?;
+                check("radius_mm", *radius_mm, *radius_mm > 0.0, "above 0")
             }
             Displacement::Shear {
                 fixed_mm,
@@ -171,10 +149,14 @@ impl Displacement {
                 position("fixed_mm", fixed_mm)?;
                 direction("direction", along)?;
                 direction("normal", normal)?;
-                number("amount", *amount, true, "a finite number")?;
+                check("amount", *amount, true, "a finite number")?;
                 match across(normal, along) {
                     Some(_) => Ok(()),
-                    None => Err(fault("normal", format!("{normal:?}"), "not parallel to `direction`")),
+                    None => Err(OutOfRange::new(
+                        "normal",
+                        format!("{normal:?}"),
+                        "not parallel to `direction`",
+                    )),
                 }
             }
             Displacement::Rotation {
@@ -184,7 +166,7 @@ impl Displacement {
             } => {
                 position("centre_mm", centre_mm)?;
                 direction("axis", axis)?;
-                number("angle_deg", *angle_deg, true, "a finite number")
+                check("angle_deg", *angle_deg, true, "a finite number")
             }
             Displacement::Swirl {
                 centre_mm,
@@ -194,8 +176,8 @@ impl Displacement {
             } => {
                 position("centre_mm", centre_mm)?;
                 direction("axis", axis)?;
-                number("angle_deg", *angle_deg, true, "a finite number")?;
-                number("radius_mm", *radius_mm, *radius_mm > 0.0, "above 0")
+                check("angle_deg", *angle_deg, true, "a finite number")?;
+                check("radius_mm", *radius_mm, *radius_mm > 0.0, "above 0")
             }
             Displacement::Affine { matrix } => {
                 let finite = matrix.iter().flatten().all(|x| x.is_finite());
@@ -204,7 +186,7 @@ impl Displacement {
                 let solid = linear.determinant().abs() > SINGULAR * norms;
                 match finite && solid && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
                     true => Ok(()),
-                    false => Err(fault(
+                    false => Err(OutOfRange::new(
                         "matrix",
                         format!("{matrix:?}"),
                         "finite, with the last row 0 0 0 1, and directions that span a volume",

@@ -6,6 +6,7 @@ mod shape;
 mod spread;
 mod verdict;
 
+use crate::mechanics::mesh::InvalidMesh;
 use std::collections::BTreeMap;
 
 use super::TetMesh;
@@ -119,8 +120,8 @@ impl Quality {
     ///
     /// # Errors
     /// [`UnusableMesh`], which names the elements.
-    pub fn usable(&self) -> Result<(), UnusableMesh> {
-        UnusableMesh::of(self).map_or(Ok(()), Err)
+    pub fn usable(&self) -> Result<(), InvalidMesh> {
+        UnusableMesh::of(self).map_or(Ok(()), |unusable| Err(InvalidMesh::Unusable(Box::new(unusable))))
     }
 }
 

@@ -24,6 +24,8 @@
 //! | [`inverse`] | base motion for a given tip or a given centre of motion |
 //! | [`fit`] | materials from measured stretch and stress |
 
+use crate::base::range::OutOfRange;
+
 pub mod fit;
 mod foundation;
 pub mod inverse;
@@ -33,7 +35,6 @@ pub mod problem;
 pub mod shape;
 mod sweep;
 
-use super::InvalidNeedleModel;
 pub use material::{Compression, Material};
 pub use newton::FoundationBeam;
 pub use problem::{Base, Layer, Problem, bending_stiffness_nmm2};
@@ -47,7 +48,7 @@ pub const TOLERANCE: f64 = 1e-10;
 pub enum BeamError {
     /// A number out of range.
     #[error(transparent)]
-    Invalid(#[from] InvalidNeedleModel),
+    Invalid(#[from] OutOfRange),
     /// The direction of the needle is undetermined: its base turns freely, without tissue around it.
     #[error(
         "the base turns freely and no tissue holds the needle: found no stiff layer around it; \

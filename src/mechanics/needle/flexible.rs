@@ -3,14 +3,15 @@
 #[cfg(test)]
 mod tests;
 
+use crate::base::range::OutOfRange;
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use nalgebra::{Isometry3, Vector3};
 
 use super::chain::Chain;
-use super::shaft::check;
 use super::tangent::Tangent;
-use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
+use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
+use crate::base::range::check;
 use crate::mechanics::ldl::Ldl;
 
 /// Length of a link for which Goksel et al. 2011 state the stiffness of its joint, mm.
@@ -49,7 +50,7 @@ impl Stiffness {
         }
     }
 
-    fn check(&self) -> Result<(), InvalidNeedleModel> {
+    fn check(&self) -> Result<(), OutOfRange> {
         let (key, found) = match *self {
             Stiffness::KappaNmmPerDeg(kappa) => ("kappa_nmm_per_deg", kappa),
             Stiffness::BendingNmm2(bending) => ("bending_stiffness_nmm2", bending),
@@ -114,13 +115,8 @@ impl Flexible {
     /// A joint turns by at most 45 degrees.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`].
-    pub fn springs(
-        shaft: Shaft,
-        stiffness: Stiffness,
-        link_mm: f64,
-        bevel: Option<Bevel>,
-    ) -> Result<Self, InvalidNeedleModel> {
+    /// [`OutOfRange`].
+    pub fn springs(shaft: Shaft, stiffness: Stiffness, link_mm: f64, bevel: Option<Bevel>) -> Result<Self, OutOfRange> {
         let links = parts(&shaft, &stiffness, ("link_mm", link_mm), bevel.as_ref())?;
         let part = shaft.length_mm / links as f64;
         let joints: Vec<f64> = (0..links).map(|joint| part * (joint as f64 + 0.5)).collect();
@@ -143,13 +139,8 @@ impl Flexible {
     /// of its own see [`beam`](super::beam); here tissue acts through the loads.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`].
-    pub fn beam(
-        shaft: Shaft,
-        stiffness: Stiffness,
-        element_mm: f64,
-        bevel: Option<Bevel>,
-    ) -> Result<Self, InvalidNeedleModel> {
+    /// [`OutOfRange`].
+    pub fn beam(shaft: Shaft, stiffness: Stiffness, element_mm: f64, bevel: Option<Bevel>) -> Result<Self, OutOfRange> {
         let elements = parts(&shaft, &stiffness, ("element_mm", element_mm), bevel.as_ref())?;
         let part = shaft.length_mm / elements as f64;
         // The base is a joint too: it is clamped, but the first chord turns relative to it.
@@ -179,7 +170,7 @@ fn parts(
     stiffness: &Stiffness,
     (key, part_mm): (&'static str, f64),
     bevel: Option<&Bevel>,
-) -> Result<usize, InvalidNeedleModel> {
+) -> Result<usize, OutOfRange> {
     shaft.check()?;
     stiffness.check()?;
     bevel.map_or(Ok(()), |bevel| bevel.check(shaft))?;

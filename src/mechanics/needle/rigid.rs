@@ -1,12 +1,13 @@
 //! Rigid needles.
 
+use crate::base::range::OutOfRange;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::chain::Chain;
-use super::shaft::check;
-use super::{Bevel, CentreLine, Entry, InvalidNeedleModel, Load, Needle, Row, Shaft};
+use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
+use crate::base::range::check;
 
 /// A straight needle, with or without a bevel.
 #[derive(Clone, Debug)]
@@ -19,8 +20,8 @@ impl Rigid {
     /// Builds a needle of this size.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`].
-    pub fn new(shaft: Shaft, bevel: Option<Bevel>) -> Result<Self, InvalidNeedleModel> {
+    /// [`OutOfRange`].
+    pub fn new(shaft: Shaft, bevel: Option<Bevel>) -> Result<Self, OutOfRange> {
         shaft.check()?;
         bevel.map_or(Ok(()), |bevel| bevel.check(&shaft))?;
         Ok(Self {
@@ -123,8 +124,8 @@ impl Constrained {
     /// Builds a needle of this size with this constraint.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`].
-    pub fn new(shaft: Shaft, constraint: BendingConstraint) -> Result<Self, InvalidNeedleModel> {
+    /// [`OutOfRange`].
+    pub fn new(shaft: Shaft, constraint: BendingConstraint) -> Result<Self, OutOfRange> {
         shaft.check()?;
         for (key, found, [low, high]) in constraint.ranges() {
             check(key, found, (low..=high).contains(&found), format!("{low} to {high}"))?;

@@ -1,33 +1,8 @@
 //! Dimensions of a needle and its bevel.
 
+use crate::base::range::OutOfRange;
+use crate::base::range::check;
 use nalgebra::Vector3;
-
-/// A number out of range in a needle model.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("needle key `{key}` is {found}; expected {expected}")]
-pub struct InvalidNeedleModel {
-    /// Name of the field.
-    pub key: &'static str,
-    /// The rejected value.
-    pub found: f64,
-    /// Permitted range.
-    pub expected: String,
-}
-
-/// Returns an error with `found` unless `holds`.
-pub(super) fn check(
-    key: &'static str,
-    found: f64,
-    holds: bool,
-    expected: impl Into<String>,
-) -> Result<(), InvalidNeedleModel> {
-    if found.is_finite() && holds {
-        Ok(())
-    } else {
-        let expected = expected.into();
-        Err(InvalidNeedleModel { key, found, expected })
-    }
-}
 
 /// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel et
 /// al. 2011, section III-C).
@@ -52,8 +27,8 @@ impl Shaft {
     /// Checks both numbers against their ranges.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`].
-    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+    /// [`OutOfRange`].
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let (length, radius) = (self.length_mm, self.radius_mm);
         check("length_mm", length, (0.1..=1000.0).contains(&length), "0.1 to 1000")?;
         check("radius_mm", radius, (0.025..=5.0).contains(&radius), "0.025 to 5")
@@ -85,8 +60,8 @@ impl Bevel {
     /// Checks both numbers against their ranges, for a needle.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`].
-    pub fn check(&self, shaft: &Shaft) -> Result<(), InvalidNeedleModel> {
+    /// [`OutOfRange`].
+    pub fn check(&self, shaft: &Shaft) -> Result<(), OutOfRange> {
         let (r, length) = (self.r_mm, self.length_mm);
         let fits = length > 0.0 && length <= shaft.length_mm;
         let expected = "above 0, at most the length of the needle";

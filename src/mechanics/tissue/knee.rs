@@ -1,6 +1,6 @@
 //! Strain-stiffening law.
 
-use crate::mechanics::tissue::material::InvalidMaterial;
+use crate::base::range::OutOfRange;
 
 /// Constant stiffness up to a knee, and 1 + a (|e| - e0)^2 times as much above (Y. Kobayashi et al., "Development of an
 /// integrated needle insertion system with image guidance and deformation simulation", Computerized Medical Imaging and
@@ -24,10 +24,10 @@ impl Knee {
     /// Checks both parameters.
     ///
     /// # Errors
-    /// [`InvalidMaterial`] for a parameter that is out of range.
-    pub fn check(&self) -> Result<(), InvalidMaterial> {
+    /// [`OutOfRange`] for a parameter that is out of range.
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let Knee { strain, stiffening } = *self;
-        let wrong = |key, found, expected| Err(InvalidMaterial { key, found, expected });
+        let wrong = |key, found: f64, expected| Err(OutOfRange::new(key, found, expected));
         if strain.is_nan() || strain < 0.0 {
             return wrong(
                 "knee_strain",

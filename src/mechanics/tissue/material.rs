@@ -1,5 +1,6 @@
 //! Isotropic linear elastic materials, by mesh region.
 
+use crate::base::range::OutOfRange;
 use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 
@@ -12,39 +13,23 @@ pub struct Material {
     poisson: f64,
 }
 
-/// A parameter of a material that is out of range.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{key} is {found}; expected {expected}")]
-pub struct InvalidMaterial {
-    /// Key of the parameter.
-    pub key: &'static str,
-    pub found: f64,
-    pub expected: &'static str,
-}
-
 impl Material {
     /// Creates a material of Young's modulus `young_kpa` (above 0, kPa) and Poisson's ratio `poisson` (above -1, below
     /// 0.5).
     ///
     /// # Errors
-    /// [`InvalidMaterial`] with the parameter that is out of range.
-    pub fn new(young_kpa: f64, poisson: f64) -> Result<Material, InvalidMaterial> {
+    /// [`OutOfRange`] with the parameter that is out of range.
+    pub fn new(young_kpa: f64, poisson: f64) -> Result<Material, OutOfRange> {
         if !(poisson > -1.0 && poisson < 0.5) {
-            return Err(InvalidMaterial {
-                key: "poisson",
-                found: poisson,
-                expected: "a number above -1 and below 0.5 (soft tissue: 0.45 to 0.499; 0.5 itself is incompressible, which \
-                           displacements alone cannot represent)",
-            });
+            let expected = "a number above -1 and below 0.5 (soft tissue: 0.45 to 0.499; 0.5 itself is incompressible, which \
+                            displacements alone cannot represent)";
+            return Err(OutOfRange::new("poisson", poisson, expected));
         }
         let material = Material { young_kpa, poisson };
         let [lambda, mu] = material.lame_kpa();
         if !(young_kpa > 0.0 && mu.is_normal() && lambda.is_finite()) {
-            return Err(InvalidMaterial {
-                key: "young_kpa",
-                found: young_kpa,
-                expected: "a number above 0, and neither so small nor so large that stiffness is lost",
-            });
+            let expected = "a number above 0, and neither so small nor so large that stiffness is lost";
+            return Err(OutOfRange::new("young_kpa", young_kpa, expected));
         }
         Ok(material)
     }

@@ -14,6 +14,7 @@
 mod effects;
 mod passes;
 
+use crate::study::StudyError;
 use std::time::{Duration, Instant};
 
 use super::{BenchOptions, Clock};
@@ -23,7 +24,7 @@ use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::study::tradeoff::remesh::subject::generated;
-use crate::study::tradeoff::remesh::{RemeshOptions, StudyError, study};
+use crate::study::tradeoff::remesh::{RemeshOptions, study};
 use crate::study::tradeoff::{Axis, Factor, Figure, Row, Study, Table};
 
 /// Default scene, with every effect that a frame can have.
@@ -88,35 +89,6 @@ impl CompareOptions {
     }
 }
 
-/// Error of comparing backends.
-#[derive(Debug, thiserror::Error)]
-pub enum CompareError {
-    /// A frame cannot be rendered.
-    #[error(transparent)]
-    Synth(#[from] SynthError),
-    /// A GPU operation failed.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// A mesh cannot be created.
-    #[error(transparent)]
-    Mesh(#[from] InvalidMesh),
-    /// The solvers cannot be measured.
-    #[error(transparent)]
-    Solvers(#[from] StudyError),
-}
-
-impl CompareError {
-    /// Returns whether the machine failed, rather than the input.
-    pub fn is_machine(&self) -> bool {
-        match self {
-            Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
-            Self::Synth(error) => matches!(error, SynthError::Memory { .. }),
-            Self::Mesh(_) => false,
-            Self::Solvers(error) => error.is_machine(),
-        }
-    }
-}
-
 /// Scene to render.
 pub struct Subject<'a> {
     /// Anatomy to image.
@@ -141,12 +113,12 @@ impl Subject<'_> {
 /// Runs the comparison. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`CompareError`] if a scene cannot be rendered or a solver cannot be measured.
+/// [`StudyError`] if a scene cannot be rendered or a solver cannot be measured.
 pub fn compare(
     subject: &Subject<'_>,
     options: &CompareOptions,
     progress: &mut (dyn FnMut(&str, f64) + Send),
-) -> Result<Study, CompareError> {
+) -> Result<Study, StudyError> {
     let mut notes = Vec::new();
     if options.gpus.is_empty() {
         notes.push("no GPU adapter: what follows is the CPU's part".to_owned());
@@ -241,7 +213,7 @@ fn clock_options(synth: &mut Synthesizer, state: &FrameState, patience: Duration
 const MOVES: usize = 6;
 
 /// Measures the levels available on both, in single precision; the remeshing study covers errors and the other levels.
-pub fn solvers(options: &CompareOptions) -> Result<Table, CompareError> {
+pub fn solvers(options: &CompareOptions) -> Result<Table, StudyError> {
     let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("nodes", "nodes")];
     let axes = [
         Axis::log("dofs", "dofs", "free degrees of freedom"),

@@ -1,11 +1,12 @@
 //! Output of a match as text, as a scene and as a page.
 
+use crate::base::output::OutputError;
 use std::fmt;
 
 use super::{Match, Score, Side};
 use crate::base::report::number::fixed;
 use crate::base::report::page::Page;
-use crate::base::report::plot::{Axis, Plot, PlotError, Series};
+use crate::base::report::plot::{Axis, Plot, Series};
 use crate::base::report::table::{Cell, Table};
 use crate::base::text;
 use crate::input::scene::SceneFile;
@@ -55,8 +56,8 @@ impl Match {
     /// Returns the match as one self-contained HTML document.
     ///
     /// # Errors
-    /// [`PlotError`] if a plot cannot be drawn.
-    pub fn page(&self) -> Result<String, PlotError> {
+    /// [`OutputError`] if a plot cannot be drawn.
+    pub fn page(&self) -> Result<String, OutputError> {
         let mut page = Page::new("Match of a frame");
         let summary = self.summary();
         page.paragraph("", &format!("{}: {summary}.", named(&self.name)));

@@ -6,12 +6,13 @@
 //! starting from the options. A curve that stays straight, or bends slowly, does not distinguish the two: the result states how well it
 //! fits, not that no other would.
 
+use crate::study::StudyError;
 use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
-use super::{PunctureError, PunctureOptions, pushing};
+use super::{PunctureOptions, pushing};
 use crate::base::read;
 
 /// Column names.
@@ -64,10 +65,10 @@ pub struct Fitted {
 /// puncture` writes.
 ///
 /// # Errors
-/// [`PunctureError::Curve`] if the file cannot be read or is malformed.
-pub fn read(path: &Path) -> Result<Vec<Sample>, PunctureError> {
+/// [`StudyError::Curve`] if the file cannot be read or is malformed.
+pub fn read(path: &Path) -> Result<Vec<Sample>, StudyError> {
     let name = path.display();
-    let wrong = |line: Option<u64>, found: String, expected| PunctureError::Curve {
+    let wrong = |line: Option<u64>, found: String, expected| StudyError::Curve {
         place: line.map_or(name.to_string(), |line| format!("{name}, line {line}")),
         found,
         expected,
@@ -112,12 +113,8 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, PunctureError> {
 /// Fits the slice to a curve, starting from the options' knee and stiffening. `progress` receives the completed fraction.
 ///
 /// # Errors
-/// [`PunctureError`] for a curve with too few points before the force drops, and if the slice cannot be solved.
-pub fn fit(
-    options: &PunctureOptions,
-    samples: &[Sample],
-    mut progress: impl FnMut(f64),
-) -> Result<Fitted, PunctureError> {
+/// [`StudyError`] for a curve with too few points before the force drops, and if the slice cannot be solved.
+pub fn fit(options: &PunctureOptions, samples: &[Sample], mut progress: impl FnMut(f64)) -> Result<Fitted, StudyError> {
     let samples = first_push(samples)?;
     let mut at = [options.knee_strain, options.stiffening.max(LEAST[1]).ln()];
     let mut best = Trial::of(options, &samples, at)?;
@@ -184,7 +181,7 @@ pub fn fit(
 }
 
 /// Returns the points before the force drops.
-fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, PunctureError> {
+fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, StudyError> {
     let mut largest = (0, 0.0);
     for (at, sample) in samples.iter().enumerate() {
         if sample.force_n >= largest.1 {
@@ -199,7 +196,7 @@ fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, PunctureError> {
         .filter(|sample| sample.travel_mm > 0.0);
     let pushed: Vec<Sample> = pushed.copied().collect();
     if pushed.len() < FEWEST || largest.1 <= 0.0 {
-        return Err(PunctureError::Curve {
+        return Err(StudyError::Curve {
             place: "the curve".to_owned(),
             found: format!("{} points beyond 0 mm before the force drops", pushed.len()),
             expected: "at least 4, with a force above 0 N",
@@ -217,7 +214,7 @@ struct Trial {
 }
 
 impl Trial {
-    fn of(options: &PunctureOptions, samples: &[Sample], [knee, stiffening]: [f64; 2]) -> Result<Trial, PunctureError> {
+    fn of(options: &PunctureOptions, samples: &[Sample], [knee, stiffening]: [f64; 2]) -> Result<Trial, StudyError> {
         let options = PunctureOptions {
             knee_strain: knee,
             stiffening: stiffening.exp(),
@@ -233,7 +230,7 @@ impl Trial {
             let travel_mm = (at as f64 * options.step_mm).min(way);
             // The last step is shorter but takes as long: forces depend on the travel.
             let pushed = needle.step(travel_mm, options.step_mm / options.speed_mm_per_s);
-            let pushed = pushed.map_err(|cause| PunctureError::Step { travel_mm, cause })?;
+            let pushed = pushed.map_err(|cause| StudyError::Travel { travel_mm, cause })?;
             curve.push([travel_mm, pushed.force_n]);
         }
         let model: Vec<f64> = samples.iter().map(|sample| between(&curve, sample.travel_mm)).collect();

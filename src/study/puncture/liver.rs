@@ -1,9 +1,10 @@
 //! Slice through a liver with a vein: triangles in plane strain.
 
+use crate::study::StudyError;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use super::{PunctureError, PunctureOptions};
+use super::PunctureOptions;
 use crate::mechanics::insertion::pushing::Layer;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
@@ -51,7 +52,7 @@ fn outline(x: f64) -> [f64; 2] {
 
 impl Liver {
     /// Creates the slice with the given properties.
-    pub fn new(options: &PunctureOptions) -> Result<Liver, PunctureError> {
+    pub fn new(options: &PunctureOptions) -> Result<Liver, StudyError> {
         let [columns, rows] = CELLS;
         let top = outline(NEEDLE_MM)[1];
         let centre = [NEEDLE_MM, top - VEIN_DEPTH_MM];

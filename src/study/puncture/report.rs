@@ -1,7 +1,8 @@
 //! Output of a puncture as text, table and plot.
 
 use super::{NAMES, Puncture};
-use crate::base::report::plot::{Axis, Plot, PlotError, Series};
+use crate::base::output::OutputError;
+use crate::base::report::plot::{Axis, Plot, Series};
 
 impl Puncture {
     /// Returns a CSV table with one row per step.
@@ -38,8 +39,8 @@ impl Puncture {
 /// Plots the force against the needle's travel for several runs.
 ///
 /// # Errors
-/// [`PlotError`] if the plot cannot be drawn.
-pub fn curves(runs: &[(&str, &Puncture)]) -> Result<String, PlotError> {
+/// [`OutputError`] if the plot cannot be drawn.
+pub fn curves(runs: &[(&str, &Puncture)]) -> Result<String, OutputError> {
     let series = runs.iter().enumerate().map(|(colour, (name, run))| {
         let points = run.rows.iter().map(|row| [row.travel_mm, row.force_n]);
         Series::line(*name, colour, points.collect())

@@ -1,6 +1,7 @@
 //! Tests of the shape of the force curve and of the vein.
 
 use super::*;
+use crate::study::StudyError;
 
 /// The needle's force rises faster than linearly up to the capsule, drops, rises, and drops at the vein, which has flattened.
 #[test]
@@ -41,52 +42,52 @@ fn what_makes_no_curve_is_refused() {
             step_mm: 0.0,
             ..default
         }),
-        PunctureError::Number { what: "step_mm", .. }
+        StudyError::Number { what: "step_mm", .. }
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             step_mm: 1e-5,
             ..default
         }),
-        PunctureError::Number { .. }
+        StudyError::Number { .. }
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             speed_mm_per_s: f64::NAN,
             ..default
         }),
-        PunctureError::Number { .. }
+        StudyError::Number { .. }
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             young_kpa: 0.0,
             ..default
         }),
-        PunctureError::Material(_)
+        StudyError::Number(_)
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             stiffening: -1.0,
             ..default
         }),
-        PunctureError::Material(_)
+        StudyError::Number(_)
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             thickness_mm: 0.0,
             ..default
         }),
-        PunctureError::Nonlinear(NonlinearError::Thickness { .. })
+        StudyError::Nonlinear(NonlinearError::Thickness { .. })
     ));
     assert!(matches!(
         wrong(PunctureOptions {
             wall_n: -1.0,
             ..default
         }),
-        PunctureError::Way(_)
+        StudyError::Setup(_)
     ));
     assert!(matches!(
         wrong(PunctureOptions { order: 1.5, ..default }),
-        PunctureError::Step { .. }
+        StudyError::Travel { .. }
     ));
 }

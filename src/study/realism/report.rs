@@ -1,5 +1,6 @@
 //! Output of the comparison as text and as a page.
 
+use crate::base::output::OutputError;
 use std::fmt;
 
 use image::{GrayImage, imageops};
@@ -8,7 +9,7 @@ use super::picture::Picture;
 use super::{CLASS, FrameReport, LIMIT, Report, Row, Verdict};
 use crate::base::report::number::fixed;
 use crate::base::report::page::{Page, escape};
-use crate::base::report::plot::{Axis, Plot, PlotError, Series};
+use crate::base::report::plot::{Axis, Plot, Series};
 use crate::base::report::table::{Cell, Table};
 use crate::base::text;
 
@@ -66,8 +67,8 @@ impl Report {
     /// Returns the report as one self-contained HTML document, with a picture of each side.
     ///
     /// # Errors
-    /// [`PlotError`] if a plot cannot be drawn.
-    pub fn page(&self, frames: &[Picture], real: &[Picture]) -> Result<String, PlotError> {
+    /// [`OutputError`] if a plot cannot be drawn.
+    pub fn page(&self, frames: &[Picture], real: &[Picture]) -> Result<String, OutputError> {
         let mut page = Page::new("Frames against real frames");
         page.paragraph("", &(self.summary() + "."));
         for note in &self.notes {

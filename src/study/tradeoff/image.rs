@@ -19,6 +19,8 @@ mod grain;
 mod labels;
 mod sampling;
 
+use crate::input::InputError;
+use crate::study::StudyError;
 use std::time::{Duration, Instant};
 
 use nalgebra::Matrix4;
@@ -31,7 +33,7 @@ use crate::gpu::{Gpu, GpuError};
 use crate::imaging::plan::Plan;
 use crate::imaging::synth::tables::{Settings, Tables};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
-use crate::input::scene::{Scene, SceneError, SceneFile};
+use crate::input::scene::{Scene, SceneFile};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::study::stability::Effort;
 
@@ -106,38 +108,6 @@ pub const ENTRY: Entry = Entry {
     },
 };
 
-/// Error of an image study.
-#[derive(Debug, thiserror::Error)]
-pub enum ImageError {
-    /// A frame cannot be rendered.
-    #[error(transparent)]
-    Synth(#[from] SynthError),
-    /// The scene of the study is invalid.
-    #[error(transparent)]
-    Scene(#[from] SceneError),
-    /// The mesh of the study is invalid.
-    #[error(transparent)]
-    Mesh(#[from] InvalidMesh),
-    /// A GPU operation failed.
-    #[error(transparent)]
-    Gpu(#[from] GpuError),
-    /// There are fewer than two grids to compare.
-    #[error("{0} grids: expected two or more, the finest of which is the standard of the others")]
-    Grids(usize),
-}
-
-impl ImageError {
-    /// Returns whether the machine failed, rather than the input.
-    pub fn is_machine(&self) -> bool {
-        match self {
-            Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
-            Self::Synth(SynthError::Memory { .. }) => true,
-            Self::Scene(error) => error.is_machine(),
-            Self::Synth(_) | Self::Mesh(_) | Self::Grids(_) => false,
-        }
-    }
-}
-
 const fn factor(key: &'static str, label: &'static str) -> Factor {
     Factor { key, label }
 }
@@ -160,8 +130,8 @@ const PICTURE: [Axis; 6] = [MEDIAN, P95, MEMORY, RMS, P99, BIAS];
 /// Studies images. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`ImageError`] if a scene or mesh is invalid or a frame cannot be rendered.
-pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, ImageError> {
+/// [`StudyError`] if a scene or mesh is invalid or a frame cannot be rendered.
+pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, StudyError> {
     let mut notes = Vec::new();
     if options.gpus.is_empty() {
         notes.push("no GPU adapter: these figures are the CPU's alone".to_owned());
@@ -199,7 +169,7 @@ pub fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64) + Send
 }
 
 /// Function that measures tables, and notes what it left out.
-type Measure = fn(&ImageOptions, &mut Vec<String>) -> Result<Vec<Table>, ImageError>;
+type Measure = fn(&ImageOptions, &mut Vec<String>) -> Result<Vec<Table>, StudyError>;
 
 fn about(options: &ImageOptions) -> Vec<(&'static str, String)> {
     let grid = |[lines, samples]: &[u32; 2]| format!("{lines} x {samples}");
@@ -272,7 +242,7 @@ pub struct Subject {
 }
 
 impl Subject {
-    pub fn new(voxel_mm: f64) -> Result<Self, ImageError> {
+    pub fn new(voxel_mm: f64) -> Result<Self, StudyError> {
         let text = format!("version = 1\nvolume = {{ phantom = \"abdomen\", resolution_mm = {voxel_mm} }}\n");
         let mut scene = SceneFile::parse(&text, "the scene of the study")?.resolve(".".as_ref())?;
         (scene.settings.image.width, scene.settings.image.height) = (640, 480);

@@ -18,6 +18,9 @@ mod bevel;
 mod levels;
 mod masses;
 
+use crate::base::range::OutOfRange;
+use crate::mechanics::insertion::InvalidSetup;
+use crate::study::StudyError;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -27,11 +30,10 @@ use super::{Axis, Factor, Figure, Study, Table};
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::percentile;
 use crate::mechanics::insertion::finite::{Finite, Setup};
-use crate::mechanics::insertion::spring::InvalidParameters;
 use crate::mechanics::insertion::{Instruments, InvalidSetup, Model, ProbeContact, StepError};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
-use crate::mechanics::needle::{InvalidNeedleModel, Needle};
-use crate::mechanics::tissue::material::{InvalidMaterial, Material};
+use crate::mechanics::needle::Needle;
+use crate::mechanics::tissue::material::Material;
 use crate::study::block;
 use crate::study::stability::Effort;
 
@@ -66,7 +68,7 @@ impl Part {
         Part::Elements,
     ];
 
-    fn run(self, options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+    fn run(self, options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
         match self {
             Part::Levels => levels::run_levels(options, progress),
             Part::Bevel => bevel::run_bevel(options, progress),
@@ -141,26 +143,16 @@ impl InsertionOptions {
         )
     }
 
-    fn check(&self) -> Result<(), InsertionStudyError> {
+    fn check(&self) -> Result<(), StudyError> {
         let numbers = [
-            (
-                "the number of nodes",
-                self.nodes as f64,
-                100.0..=100_000.0,
-                "100 to 100000",
-            ),
-            ("the depth", self.depth_mm, 10.0..=80.0, "10 to 80 mm"),
-            ("the depth in PVC", self.bevel_depth_mm, 10.0..=140.0, "10 to 140 mm"),
-            ("the number of passes", self.passes as f64, 1.0..=1000.0, "1 to 1000"),
-            (
-                "the number of parts",
-                self.parts.len() as f64,
-                1.0..=f64::MAX,
-                "1 or more",
-            ),
+            ("nodes", self.nodes as f64, 100.0..=100_000.0, "100 to 100000"),
+            ("depth_mm", self.depth_mm, 10.0..=80.0, "10 to 80 mm"),
+            ("bevel_depth_mm", self.bevel_depth_mm, 10.0..=140.0, "10 to 140 mm"),
+            ("passes", self.passes as f64, 1.0..=1000.0, "1 to 1000"),
+            ("parts", self.parts.len() as f64, 1.0..=f64::MAX, "1 or more"),
         ];
         match numbers.into_iter().find(|(_, found, range, _)| !range.contains(found)) {
-            Some((what, found, _, expected)) => Err(InsertionStudyError::Number { what, found, expected }),
+            Some((key, found, _, expected)) => Err(OutOfRange::new(key, found, expected).into()),
             None => Ok(()),
         }
     }
@@ -181,11 +173,8 @@ struct Findings {
 /// Studies insertions. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`InsertionStudyError`]; memory is checked before any large allocation.
-pub fn study(
-    options: &InsertionOptions,
-    progress: &mut (dyn FnMut(&str, f64) + Send),
-) -> Result<Study, InsertionStudyError> {
+/// [`StudyError`]; memory is checked before any large allocation.
+pub fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, StudyError> {
     options.check()?;
     let mut study = Study {
         name: "tradeoff-insertion",
@@ -207,57 +196,6 @@ pub fn study(
     }
     progress("done", 1.0);
     Ok(study)
-}
-
-/// Error of an insertion study.
-#[derive(Debug, thiserror::Error)]
-pub enum InsertionStudyError {
-    /// A number is out of range.
-    #[error("{what} is {found}; expected {expected}")]
-    Number {
-        /// Name of the option.
-        what: &'static str,
-        /// Value given.
-        found: f64,
-        /// Accepted range.
-        expected: &'static str,
-    },
-    /// The dense inverses exceed the memory of the machine.
-    #[error(
-        "levels I, III and IV of a block of {nodes} nodes need {:.1} GiB for their dense inverses, and {:.1} GiB of memory are \
-         available; take fewer nodes",
-        gib(*needed), gib(*available)
-    )]
-    Memory {
-        /// Number of nodes.
-        nodes: usize,
-        /// Bytes needed.
-        needed: usize,
-        /// Bytes available.
-        available: usize,
-    },
-    /// The block cannot be meshed.
-    #[error(transparent)]
-    Mesh(#[from] InvalidMesh),
-    /// The material parameters are invalid.
-    #[error(transparent)]
-    Material(#[from] InvalidMaterial),
-    /// The needle parameters are invalid.
-    #[error(transparent)]
-    Needle(#[from] InvalidNeedleModel),
-    /// An insertion cannot be set up.
-    #[error(transparent)]
-    Setup(#[from] InvalidSetup),
-    /// The mass-spring model cannot be created.
-    #[error(transparent)]
-    Springs(#[from] InvalidParameters),
-    /// A step cannot be computed.
-    #[error(transparent)]
-    Step(#[from] StepError),
-}
-
-fn gib(bytes: usize) -> f64 {
-    bytes as f64 / (1u64 << 30) as f64
 }
 
 /// Axes for the step times of an insertion.
@@ -427,13 +365,13 @@ impl Course {
     /// Drives the models along the course `passes` times, in turn. `told` receives the completed fraction.
     ///
     /// # Errors
-    /// [`InsertionStudyError::Step`] if a step cannot be computed.
+    /// [`StudyError::Step`] if a step cannot be computed.
     pub fn drive(
         &self,
         models: &mut [Finite],
         passes: usize,
         mut told: impl FnMut(f64),
-    ) -> Result<Vec<Vec<Step>>, InsertionStudyError> {
+    ) -> Result<Vec<Vec<Step>>, StudyError> {
         let mut traces = vec![Vec::with_capacity(self.steps()); models.len()];
         let count = models.len();
         let runs = (passes * count) as f64;
@@ -456,8 +394,8 @@ impl Course {
 /// Computes and times one step.
 ///
 /// # Errors
-/// [`InsertionStudyError::Step`] if the step cannot be computed.
-pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, InsertionStudyError> {
+/// [`StudyError::Step`] if the step cannot be computed.
+pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, StudyError> {
     let start = Instant::now();
     let outcome = model.step(instruments, STEP_S)?;
     let ms = start.elapsed().as_secs_f64() * 1e3;
@@ -474,8 +412,8 @@ pub fn timed(model: &mut dyn Model, instruments: &Instruments) -> Result<Step, I
 /// Creates the block with approximately the given number of nodes.
 ///
 /// # Errors
-/// [`InsertionStudyError`] if the mesh or the material is invalid.
-pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, InsertionStudyError> {
+/// [`StudyError`] if the mesh or the material is invalid.
+pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, StudyError> {
     let mesh = TetMesh::over_box([0.0; 3], EXTENT, nodes)?;
     Ok(block::on_table(mesh, Material::new(10.0, 0.45)?, block::USUAL, needle))
 }
@@ -483,8 +421,8 @@ pub fn tissue(nodes: usize, needle: Box<dyn Needle>) -> Result<Setup, InsertionS
 /// Creates a model with the data for remeshing along the needle's path prefetched.
 ///
 /// # Errors
-/// [`InsertionStudyError::Setup`] if the setup is invalid.
-pub fn model(setup: Setup) -> Result<Finite, InsertionStudyError> {
+/// [`StudyError::Setup`] if the setup is invalid.
+pub fn model(setup: Setup) -> Result<Finite, StudyError> {
     let mut finite = Finite::new(setup, |_, _| {})?;
     finite.prefetch(
         &Point3::new(ENTRY_MM[0], ENTRY_MM[1], 0.0),

@@ -1,5 +1,6 @@
 //! Output of a study as text, JSON, CSV and plots.
 
+use crate::base::output::OutputError;
 use std::fmt::Write;
 use std::path::Path;
 
@@ -9,22 +10,8 @@ use super::{Figure, Row, Study, Table};
 use crate::base::output::png;
 use crate::base::output::{OutputError, atomic};
 use crate::base::report::number;
-use crate::base::report::plot::{self, Marker, Plot, PlotError, Series};
+use crate::base::report::plot::{self, Marker, Plot, Series};
 use crate::base::report::table::{self, Cell};
-
-/// Error of writing the files of a study.
-#[derive(Debug, thiserror::Error)]
-pub enum RenderError {
-    /// A file cannot be written.
-    #[error(transparent)]
-    Write(#[from] OutputError),
-    /// A plot cannot be drawn.
-    #[error(transparent)]
-    Plot(#[from] PlotError),
-    /// The report cannot be serialised as JSON.
-    #[error("the report cannot be written as JSON: {0}")]
-    Json(#[from] serde_json::Error),
-}
 
 impl Study {
     /// Returns the study as text: settings, tables, notes.
@@ -76,8 +63,8 @@ impl Study {
     /// the file names in the order written.
     ///
     /// # Errors
-    /// [`RenderError`]. Each file is written completely or not at all.
-    pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
+    /// [`OutputError`]. Each file is written completely or not at all.
+    pub fn write(&self, folder: &Path) -> Result<Vec<String>, OutputError> {
         let mut files = Files::new(folder);
         for table in &self.tables {
             files.put(format!("{}.csv", table.key), &table.csv())?;

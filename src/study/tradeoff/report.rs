@@ -8,13 +8,14 @@ mod page;
 #[cfg(test)]
 mod tests;
 
+use crate::base::output::OutputError;
 use std::path::Path;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use super::advice::Advice;
-use super::render::{Files, RenderError};
+use super::render::Files;
 use super::{Beat, InTime, Pace, Row, Study, Table, real_time};
 use crate::base::report::machine::Machine;
 use crate::base::report::number::significant;
@@ -179,8 +180,8 @@ impl Report {
     /// order written.
     ///
     /// # Errors
-    /// [`RenderError`]. Each file is written completely or not at all.
-    pub fn write(&self, folder: &Path) -> Result<Vec<String>, RenderError> {
+    /// [`OutputError`]. Each file is written completely or not at all.
+    pub fn write(&self, folder: &Path) -> Result<Vec<String>, OutputError> {
         let mut files = Files::new(folder);
         for drawing in self.chapters.iter().flat_map(|chapter| &chapter.drawings) {
             files.put(format!("{}.svg", drawing.stem), &drawing.plot.svg()?)?;

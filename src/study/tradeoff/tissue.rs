@@ -11,12 +11,13 @@ mod tests;
 
 use super::gather::Entry;
 use super::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::base::range::OutOfRange;
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::Spread;
 use crate::mechanics::mesh::InvalidMesh;
-use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{NonlinearError, Scheme, Slope};
+use crate::study::StudyError;
 use crate::study::stability::Effort;
 use subject::{Model, Subject, Variant, Walked};
 
@@ -89,23 +90,6 @@ impl TissueOptions {
         };
         effort.pick(quick, usual)
     }
-}
-
-/// Error of a tissue study.
-#[derive(Debug, thiserror::Error)]
-pub enum TissueError {
-    /// The mesh cannot be created.
-    #[error(transparent)]
-    Mesh(#[from] InvalidMesh),
-    /// The material parameters are invalid.
-    #[error(transparent)]
-    Material(#[from] InvalidMaterial),
-    /// The nonlinear problem cannot be solved.
-    #[error(transparent)]
-    Nonlinear(#[from] NonlinearError),
-    /// The gold standard cannot be solved.
-    #[error("what all else is compared with cannot be solved: {0}")]
-    Gold(String),
 }
 
 const FACTORS: [Factor; 2] = [
@@ -184,8 +168,8 @@ const ALL_MODELS: [(&str, Model); 4] = [
 /// Runs the study. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
-/// [`TissueError`] if the block cannot be created or the gold standard cannot be solved.
-pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, TissueError> {
+/// [`StudyError`] if the block cannot be created or the gold standard cannot be solved.
+pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Result<Study, StudyError> {
     let subject = Subject::new(options)?;
     let counts: Vec<u32> = std::iter::successors(Some(options.steps[0].max(1)), |steps| steps.checked_mul(2))
         .take_while(|steps| *steps <= options.steps[1].max(1))
@@ -285,7 +269,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
 }
 
 /// Solves by full Newton to a hundredth of the tolerance.
-fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walked, TissueError> {
+fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walked, StudyError> {
     // An elastic body is path-independent; large steps may not converge.
     let least = if hold { steps } else { steps.max(8) };
     let tolerance = 1e-2 * TOLERANCE;
@@ -297,7 +281,7 @@ fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walk
         tolerance,
     })?;
     match walked.flag {
-        Some(flag) => Err(TissueError::Gold(flag)),
+        Some(flag) => Err(StudyError::Gold(flag)),
         None => Ok(walked),
     }
 }

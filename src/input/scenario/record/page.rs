@@ -1,8 +1,9 @@
 //! Self-contained HTML report of a run.
 
 use super::film::Film;
+use crate::base::output::OutputError;
 use crate::base::report::page::{Page, address, escape};
-use crate::base::report::plot::{Plot, PlotError};
+use crate::base::report::plot::Plot;
 use crate::base::report::table::Table;
 use crate::input::scenario::summary::Summary;
 
@@ -15,7 +16,7 @@ pub(super) fn page(
     film: &Film,
     plots: &[Plot],
     others: &[&str],
-) -> Result<String, PlotError> {
+) -> Result<String, OutputError> {
     let mut page = Page::new(title);
     for warning in &summary.warnings {
         page.paragraph("warning", warning);

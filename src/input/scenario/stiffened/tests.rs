@@ -1,10 +1,11 @@
 //! Tests of the built-in liver puncture at coarser resolution, and of the restrictions on stiffening tissue.
 
+use crate::input::InputError;
 use std::path::Path;
 
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
-use crate::input::scenario::{EXAMPLES, Scenario, ScenarioError, ScenarioFile};
+use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use crate::mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 
@@ -31,7 +32,7 @@ fn quick() -> String {
     text
 }
 
-fn resolved(text: &str) -> Result<Scenario, ScenarioError> {
+fn resolved(text: &str) -> Result<Scenario, InputError> {
     ScenarioFile::parse(text, "liver.toml")?.resolve(Path::new("."), |_| {})
 }
 

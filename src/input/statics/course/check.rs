@@ -1,13 +1,13 @@
 //! Validation of the history of a problem.
 
-use super::super::error::StaticsError;
 use super::super::file::ProblemFile;
 use super::{HistorySpec, MOST_STEPS, Model};
 use crate::base::document::InvalidFile;
+use crate::input::InputError;
 
 impl ProblemFile {
     /// Checks the tables for the model, and their values.
-    pub(in super::super) fn check_course(&self) -> Result<(), StaticsError> {
+    pub(in super::super) fn check_course(&self) -> Result<(), InputError> {
         let linear = self.model == Model::Linear;
         let tables = [
             ("solver", self.solver.is_some(), linear),
@@ -72,7 +72,7 @@ impl ProblemFile {
         self.history.clone().unwrap_or_default()
     }
 
-    fn own_factors(&self, key: String, factors: Option<&[f64]>, course: &HistorySpec) -> Result<(), StaticsError> {
+    fn own_factors(&self, key: String, factors: Option<&[f64]>, course: &HistorySpec) -> Result<(), InputError> {
         match factors {
             None => Ok(()),
             Some(_) if self.history.is_none() => {
@@ -82,7 +82,7 @@ impl ProblemFile {
         }
     }
 
-    fn factors(&self, key: &str, factors: &[f64], course: &HistorySpec) -> Result<(), StaticsError> {
+    fn factors(&self, key: &str, factors: &[f64], course: &HistorySpec) -> Result<(), InputError> {
         if factors.len() != course.time_s.len() {
             let found = format!("{} factors", factors.len());
             let expected = format!("one for each of the {} times", course.time_s.len());
@@ -91,7 +91,7 @@ impl ProblemFile {
         self.list(key, factors, |_, factor| factor.is_finite(), "a finite number")
     }
 
-    fn check_times(&self, course: &HistorySpec) -> Result<(), StaticsError> {
+    fn check_times(&self, course: &HistorySpec) -> Result<(), InputError> {
         let times = &course.time_s;
         if times.len() < 2 {
             let found = format!("{} times", times.len());
@@ -117,7 +117,7 @@ impl ProblemFile {
         numbers: &[f64],
         right: impl Fn(usize, f64) -> bool,
         expected: &'static str,
-    ) -> Result<(), StaticsError> {
+    ) -> Result<(), InputError> {
         match numbers.iter().enumerate().find(|(at, number)| !right(*at, **number)) {
             Some((at, &found)) => Err(self.fault(format!("{key}[{at}]"), InvalidFile::number(found, expected))),
             None => Ok(()),

@@ -1,5 +1,7 @@
 //! Line through a body, the points of the body on it, and the layers along it.
 
+use crate::base::range::OutOfRange;
+use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::tissue::nonlinear::{Body, Contact};
 
 /// A layer of tissue along the line of the needle, behind a membrane.
@@ -17,56 +19,17 @@ pub struct Layer {
     pub static_ratio: f64,
 }
 
-/// Reason why the line of a needle cannot be used.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidWay {
-    /// The line does not enter the body.
-    #[error("the entry {entry:?} lies outside the body")]
-    Outside {
-        /// The entry, mm.
-        entry: Vec<f64>,
-    },
-    /// The direction has zero length or is not finite.
-    #[error("the direction {found:?} is none; expected a vector with a length")]
-    Direction {
-        /// The rejected direction.
-        found: Vec<f64>,
-    },
-    /// There are no layers, or the first does not begin at the entry.
-    #[error("the first layer begins at {found:?} mm; expected 0")]
-    First {
-        /// Start of the first layer, if there is one.
-        found: Option<f64>,
-    },
-    /// A layer begins before the one above, or a number is out of range.
-    #[error("{what} of layer {layer} is {found}; expected {expected}")]
-    Layer {
-        /// Index of the layer, from 0.
-        layer: usize,
-        /// Name of the number.
-        what: &'static str,
-        /// The rejected value.
-        found: f64,
-        /// Permitted values.
-        expected: &'static str,
-    },
-}
-
 /// Checks layers, given in the order in which they are met.
-pub(super) fn check(layers: &[Layer]) -> Result<(), InvalidWay> {
+pub(super) fn check(layers: &[Layer]) -> Result<(), InvalidSetup> {
     if layers.first().is_none_or(|layer| layer.from_mm != 0.0) {
-        return Err(InvalidWay::First {
+        return Err(InvalidSetup::First {
             found: layers.first().map(|layer| layer.from_mm),
         });
     }
     for (at, layer) in layers.iter().enumerate() {
-        let wrong = |what, found, expected| {
-            Err(InvalidWay::Layer {
-                layer: at,
-                what,
-                found,
-                expected,
-            })
+        let wrong = |key, found: f64, expected| {
+            let cause = OutOfRange::new(key, found, expected);
+            Err(InvalidSetup::Layer { layer: at, cause })
         };
         let above = at
             .checked_sub(1)
@@ -165,10 +128,10 @@ impl<const D: usize> Line<D> {
         }
     }
 
-    pub fn new<const N: usize>(body: &Body<D, N>, entry: [f64; D], direction: [f64; D]) -> Result<Self, InvalidWay> {
+    pub fn new<const N: usize>(body: &Body<D, N>, entry: [f64; D], direction: [f64; D]) -> Result<Self, InvalidSetup> {
         let norm = direction.iter().map(|x| x * x).sum::<f64>().sqrt();
         if !(norm.is_finite() && norm > 0.0) {
-            return Err(InvalidWay::Direction {
+            return Err(InvalidSetup::Direction {
                 found: direction.to_vec(),
             });
         }
@@ -183,7 +146,7 @@ impl<const D: usize> Line<D> {
         };
         // An entry from `crossings` already lies BESIDE outside, more or less by rounding.
         if line.least(body, 0.0) < -2.0 * BESIDE {
-            return Err(InvalidWay::Outside { entry: entry.to_vec() });
+            return Err(InvalidSetup::Outside { entry: entry.to_vec() });
         }
         while line.least(body, line.length + PIECE_MM) >= -OUTSIDE {
             line.points.push(line.contact(body, line.length + 0.5 * PIECE_MM, 0.0));

@@ -1,6 +1,7 @@
 //! Hand calculation of a column that is pushed, punctured and cut.
 
 use super::*;
+use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use crate::mechanics::tissue::nonlinear::{Options, Sheet, Solver, Stiffening, Supports};
@@ -154,24 +155,24 @@ fn ways_are_checked() {
     let down = [0.0, -1.0];
     assert!(matches!(
         refused([5.0, 20.0], down, &LAYERS),
-        InvalidWay::Outside { .. }
+        InvalidSetup::Outside { .. }
     ));
     assert!(matches!(
         refused([0.0, 20.0], [0.0, 0.0], &LAYERS),
-        InvalidWay::Direction { .. }
+        InvalidSetup::Direction { .. }
     ));
     assert!(matches!(
         refused([0.0, 20.0], down, &[]),
-        InvalidWay::First { found: None }
+        InvalidSetup::First { found: None }
     ));
     assert!(matches!(
         refused([0.0, 20.0], down, &LAYERS[1..]),
-        InvalidWay::First { found: Some(_) }
+        InvalidSetup::First { found: Some(_) }
     ));
     let twice = [LAYERS[0], LAYERS[1], LAYERS[1]];
     assert!(matches!(
         refused([0.0, 20.0], down, &twice),
-        InvalidWay::Layer {
+        InvalidSetup::Layer {
             layer: 2,
             what: "from_mm",
             ..
@@ -183,6 +184,6 @@ fn ways_are_checked() {
     }];
     assert!(matches!(
         refused([0.0, 20.0], down, &negative),
-        InvalidWay::Layer { what: "cutting_n", .. }
+        InvalidSetup::Layer { what: "cutting_n", .. }
     ));
 }

@@ -1,5 +1,7 @@
 //! Parameters of the mass-spring model, and the cylinder of tetrahedra around the path of the needle.
 
+use crate::base::range::check;
+use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::quality::Quality;
 
@@ -51,36 +53,6 @@ impl Default for Parameters {
     }
 }
 
-/// Reason why a model cannot be built.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-pub enum InvalidParameters {
-    /// A number outside its range.
-    #[error("`{key}` is {found}; expected {expected}")]
-    Number {
-        /// Name of the field.
-        key: &'static str,
-        /// The rejected value.
-        found: f64,
-        /// Permitted range.
-        expected: &'static str,
-    },
-    /// Rings, sectors and layers make elements too thin for computation.
-    #[error(
-        "the cylinder's least dihedral angle is {found_deg:.2} degrees; expected at least {LEAST_DIHEDRAL_DEG} \
-         (make radius / rings and length / layers more alike)"
-    )]
-    Thin {
-        /// The least angle between two faces of an element, degrees.
-        found_deg: f64,
-    },
-    /// Rings, sectors and layers make more nodes than the model supports.
-    #[error("the cylinder has {found} nodes; expected at most {MOST_NODES}")]
-    Large {
-        /// Number of nodes.
-        found: usize,
-    },
-}
-
 /// Least dihedral angle that is accepted, degrees. The default mesh has 35.
 pub const LEAST_DIHEDRAL_DEG: f64 = 5.0;
 /// Maximum number of nodes of a cylinder.
@@ -90,12 +62,8 @@ impl Parameters {
     /// Checks every number against its range.
     ///
     /// # Errors
-    /// [`InvalidParameters::Number`], [`InvalidParameters::Large`].
-    pub fn check(&self) -> Result<(), InvalidParameters> {
-        let check = |key, found: f64, holds: bool, expected| match found.is_finite() && holds {
-            true => Ok(()),
-            false => Err(InvalidParameters::Number { key, found, expected }),
-        };
+    /// [`InvalidSetup::Number`], [`InvalidSetup::Large`].
+    pub fn check(&self) -> Result<(), InvalidSetup> {
         for (key, found) in [
             ("young_kpa", self.young_kpa),
             ("density_kg_per_m3", self.density_kg_per_m3),
@@ -123,7 +91,7 @@ impl Parameters {
         let most = self.most_substeps;
         whole("most_substeps", most, (1..=4096).contains(&most), "1 to 4096")?;
         match self.nodes() {
-            found if found > MOST_NODES => Err(InvalidParameters::Large { found }),
+            found if found > MOST_NODES => Err(InvalidSetup::Large { found }),
             _ => Ok(()),
         }
     }
@@ -151,7 +119,7 @@ pub(super) struct Cylinder {
 }
 
 impl Cylinder {
-    pub fn new(parameters: &Parameters) -> Result<Cylinder, InvalidParameters> {
+    pub fn new(parameters: &Parameters) -> Result<Cylinder, InvalidSetup> {
         parameters.check()?;
         let disc = parameters.nodes_of_layer();
         let triangles = triangles(parameters.rings, parameters.sectors);
@@ -176,7 +144,7 @@ impl Cylinder {
                 elements.extend([[a, b, c, f], [a, b, e, f], [a, d, e, f]].map(|corners| upright(corners, &nodes)));
             }
         }
-        let thin = InvalidParameters::Thin { found_deg: 0.0 };
+        let thin = InvalidSetup::Thin { found_deg: 0.0 };
         let regions = vec![0; elements.len()];
         let mesh = TetMesh::new(nodes, elements, regions).map_err(|_| thin)?;
         let quality = Quality::of(&mesh, mesh.nodes());
@@ -192,7 +160,7 @@ impl Cylinder {
                 least_dihedral_deg: found_deg,
             })
         } else {
-            Err(InvalidParameters::Thin { found_deg })
+            Err(InvalidSetup::Thin { found_deg })
         }
     }
 }

@@ -4,8 +4,8 @@ use std::fmt;
 
 use super::{CONDITION_LIMIT, Quality};
 
-/// Error for a mesh that is unusable for computation, with the elements at fault.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+/// Elements that make a mesh unusable for computation.
+#[derive(Clone, Debug, PartialEq)]
 pub struct UnusableMesh {
     /// Elements of negative volume.
     pub inverted: Vec<u32>,

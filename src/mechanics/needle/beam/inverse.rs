@@ -6,7 +6,7 @@ use super::BeamError;
 use super::newton::FoundationBeam;
 use super::problem::Base;
 use super::shape::Shape;
-use crate::mechanics::needle::shaft::check;
+use crate::base::range::check;
 
 /// Convergence tolerance of the goals, mm.
 pub const TOLERANCE_MM: f64 = 1e-9;

@@ -8,11 +8,11 @@
 #[cfg(test)]
 mod tests;
 
+use crate::base::range::OutOfRange;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::mechanics::needle::InvalidNeedleModel;
-use crate::mechanics::needle::shaft::check;
+use crate::base::range::check;
 
 /// Largest modulus, kPa.
 const MAX_KPA: f64 = 1e12;
@@ -79,8 +79,8 @@ impl Material {
     /// Checks every number against its range.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`] with the key of the number.
-    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+    /// [`OutOfRange`] with the key of the number.
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let modulus = |key, found: f64| check(key, found, (0.0..=MAX_KPA).contains(&found), "0 to 1e12 kPa");
         match *self {
             Material::Ogden { mu_kpa, alpha } => {

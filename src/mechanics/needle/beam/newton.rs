@@ -1,5 +1,6 @@
 //! Newton's method on the beam, with a line search and load steps.
 
+use crate::base::range::OutOfRange;
 use nalgebra::Vector2;
 
 use super::foundation::{self, Load};
@@ -7,8 +8,7 @@ use super::problem::{Base, Bed, Division, Problem};
 use super::shape::Shape;
 use super::sweep::{self, Change, Element, Push, Sweep};
 use super::{BeamError, TOLERANCE};
-use crate::mechanics::needle::InvalidNeedleModel;
-use crate::mechanics::needle::shaft::check;
+use crate::base::range::check;
 
 /// Size of corrections relative to the deflections below which the beam counts as solved too: rounding allows no better
 /// balance.
@@ -55,8 +55,8 @@ impl FoundationBeam {
     /// Checks a problem and divides it into elements.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`] with the key of the number that is out of range.
-    pub fn new(problem: &Problem) -> Result<Self, InvalidNeedleModel> {
+    /// [`OutOfRange`] with the key of the number that is out of range.
+    pub fn new(problem: &Problem) -> Result<Self, OutOfRange> {
         problem.layers.iter().try_for_each(|layer| layer.check())?;
         problem.check()?;
         let division = Division::new(problem);

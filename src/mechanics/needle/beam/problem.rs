@@ -1,10 +1,10 @@
 //! Beam problem: a needle in layers of tissue, and its division into elements.
 
+use crate::base::range::OutOfRange;
 use std::f64::consts::PI;
 
 use super::material::{Compression, Law, Material};
-use crate::mechanics::needle::InvalidNeedleModel;
-use crate::mechanics::needle::shaft::check;
+use crate::base::range::check;
 
 /// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1e5;
@@ -57,8 +57,8 @@ impl Layer {
     /// Checks every number against its range.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`] with the key of the number.
-    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+    /// [`OutOfRange`] with the key of the number.
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let (thickness, length) = (self.thickness_mm, self.initial_length_mm);
         let holds = thickness > 0.0 && thickness <= 1e4;
         check("thickness_mm", thickness, holds, "above 0, at most 1e4 mm")?;
@@ -75,8 +75,8 @@ impl Problem {
     /// Checks the numbers that do not belong to a layer.
     ///
     /// # Errors
-    /// [`InvalidNeedleModel`] with the key of the number.
-    pub fn check(&self) -> Result<(), InvalidNeedleModel> {
+    /// [`OutOfRange`] with the key of the number.
+    pub fn check(&self) -> Result<(), OutOfRange> {
         let (stiffness, distance) = (self.bending_nmm2, self.control_distance_mm);
         let holds = (1e-6..=1e12).contains(&stiffness);
         check("bending_nmm2", stiffness, holds, "1e-6 to 1e12 N mm^2")?;

@@ -1,7 +1,7 @@
 //! Isotropic material that stiffens above a knee strain.
 
+use crate::base::range::OutOfRange;
 use crate::mechanics::tissue::knee::Knee;
-use crate::mechanics::tissue::material::InvalidMaterial;
 use crate::mechanics::tissue::material::Material;
 
 /// Secant law sigma = E(e_r) D epsilon, with D the elasticity of a unit modulus at the material's Poisson's ratio, and
@@ -19,8 +19,8 @@ impl Stiffening {
     /// more) times the square of the excess strain.
     ///
     /// # Errors
-    /// [`InvalidMaterial`] for a parameter that is out of range.
-    pub fn new(material: Material, knee: f64, rate: f64) -> Result<Stiffening, InvalidMaterial> {
+    /// [`OutOfRange`] for a parameter that is out of range.
+    pub fn new(material: Material, knee: f64, rate: f64) -> Result<Stiffening, OutOfRange> {
         let knee = Knee {
             strain: knee,
             stiffening: rate,

@@ -1,10 +1,11 @@
 //! Cost of each effect alone and combined with the others, and resources that remain after its removal.
 
+use crate::study::StudyError;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use super::super::{Removal, removals};
-use super::{CompareError, CompareOptions, Subject, factor};
+use super::{CompareOptions, Subject, factor};
 use crate::base::report::statistics::Spread;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::plan::Plan;
@@ -29,7 +30,7 @@ fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> b
 }
 
 /// Returns the effects that the scene has and that can be removed.
-fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<Removal>, CompareError> {
+fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<Removal>, StudyError> {
     let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
     let changes = |removal: &Removal| {
         let (anatomy, without) = with(subject, settings, |other| other.effect != removal.effect);
@@ -59,7 +60,7 @@ impl Ready {
         subject: &Subject<'_>,
         (anatomy, settings): (Anatomy, Settings),
         backend: Backend,
-    ) -> Result<Self, CompareError> {
+    ) -> Result<Self, StudyError> {
         let mut state = subject.state.clone();
         if anatomy.mesh.is_none() {
             (state.nodes, state.reference) = (None, None);
@@ -70,7 +71,7 @@ impl Ready {
     }
 
     /// Renders a frame and returns its time, ms.
-    fn frame(&mut self) -> Result<f64, CompareError> {
+    fn frame(&mut self) -> Result<f64, StudyError> {
         let start = Instant::now();
         self.synth.render(&self.state)?;
         Ok(start.elapsed().as_secs_f64() * 1e3)
@@ -83,7 +84,7 @@ impl Ready {
 }
 
 /// Renders frames of two scenes alternately, so that other load on the machine affects both equally, for twice `patience` in total.
-fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], CompareError> {
+fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], StudyError> {
     let (start, mut times) = (Instant::now(), [Vec::new(), Vec::new()]);
     while times[0].len() < LEAST || (times[0].len() < MOST && start.elapsed() < 2 * patience) {
         times[0].push(one.frame()?);
@@ -99,7 +100,7 @@ fn longer(pair: [Option<Spread>; 2]) -> Option<f64> {
 }
 
 /// Measures frames with all effects, all but one, only one, and none.
-pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, CompareError> {
+pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [factor("backend", "backend"), factor("effect", "effect")];
     let axes = [
@@ -204,7 +205,7 @@ fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
 
 /// Counts the bytes, passes and, on a GPU, pipelines that each effect needs, and what remains of them after its removal from a scene, which
 /// must be nothing.
-pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, CompareError> {
+pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [factor("backend", "backend"), factor("effect", "effect")];
     let axes = [

@@ -1,8 +1,9 @@
 //! Times of passes, and of transfers to and from a GPU.
 
+use crate::study::StudyError;
 use std::time::Instant;
 
-use super::{CPU_MS, Clock, CompareError, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
+use super::{CPU_MS, Clock, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
 use crate::base::report::statistics::Spread;
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
 use crate::imaging::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
@@ -38,7 +39,7 @@ fn at_size(
     options: &CompareOptions,
     grid: [u32; 2],
     backend: Backend,
-) -> Result<Times, CompareError> {
+) -> Result<Times, StudyError> {
     let mut synth = Synthesizer::new(subject.anatomy.clone(), subject.sized(grid), backend)?;
     let timing = clock_options(&mut synth, subject.state, options.patience)?;
     let states = std::slice::from_ref(subject.state);
@@ -73,7 +74,7 @@ fn all_sizes(
     name: &str,
     backend: impl Fn() -> Backend,
     notes: &mut Vec<String>,
-) -> Result<Vec<Option<Times>>, CompareError> {
+) -> Result<Vec<Option<Times>>, StudyError> {
     let mut sizes: Vec<Option<Times>> = Vec::new();
     let mut stopped = false;
     for &grid in &options.grids {
@@ -92,7 +93,7 @@ fn all_sizes(
                 }
                 sizes.push(Some(times));
             }
-            Err(CompareError::Synth(error @ crate::imaging::synth::SynthError::Gpu(_))) => {
+            Err(StudyError::Synth(error @ crate::imaging::synth::SynthError::Gpu(_))) => {
                 notes.push(format!("{name}: no frame of {} x {}: {error}", grid[0], grid[1]));
                 (stopped, _) = (true, sizes.push(None));
             }
@@ -103,7 +104,7 @@ fn all_sizes(
 }
 
 /// Tabulates all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
-pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, CompareError> {
+pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, StudyError> {
     let factors = [
         factor("gpu", "GPU"),
         factor("what", "what"),
@@ -170,7 +171,7 @@ const TIMES: usize = 7;
 /// Data sent for a frame with a moving mesh: the element maps and the search grid.
 const MOVED: [&Buffer; 3] = [&ELEMENT_MAPS, &CELL_STARTS, &CELL_ELEMENTS];
 
-pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, CompareError> {
+pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, StudyError> {
     if options.gpus.is_empty() {
         return Ok(None);
     }

@@ -1,6 +1,7 @@
 //! Tests that known parameters are recovered and malformed files are refused.
 
 use super::*;
+use crate::study::StudyError;
 use crate::study::puncture::puncture;
 
 fn made() -> (PunctureOptions, Vec<Sample>) {
@@ -78,6 +79,6 @@ fn curves_are_read_and_refused() {
     let (options, samples) = made();
     assert!(matches!(
         fit(&options, &samples[..3], |_| {}),
-        Err(PunctureError::Curve { .. })
+        Err(StudyError::Curve { .. })
     ));
 }

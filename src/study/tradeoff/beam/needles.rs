@@ -1,5 +1,6 @@
 //! Models of tissue around a beam, and of a needle in tissue.
 
+use crate::base::range::OutOfRange;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
@@ -7,7 +8,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::{FINE_MM, axis, factor, solve};
 use crate::base::report::statistics::{Spread, percentile};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
-use crate::mechanics::needle::{CentreLine, Flexible, InvalidNeedleModel, Load, Needle, Row, Shaft, Stiffness};
+use crate::mechanics::needle::{CentreLine, Flexible, Load, Needle, Row, Shaft, Stiffness};
 use crate::study::beam::{CONTROLS_MM, DEPTHS_MM, DISPLACEMENTS_MM, ELEMENT_MM, TISSUES, Tissue, problem};
 use crate::study::tradeoff::{Figure, Goal, SHIFT_MM, Table};
 
@@ -22,7 +23,7 @@ const REPEATS: usize = 41;
 /// Number of calls after which the lever arms follow the bent shape.
 const CALLS: usize = 60;
 
-pub(super) fn table() -> Result<Table, InvalidNeedleModel> {
+pub(super) fn table() -> Result<Table, OutOfRange> {
     let axes = [
         axis("length_mm", "length mm", "length of a link or an element, mm", true),
         axis(

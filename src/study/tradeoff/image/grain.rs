@@ -1,7 +1,7 @@
 //! Grain of tissue: solid textures and speckle models.
 
 use super::{Apart, inside, picture, sampling, values};
-use super::{ImageError, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
+use super::{ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
 use super::{Subject, coarsened, without_grain};
 use crate::imaging::effects::Effects;
 use crate::imaging::effects::noise::Noise;
@@ -9,6 +9,7 @@ use crate::imaging::effects::speckle::Speckle;
 use crate::imaging::effects::tone::Tone;
 use crate::imaging::synth::tables::{ImageSize, Settings};
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
+use crate::study::StudyError;
 use crate::study::anatomies::{self, PLAIN};
 use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
 use crate::tracking::probe::{Probe, ProbeShape};
@@ -23,12 +24,12 @@ const SIDE: usize = 400;
 /// Tolerance of the correlation lengths, mm, with its reason.
 const HALF_A_CELL: (f64, &str) = (0.5, "half a cell of speckle");
 
-pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+pub fn grains(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     Ok(vec![textures(options)?, sampling::lookups(), models(options)?])
 }
 
 /// Compares frames with trilinear textures and without textures. Look-up methods in isolation are in [`sampling::lookups`].
-fn textures(options: &ImageOptions) -> Result<Table, ImageError> {
+fn textures(options: &ImageOptions) -> Result<Table, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = without_grain(subject.grid(coarsened(options, [256, 512])));
     let mut gold = subject.on(own.clone(), Backend::CpuF64)?;
@@ -124,7 +125,7 @@ impl Look {
     }
 }
 
-fn models(options: &ImageOptions) -> Result<Table, ImageError> {
+fn models(options: &ImageOptions) -> Result<Table, StudyError> {
     let [axial_mm, lateral_mm] = [0.8, 1.5];
     let asked = Speckle {
         axial_mm: Some(axial_mm),

@@ -1,10 +1,11 @@
 //! Grids, labels and effects of an image.
 
+use crate::study::StudyError;
 use nalgebra::Matrix4;
 
 use super::{
-    Apart, BACKEND, ImageError, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, silent,
-    single, too_large, values, without_grain,
+    Apart, BACKEND, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, silent, single,
+    too_large, values, without_grain,
 };
 use crate::gpu::Gpu;
 use crate::imaging::effects::Effects;
@@ -69,7 +70,7 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
 
 /// Returns the mean distance of the sliced boundaries from the closed form, mm: the area of wrong labels divided by the length of all
 /// boundaries. The length is counted along the grid's two axes, which averages 4/pi of the true length over all directions.
-fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, ImageError> {
+fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, StudyError> {
     let beam = synth.render_until("slice", state)?;
     let tables = synth.tables();
     let (line_mm, sample_mm) = (tables.grid.lateral_spacing_mm(0.0), tables.sample_mm());
@@ -97,7 +98,7 @@ fn boundary_mm(synth: &mut Synthesizer, state: &FrameState) -> Result<f64, Image
     Ok(wrong as f64 * line_mm * sample_mm / length)
 }
 
-pub fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+pub fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let state = FrameState::at(Matrix4::identity());
     let grid = coarsened(options, [256, 512]);
     let axes: Vec<Axis> = [
@@ -160,13 +161,13 @@ const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effe
 const QUIET: &str = "Beam grids are compared with the receiver at work but too quiet to be seen: its noise is drawn anew for each sample \
                      of a grid as it is for each frame, so that frames differ by it however fine the grids are.";
 
-pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let samples = Axis::log("samples", "samples", "samples of a frame");
     let axes: Vec<Axis> = std::iter::once(samples).chain(PICTURE).collect();
     // Comparing a grid with itself would show no error.
     let Some((&finest, grids)) = options.grids.split_last().filter(|(_, grids)| !grids.is_empty()) else {
-        return Err(ImageError::Grids(options.grids.len()));
+        return Err(StudyError::Grids(options.grids.len()));
     };
     let largest = grids[grids.len() - 1];
     let title = format!("Beam grid, against {} in double precision", name(finest));
@@ -210,7 +211,7 @@ fn fitting<'a>(
     subject: &Subject,
     largest: &Settings,
     notes: &mut Vec<String>,
-) -> Result<&'a [Gpu], ImageError> {
+) -> Result<&'a [Gpu], StudyError> {
     Ok(match too_large(subject, largest, &options.gpus)? {
         None => &options.gpus,
         Some(why) => {
@@ -230,7 +231,7 @@ fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
 }
 
 /// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one below it.
-pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [factor("grid", "grid"), BACKEND];
     let title = "Precisions and backends, every usual effect, against double precision on the CPU";
@@ -320,7 +321,7 @@ const SIMPLER: [Simpler; 18] = [
     }),
 ];
 
-pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let own = subject.grid(coarsened(options, [256, 512]));
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("effects");

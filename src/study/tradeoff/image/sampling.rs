@@ -1,9 +1,10 @@
 //! Sampling of a scene: look-up of voxels, location in elements, samples per pixel.
 
+use crate::study::StudyError;
 use std::hint::black_box;
 use std::time::Instant;
 
-use super::{Apart, ImageError, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, values};
+use super::{Apart, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, values};
 use crate::anatomy::acoustics::bank;
 use crate::anatomy::volume::texture::SolidTexture;
 use crate::base::report::statistics::Spread;
@@ -63,7 +64,7 @@ const WAYS: [Variant; 3] = [
     },
 ];
 
-pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [factor("effect", "effect"), factor("grid", "grid")];
     let title =
@@ -303,7 +304,7 @@ impl Location {
     }
 }
 
-pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, ImageError> {
+pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let axes = [
         Axis::log("elements", "elements", "elements of the mesh"),
         Axis::log("point_ns", "ns a point", "time of a point (median of frames), ns"),

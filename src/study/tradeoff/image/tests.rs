@@ -1,6 +1,7 @@
 use super::labels::rounding;
 use super::*;
 use super::{Apart, picture};
+use crate::study::StudyError;
 use crate::study::testing;
 
 fn frame(change: impl Fn(&mut crate::imaging::synth::tables::Settings)) -> (Vec<u8>, Vec<bool>) {
@@ -133,5 +134,5 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         grids: vec![[8, 8]],
         ..options
     };
-    assert!(matches!(super::study(&few, &mut |_, _| {}), Err(ImageError::Grids(1))));
+    assert!(matches!(super::study(&few, &mut |_, _| {}), Err(StudyError::Grids(1))));
 }

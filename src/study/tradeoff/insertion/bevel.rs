@@ -1,13 +1,15 @@
 //! Deflection by the bevel, and lengths of links and beam elements.
 
 use super::{
-    Course, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor, largest, lines,
-    points, timed, times, unsettled,
+    Course, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, factor, largest, lines, points, timed, times,
+    unsettled,
 };
+use crate::base::range::OutOfRange;
 use crate::mechanics::insertion::Interaction;
 use crate::mechanics::insertion::finite::Finite;
-use crate::mechanics::needle::{BEVEL_MM, Bevel, InvalidNeedleModel, Needle, Shaft, Stiffness};
+use crate::mechanics::needle::{BEVEL_MM, Bevel, Needle, Shaft, Stiffness};
 use crate::mechanics::tissue::material::Material;
+use crate::study::StudyError;
 use crate::study::block;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};
 
@@ -76,7 +78,7 @@ fn cases(sweep: bool) -> Vec<Case> {
     cells.iter().flat_map(of_mesh).collect()
 }
 
-pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
     let mut table = Table::new(
         "bevel",
         format!("Bevels in a block of PVC: deflection at {} mm", options.bevel_depth_mm),
@@ -155,7 +157,7 @@ pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> R
     })
 }
 
-fn insert(case: &Case, depth_mm: f64) -> Result<Vec<Step>, InsertionStudyError> {
+fn insert(case: &Case, depth_mm: f64) -> Result<Vec<Step>, StudyError> {
     let interaction = Interaction {
         puncture_n: 0.0,
         friction_n_per_mm: 0.01,
@@ -183,7 +185,7 @@ pub(super) struct Pieces {
     lengths_mm: &'static [f64],
     choosing: &'static str,
     figure: [&'static str; 2],
-    needle: fn(f64) -> Result<Box<dyn Needle>, InvalidNeedleModel>,
+    needle: fn(f64) -> Result<Box<dyn Needle>, OutOfRange>,
 }
 
 /// Links joined by angular springs.
@@ -210,7 +212,7 @@ pub(super) fn run_pieces(
     pieces: &Pieces,
     options: &InsertionOptions,
     progress: Progress<'_>,
-) -> Result<Findings, InsertionStudyError> {
+) -> Result<Findings, StudyError> {
     let finest = pieces.lengths_mm[pieces.lengths_mm.len() - 1];
     let (name, key) = (pieces.name, pieces.length.key);
     let axes = [

@@ -1,14 +1,15 @@
 //! Levels of remeshing, mesh sizes and probe candidates of an insertion.
 
 use super::{
-    Course, ENTRY_MM, Findings, InsertionOptions, InsertionStudyError, Progress, Step, TIMES, UNSETTLED, factor,
-    largest, lines, mean_square, points, times, unsettled,
+    Course, ENTRY_MM, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, factor, largest, lines,
+    mean_square, points, times, unsettled,
 };
 use crate::base::memory;
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::needle::Stiffness;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::study::StudyError;
 use crate::study::block;
 use crate::study::tradeoff::remesh::FROZEN;
 use crate::study::tradeoff::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Table};
@@ -72,7 +73,7 @@ const TRACE: [Axis; 6] = [
     Axis::log("step_ms", "ms", "time of a step (longest of some), ms"),
 ];
 
-pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
     check_memory(options.nodes, memory::available())?;
     let mut table = Table::new(
         "levels",
@@ -138,7 +139,7 @@ fn about(options: &InsertionOptions, models: &[Finite]) -> Vec<(&'static str, St
     ]
 }
 
-fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, InsertionStudyError> {
+fn model(nodes: usize, level: Level, probe: bool) -> Result<Finite, StudyError> {
     let needle = block::springs(Stiffness::default(), block::LINK_MM, block::BEVEL)?;
     let tissue = super::tissue(nodes, needle)?;
     super::model(Setup {
@@ -241,13 +242,13 @@ fn figures() -> Vec<Figure> {
 }
 
 /// Compares the peak memory of the dense inverses, including one more during computation, with the available memory.
-pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(), InsertionStudyError> {
+pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(), StudyError> {
     let floor = (nodes as f64).powf(2.0 / 3.0) as usize / 2;
     let size = 3 * nodes.saturating_sub(floor);
     let needed = (DENSE + 1).saturating_mul(Symmetric::<f64>::bytes_of(size));
     match available {
-        Some(available) if needed > available => Err(InsertionStudyError::Memory {
-            nodes,
+        Some(available) if needed > available => Err(StudyError::Memory {
+            what: format!("the block of {nodes} nodes at levels I, III and IV"),
             needed,
             available,
         }),
@@ -279,7 +280,7 @@ const MESH_AXES: [Axis; 4] = [
     ),
 ];
 
-pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
     let course = Course {
         depth_mm: options.depth_mm,
         probe: false,
@@ -362,10 +363,7 @@ const THINNING_AXES: [Axis; 4] = [
     Axis::log("tip_mm", "tip off, mm", "largest difference of the tip, mm"),
 ];
 
-pub(super) fn run_thinning(
-    options: &InsertionOptions,
-    progress: Progress<'_>,
-) -> Result<Findings, InsertionStudyError> {
+pub(super) fn run_thinning(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
     let mut table = Table::new(
         "thinning",
         "Every n-th ring of the probe's candidates: differences from all of them",

@@ -3,9 +3,10 @@
 //! Springs have no Poisson's ratio: a network without preferred directions behaves as a material of ratio 1/4. Finite elements are
 //! therefore included with that ratio too, which separates the error of the model from that of the material.
 
+use crate::study::StudyError;
 use nalgebra::{Point3, Vector3};
 
-use super::{Findings, InsertionOptions, InsertionStudyError, Progress};
+use super::{Findings, InsertionOptions, Progress};
 use super::{Step, timed};
 use super::{TIMES, UNSETTLED, factor, largest, mean_square, points, times, unsettled};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
@@ -94,7 +95,7 @@ struct Found {
     fields: [Vec<Vector3<f64>>; 2],
 }
 
-pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, InsertionStudyError> {
+pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
     let mut contenders = Vec::new();
     for grid in GRIDS {
         for poisson in [0.45, 0.25] {
@@ -182,12 +183,12 @@ fn parameters([rings, layers]: [usize; 2]) -> Parameters {
     }
 }
 
-fn mass_spring(parameters: Parameters) -> Result<MassSpring, InsertionStudyError> {
+fn mass_spring(parameters: Parameters) -> Result<MassSpring, StudyError> {
     Ok(MassSpring::new(parameters, Box::new(HalfSpace), block::rigid()?)?)
 }
 
 /// Returns the cylinder of the mass-spring model as placed when the needle reaches the skin.
-fn cylinder(parameters: Parameters) -> Result<TetMesh, InsertionStudyError> {
+fn cylinder(parameters: Parameters) -> Result<TetMesh, StudyError> {
     let mut model = mass_spring(parameters)?;
     model.step(&block::tip_at([0.0; 3]), super::STEP_S)?;
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
@@ -204,14 +205,14 @@ fn choices(model: &str, poisson: &str, parameters: &Parameters) -> Vec<String> {
     vec![model.to_owned(), poisson.to_owned(), format!("{spacing:.1}")]
 }
 
-fn springs(grid: [usize; 2]) -> Result<Contender, InsertionStudyError> {
+fn springs(grid: [usize; 2]) -> Result<Contender, StudyError> {
     let parameters = parameters(grid);
     let choices = choices(SPRINGS, "no ratio to choose", &parameters);
     let model = Box::new(mass_spring(parameters)?);
     Ok(Contender::new(choices, &cylinder(parameters)?, model))
 }
 
-fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, InsertionStudyError> {
+fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, StudyError> {
     let parameters = parameters(grid);
     let mesh = cylinder(parameters)?;
     // Supported like the mass-spring cylinder: at its side and its far end.
@@ -247,7 +248,7 @@ impl Contender {
     }
 
     /// Inserts and withdraws the needle.
-    fn insert(&mut self, depth_mm: f64, found: &mut Found) -> Result<(), InsertionStudyError> {
+    fn insert(&mut self, depth_mm: f64, found: &mut Found) -> Result<(), StudyError> {
         let way = (depth_mm / ADVANCE_MM).round() as usize;
         let first = found.steps.is_empty();
         for step in 0..=2 * way {
@@ -269,7 +270,7 @@ impl Contender {
     }
 
     /// Returns the current displacements of the tissue around the needle, mm.
-    fn field(&mut self, depth_mm: f64) -> Result<Vec<Vector3<f64>>, InsertionStudyError> {
+    fn field(&mut self, depth_mm: f64) -> Result<Vec<Vector3<f64>>, StudyError> {
         let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
         self.model.snapshot(&mut snapshot);
         self.imager.tissue(&snapshot, &mut tissue);

@@ -1,4 +1,5 @@
 use super::*;
+use crate::study::StudyError;
 use crate::study::tradeoff::Row;
 
 fn small(part: Part) -> InsertionOptions {
@@ -130,9 +131,6 @@ fn sizes_out_of_range_are_refused_with_what_is_expected() {
         assert!(refused.to_string().contains(expected), "{refused}");
     }
     let refused = levels::check_memory(30_000, Some(1 << 30)).unwrap_err();
-    assert!(
-        matches!(refused, InsertionStudyError::Memory { nodes: 30_000, .. }),
-        "{refused}"
-    );
+    assert!(matches!(refused, StudyError::Memory { nodes: 30_000, .. }), "{refused}");
     assert!(levels::check_memory(500, Some(1 << 30)).is_ok() && levels::check_memory(30_000, None).is_ok());
 }

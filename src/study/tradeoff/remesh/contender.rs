@@ -1,5 +1,6 @@
 //! Contenders: methods that update K^c as the mesh changes.
 
+use crate::study::StudyError;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
@@ -8,7 +9,7 @@ use faer::{Mat, MatRef};
 use rayon::prelude::*;
 
 use super::subject::Subject;
-use super::{Measured, RemeshOptions, StudyError};
+use super::{Measured, RemeshOptions};
 use crate::gpu::{Gpu, GpuError, StorageBuffer};
 use crate::mechanics::remesh_gpu::{DeviceLevels, follow};
 use crate::mechanics::tissue::assembly::Stiffness;

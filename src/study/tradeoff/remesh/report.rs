@@ -2,11 +2,12 @@
 
 use super::contender::{self, Kind, Promise};
 use super::subject::Subject;
-use super::{FROZEN, Measured, RemeshOptions, StudyError};
+use super::{FROZEN, Measured, RemeshOptions};
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::Spread;
 use crate::gpu::Gpu;
 use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::study::StudyError;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 4] = [

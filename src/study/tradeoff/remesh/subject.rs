@@ -1,11 +1,12 @@
 //! Subjects of the remeshing study and their gold standard.
 
+use crate::study::StudyError;
 use std::sync::Arc;
 
 use faer::{Mat, MatRef};
 
+use super::RemeshOptions;
 use super::contender::Contender;
-use super::{RemeshOptions, StudyError};
 use crate::base::random::{hash3, seed_words, unit};
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};
@@ -171,7 +172,10 @@ impl Subject {
             let (node, to) = self.track[place];
             return Ok(mesh.move_node(node, to)?);
         }
-        mesh.undo()?.ok_or(StudyError::Track { moves: moved })
+        mesh.undo()?.ok_or(StudyError::Track {
+            moves: moved,
+            expected: LEAST_MOVES,
+        })
     }
 }
 
@@ -225,7 +229,10 @@ fn track(
         track.push((corner.node, tip));
     }
     match track.len() {
-        moves if moves < LEAST_MOVES => Err(StudyError::Track { moves }),
+        moves if moves < LEAST_MOVES => Err(StudyError::Track {
+            moves,
+            expected: LEAST_MOVES,
+        }),
         _ => Ok(track),
     }
 }

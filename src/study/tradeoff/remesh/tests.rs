@@ -2,6 +2,7 @@ use super::contender::{Promise, Step};
 use super::subject::generated;
 use super::*;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
+use crate::study::StudyError;
 use faer::{Mat, MatRef};
 
 fn options() -> RemeshOptions {
@@ -194,7 +195,7 @@ fn memory_is_checked_first_and_unsuited_meshes_are_errors() {
     };
     assert!(matches!(
         Subject::new(&small(), &wrong).err(),
-        Some(StudyError::Material(_))
+        Some(StudyError::Number(_))
     ));
     // f32 is insufficient near incompressibility: reported, not measured.
     let nearly = RemeshOptions {

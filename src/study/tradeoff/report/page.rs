@@ -1,12 +1,12 @@
 //! HTML page of the report.
 
+use crate::base::output::OutputError;
 use std::time::Duration;
 
 use super::{Chapter, Report, Section};
 use crate::base::report::machine;
 use crate::base::report::number::significant;
 use crate::base::report::page::{Page, escape};
-use crate::base::report::plot::PlotError;
 use crate::base::report::table::{Cell, Table};
 use crate::study::tradeoff::{Pace, Study};
 
@@ -17,8 +17,8 @@ impl Report {
     /// Returns the report as one self-contained HTML document.
     ///
     /// # Errors
-    /// [`PlotError`] if a plot cannot be drawn.
-    pub fn page(&self) -> Result<String, PlotError> {
+    /// [`OutputError`] if a plot cannot be drawn.
+    pub fn page(&self) -> Result<String, OutputError> {
         let mut page = Page::new("What accuracy costs in time");
         page.paragraph("soft", &self.sentence());
         for missing in &self.missing {
@@ -106,8 +106,8 @@ impl Study {
     /// Returns the study as one self-contained HTML document.
     ///
     /// # Errors
-    /// [`PlotError`] if a plot cannot be drawn.
-    pub fn page(&self) -> Result<String, PlotError> {
+    /// [`OutputError`] if a plot cannot be drawn.
+    pub fn page(&self) -> Result<String, OutputError> {
         let mut page = Page::new(self.title);
         let (version, date) = (env!("CARGO_PKG_VERSION"), machine::today());
         let text = format!(
@@ -122,7 +122,7 @@ impl Study {
 }
 
 impl Chapter {
-    fn show(&self, page: &mut Page) -> Result<(), PlotError> {
+    fn show(&self, page: &mut Page) -> Result<(), OutputError> {
         page.put(format_args!(
             "<h2 id=\"{0}\">{1}</h2>",
             escape(&self.name),
@@ -138,7 +138,7 @@ impl Chapter {
     }
 
     /// Adds tables, plots, notes and settings.
-    fn body(&self, page: &mut Page) -> Result<(), PlotError> {
+    fn body(&self, page: &mut Page) -> Result<(), OutputError> {
         for section in &self.sections {
             section.show(page);
             self.figures(page, Some(section))?;
@@ -158,7 +158,7 @@ impl Chapter {
         Ok(())
     }
 
-    fn figures(&self, page: &mut Page, section: Option<&Section>) -> Result<(), PlotError> {
+    fn figures(&self, page: &mut Page, section: Option<&Section>) -> Result<(), OutputError> {
         let mut drawings = self.drawings_of(section).peekable();
         if drawings.peek().is_none() {
             return Ok(());

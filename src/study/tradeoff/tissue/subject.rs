@@ -1,9 +1,10 @@
 //! Block of liver under a plate, and the simulation of its load history.
 
+use crate::study::StudyError;
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::{TissueError, TissueOptions};
+use super::TissueOptions;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
@@ -62,7 +63,7 @@ pub struct Walked {
 }
 
 impl Subject {
-    pub fn new(options: &TissueOptions) -> Result<Subject, TissueError> {
+    pub fn new(options: &TissueOptions) -> Result<Subject, StudyError> {
         let mesh = TetMesh::over_box([0.0; 3], EXTENT_MM, options.nodes)?;
         let material = Material::new(options.young_kpa, options.poisson)?;
         let law = Stiffening::new(material, options.knee_strain, options.stiffening)?;
@@ -102,7 +103,7 @@ impl Subject {
     }
 
     /// Simulates the history. A step that cannot be solved is flagged in the result and is not an error.
-    pub fn walk(&self, way: &Variant) -> Result<Walked, TissueError> {
+    pub fn walk(&self, way: &Variant) -> Result<Walked, StudyError> {
         let body = if way.model == Model::Linear {
             &self.linear
         } else {

@@ -1,6 +1,7 @@
 //! Test of the complete study on a small block.
 
 use super::*;
+use crate::study::StudyError;
 
 #[test]
 fn a_small_block_is_studied() {
@@ -56,17 +57,17 @@ fn what_is_no_tissue_is_refused() {
             poisson: 0.5,
             ..default
         }),
-        TissueError::Material(_)
+        StudyError::Number(_)
     ));
     assert!(matches!(
         wrong(TissueOptions {
             stiffening: -1.0,
             ..default
         }),
-        TissueError::Material(_)
+        StudyError::Number(_)
     ));
     assert!(matches!(
         wrong(TissueOptions { order: 2.0, ..default }),
-        TissueError::Nonlinear(NonlinearError::History(_))
+        StudyError::Nonlinear(NonlinearError::History(_))
     ));
 }

@@ -1,5 +1,6 @@
 //! Mass-spring network against theory.
 
+use crate::mechanics::insertion::InvalidSetup;
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::super::cylinder::Cylinder;
@@ -79,7 +80,7 @@ fn the_cylinder_is_whole() {
         length_mm: 2000.0,
         ..Parameters::default()
     });
-    assert!(matches!(thin, Err(InvalidParameters::Thin { .. })));
+    assert!(matches!(thin, Err(InvalidSetup::Thin { .. })));
 }
 
 #[test]
@@ -102,7 +103,7 @@ fn numbers_out_of_range_are_named() {
     for (expected, spoil) in spoils {
         let mut parameters = Parameters::default();
         spoil(&mut parameters);
-        let Err(InvalidParameters::Number { key, .. }) = parameters.check() else {
+        let Err(InvalidSetup::Number { key, .. }) = parameters.check() else {
             panic!("{expected}");
         };
         assert_eq!(key, expected);
@@ -112,7 +113,7 @@ fn numbers_out_of_range_are_named() {
         layers: 1000,
         ..Parameters::default()
     };
-    assert!(matches!(large.check(), Err(InvalidParameters::Large { .. })));
+    assert!(matches!(large.check(), Err(InvalidSetup::Large { .. })));
 }
 
 #[test]
