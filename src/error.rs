@@ -1,6 +1,5 @@
 //! Top-level error type, and whether the user or the machine is at fault.
 
-use crate::input::InputError;
 use std::fmt;
 
 use miette::{Diagnostic, LabeledSpan, SourceCode};
@@ -9,6 +8,7 @@ use crate::anatomy::volume::VolumeError;
 use crate::base::output::OutputError;
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
+use crate::input::InputError;
 use crate::input::beam_case::points::PointsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;

@@ -1,7 +1,5 @@
 //! Failures of subcommands and their exit status.
 
-use crate::input::InputError;
-use crate::study::StudyError;
 use std::fmt;
 use std::io;
 
@@ -10,11 +8,13 @@ use crate::base::output::OutputError;
 use crate::error::{INPUT, MACHINE};
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
+use crate::input::InputError;
 use crate::input::beam_case::points::PointsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
 use crate::mechanics::needle::beam::BeamError;
+use crate::study::StudyError;
 use crate::tracking::TrackingError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 

@@ -31,10 +31,10 @@ pub mod thickness;
 pub mod tone;
 pub mod warp;
 
-use crate::base::range::OutOfRange;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::base::range::OutOfRange;
 use crate::base::real::Real;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::effects::pass::Pass;

@@ -7,13 +7,13 @@ pub mod local_origin;
 pub mod store;
 pub mod tables;
 
-use crate::base::range::OutOfRange;
 use local_origin::LocalFrame;
 use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};
 
 use crate::anatomy::volume::VolumeError;
 use crate::base::memory::TooLarge;
+use crate::base::range::OutOfRange;
 use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
 use crate::imaging::effects::REGISTRY;
 use crate::imaging::effects::buffers::Buffer;

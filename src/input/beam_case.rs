@@ -15,8 +15,6 @@
 //! # Ok::<(), insonify::input::beam_case::InputError>(())
 //! ```
 
-use crate::input::InputError;
-
 mod file;
 pub mod points;
 mod report;

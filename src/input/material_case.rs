@@ -25,8 +25,6 @@
 //! # Ok::<(), insonify::input::material_case::InputError>(())
 //! ```
 
-use crate::input::InputError;
-
 mod file;
 mod report;
 mod resolve;

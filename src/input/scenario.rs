@@ -55,7 +55,6 @@ mod tests;
 mod tissue;
 mod trial;
 
-use crate::input::InputError;
 use std::path::Path;
 
 use crate::base::document;

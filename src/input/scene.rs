@@ -27,8 +27,6 @@ mod resolve;
 mod target;
 mod timeline;
 
-use crate::input::Cause;
-use crate::input::InputError;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Point3};
@@ -39,6 +37,8 @@ pub use paths::{NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use crate::imaging::quality::QualitySpec;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::tracking::needle::{NeedlePath, NeedlePose};
 use crate::tracking::pose::Pose;
 use crate::tracking::sequence::SequenceFrame;

@@ -26,8 +26,6 @@
 //! # Ok::<(), insonify::input::statics::InputError>(())
 //! ```
 
-use crate::input::InputError;
-
 mod course;
 mod error;
 mod fields;

@@ -14,7 +14,6 @@ pub mod pushing;
 pub mod spring;
 mod validation;
 
-use crate::base::range::OutOfRange;
 use nalgebra::{Isometry3, Point3};
 
 use super::needle::CentreLine;

@@ -12,7 +12,6 @@
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
 //! | [`Face`] | surface faces, with their outward normals |
 
-use crate::base::range::OutOfRange;
 use quality::UnusableMesh;
 
 mod adjacency;

@@ -12,7 +12,6 @@ mod rigid;
 mod shaft;
 mod tangent;
 
-use crate::base::range::OutOfRange;
 use std::fmt::Debug;
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};

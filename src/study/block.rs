@@ -2,9 +2,9 @@
 //!
 //! The block reaches from the origin to its extents (mm). The needle moves along z from the skin at z = 0; the far end is fixed.
 
-use crate::base::range::OutOfRange;
 use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
 
+use crate::base::range::OutOfRange;
 use crate::mechanics::insertion::finite::{Options, Setup};
 use crate::mechanics::insertion::{Instruments, Interaction};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh};

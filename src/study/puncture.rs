@@ -13,16 +13,14 @@ mod report;
 #[cfg(test)]
 mod tests;
 
-use crate::base::range::OutOfRange;
-use crate::base::range::{OutOfRange, check};
-use crate::mechanics::insertion::InvalidSetup;
-use crate::study::StudyError;
 use serde::Serialize;
 
+use crate::base::range::{OutOfRange, check};
 use crate::mechanics::insertion::pushing::{Phase, Pushing};
 use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use crate::mechanics::tissue::nonlinear::{NonlinearError, Options, Scheme, Solver, Structure};
+use crate::mechanics::tissue::nonlinear::{Options, Scheme, Solver, Structure};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
+use crate::study::StudyError;
 use liver::Liver;
 pub use report::curves;
 

@@ -5,11 +5,11 @@
 //! small block, since a dense inverse of a large one takes minutes; the cost of more nodes is measured at the exact level on blocks up to
 //! the usual size. The cost of one choice is assumed independent of all others.
 
-use crate::study::StudyError;
 use serde::{Deserialize, Serialize};
 
 use crate::imaging::quality::{Costs, Dial, Rung};
 use crate::input::scenario::DEFAULT_NODES;
+use crate::study::StudyError;
 use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
 use crate::study::tradeoff::{Row, SHIFT_MM, Study, Table};
 

@@ -29,7 +29,6 @@ pub mod report;
 mod tests;
 pub mod tissue;
 
-use crate::base::output::OutputError;
 use serde::{Deserialize, Serialize};
 
 pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};

@@ -198,11 +198,7 @@ const CONFIG: &str = "<PlusConfiguration><ScanConversion TransducerName='L12' Tr
     <Transform From='Image' To='Probe' Matrix='1 0.05 0 0 0 1 0 0 0 0 1 0 0 0 0 1'/></CoordinateDefinitions></PlusConfiguration>";
 
 /// The scene of a recording of that, with more keys of its tables; of a cube in a corner of the axes for a stated probe.
-fn recorded(
-    motion: &str,
-    sequence: &str,
-    more: &str,
-) -> Result<insonify::input::scene::Scene, insonify::input::scene::InputError> {
+fn recorded(motion: &str, sequence: &str, more: &str) -> Result<insonify::input::scene::Scene, InputError> {
     recorded_as([TRACKED, CONFIG], motion, sequence, more)
 }
 
@@ -212,7 +208,7 @@ fn recorded_as(
     motion: &str,
     sequence: &str,
     more: &str,
-) -> Result<insonify::input::scene::Scene, insonify::input::scene::InputError> {
+) -> Result<insonify::input::scene::Scene, InputError> {
     let folder = tempfile::tempdir().expect("folder");
     std::fs::write(folder.path().join("a.mha"), [tracked.as_bytes(), &[0; 2400]].concat()).expect("file");
     std::fs::write(folder.path().join("plus.xml"), config).expect("file");

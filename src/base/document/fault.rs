@@ -74,18 +74,6 @@ impl<P> Fault<P> {
         self
     }
 
-    /// Converts the cause into that of a containing file.
-    pub(crate) fn map<Q>(self, problem: impl FnOnce(P) -> Q) -> Fault<Q> {
-        let inner = *self.0;
-        Fault(Box::new(Inner {
-            problem: problem(inner.problem),
-            key: inner.key,
-            file: inner.file,
-            place: inner.place,
-            help: inner.help,
-        }))
-    }
-
     /// Cause of the error.
     pub fn problem(&self) -> &P {
         &self.0.problem

@@ -1,7 +1,6 @@
 //! Self-contained HTML pages for reports: one file each, complete without scripts or external resources, legible on a phone and on paper,
 //! in the reader's light or dark theme.
 
-use crate::base::output::OutputError;
 use std::fmt::{Display, Write};
 
 use base64::Engine;
@@ -11,6 +10,7 @@ use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError};
 
 use super::plot::Plot;
 use super::table::Table;
+use crate::base::output::OutputError;
 
 /// Style sheet. Plots have dark lines without a background; on a dark page their lightness is inverted and their hue kept.
 const STYLE: &str = "\

@@ -4,7 +4,6 @@
 
 mod legend;
 
-use crate::base::output::OutputError;
 use std::sync::Once;
 
 use plotters::coord::Shift;
@@ -15,6 +14,7 @@ use plotters::prelude::*;
 use plotters::style::FontStyle;
 
 use super::number::{ZERO, tick};
+use crate::base::output::OutputError;
 
 /// Width and height of a plot, pixels.
 pub const SIZE: [u32; 2] = [1000, 600];

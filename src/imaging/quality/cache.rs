@@ -1,6 +1,5 @@
 //! Cache of measured costs in the user's cache folder: one file for each machine, program version and measured item.
 
-use crate::base::document::InvalidFile;
 use std::env;
 use std::fs::File;
 use std::io::{self, Read, Write};
@@ -9,6 +8,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::base::document::InvalidFile;
 use crate::base::output::place;
 use crate::base::output::{OutputError, atomic};
 

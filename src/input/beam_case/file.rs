@@ -1,13 +1,13 @@
 //! Serde types of a case file, and its errors.
 
-use crate::input::Cause;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::document::{self, Fault, InvalidFile, Source, Version};
-use crate::mechanics::needle::beam::{BeamError, Compression};
+use crate::base::document::{self, Source, Version};
+use crate::input::Cause;
+use crate::mechanics::needle::beam::Compression;
 
 /// A needle in layers of tissue whose base is moved sideways. It lies along x, from the base (before 0) through the entry (0) to
 /// the tip; u is its lateral deflection.

@@ -1,6 +1,5 @@
 //! Measured stretch-stress points from a CSV file.
 
-use crate::input::Cause;
 use std::io;
 use std::path::{Path, PathBuf};
 

@@ -112,7 +112,7 @@ impl CaseFile {
             element_mm: self.mesh.element_mm,
         };
         problem.check().map_err(|error| {
-            let table = match error.key {
+            let table = match error.key.as_str() {
                 "control_distance_mm" => "base",
                 "element_mm" => "mesh",
                 _ => "needle",
@@ -153,7 +153,7 @@ impl CaseFile {
                 initial_length_mm: spec.initial_length_mm,
                 friction: spec.friction,
             };
-            layer.check().map_err(|error| self.number(key(error.key), error))?;
+            layer.check().map_err(|error| self.number(key(&error.key), error))?;
             Ok(layer)
         };
         self.layer.iter().enumerate().map(layer).collect()
@@ -161,7 +161,7 @@ impl CaseFile {
 
     fn number(&self, key: String, error: OutOfRange) -> InputError {
         let OutOfRange { found, expected, .. } = error;
-        self.fault(key, InvalidFile::number(found, expected))
+        self.fault(key, InvalidFile::keys(found, expected))
     }
 }
 

@@ -1,9 +1,9 @@
-use crate::input::InputError;
 use std::path::Path;
 
 use super::points::PointsError;
 use super::resolve::Case;
 use super::*;
+use crate::input::InputError;
 use crate::mechanics::needle::beam::Base;
 use crate::mechanics::needle::beam::inverse::Wanted;
 

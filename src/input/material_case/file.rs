@@ -1,13 +1,13 @@
 //! Serde types of a case file, and its errors.
 
-use crate::input::Cause;
-use crate::input::InputError;
 use std::sync::Arc;
 
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::base::document::{self, Fault, InvalidFile, Source, Version};
+use crate::base::document::{self, Source, Version};
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::point::{Loading, Method, Structure};
 
@@ -62,15 +62,12 @@ impl CaseFile {
     /// Attaches the key concerned to an error.
     pub(super) fn blame(&self, error: HistoryError) -> InputError {
         let key = match &error {
-            HistoryError::Number { key, at, .. } => {
-                let key = match *key {
-                    "time_s" | "value" => format!("history.{key}"),
-                    // In a case file the knee refers to the shear strain.
-                    "knee_strain" => "knee_shear".to_owned(),
-                    _ => (*key).to_owned(),
-                };
-                at.map_or(key.clone(), |at| format!("{key}[{at}]"))
-            }
+            HistoryError::Number(error) => match error.key.as_str() {
+                // In a case file the knee refers to the shear strain.
+                "knee_strain" => "knee_shear".to_owned(),
+                key if key.starts_with("time_s") || key.starts_with("value") => format!("history.{key}"),
+                key => key.to_owned(),
+            },
             HistoryError::Lengths { .. } => "history.value".to_owned(),
             HistoryError::Overflow { .. } => "history.value".to_owned(),
             _ => "history.time_s".to_owned(),

@@ -1,8 +1,6 @@
 //! Virtual rheometer, after the measurements of Kobayashi et al. 2010 (section 3.1): a sine at many frequencies (figure 7), creep at
 //! many stresses (section 3.1.2), and the stiffness derived from creep against strain (figure 8).
 
-use crate::input::InputError;
-use crate::mechanics::tissue::viscoelastic::HistoryError;
 use std::f64::consts::TAU;
 use std::fmt;
 
@@ -10,6 +8,8 @@ use super::resolve::Case;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::statistics;
 use crate::base::report::table::{Cell, Table};
+use crate::input::InputError;
+use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 
 /// Storage and loss modulus at one frequency.

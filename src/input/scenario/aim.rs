@@ -2,7 +2,6 @@
 
 mod place;
 
-use crate::input::InputError;
 use nalgebra::{Point3, Vector3};
 
 use super::clearance::{Bones, Course};
@@ -11,6 +10,7 @@ use super::instruments::{BESIDE, EntrySpec};
 use super::needle::NeedleSettings;
 use super::tissue::TissueModel;
 use crate::base::document::{Names, NoRegion, RegionName};
+use crate::input::InputError;
 use crate::input::scene::{Body, NeedleKeyframe, Scene};
 use crate::tracking::placement::aims;
 use crate::tracking::pose::Pose;

@@ -1,14 +1,14 @@
 //! Mass-spring cylinder of a scenario, and the anatomy before it is placed.
 
-use crate::input::Cause;
-use crate::input::InputError;
-use crate::mechanics::insertion::InvalidSetup;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::file::ScenarioFile;
 use super::labels::Labels;
 use super::tissue::TissueModel;
+use crate::input::Cause;
+use crate::input::InputError;
+use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
 use crate::mechanics::insertion::{Model, Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
@@ -87,9 +87,9 @@ impl ScenarioFile {
         Ok(Some(parameters))
     }
 
-    pub(super) fn spring_fault(&self, error: crate::mechanics::insertion::spring::InvalidSetup) -> InputError {
+    pub(super) fn spring_fault(&self, error: InvalidSetup) -> InputError {
         let key = match &error {
-            Number { key, .. } => format!("tissue.cylinder.{key}"),
+            InvalidSetup::Number(error) => format!("tissue.cylinder.{}", error.key),
             _ => "tissue.cylinder".to_owned(),
         };
         self.fault(key, Cause::Setup(error))

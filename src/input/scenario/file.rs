@@ -1,6 +1,5 @@
 //! Serde types of a scenario file.
 
-use crate::input::Cause;
 use std::fmt;
 use std::sync::Arc;
 
@@ -15,6 +14,7 @@ use super::tissue::TissueSpec;
 use crate::base::document::{self, Source, Version};
 use crate::gpu::AdapterChoice;
 use crate::imaging::quality::QualitySpec;
+use crate::input::Cause;
 use crate::input::scene::SceneFile;
 use crate::mechanics::tissue::remesh::Level;
 

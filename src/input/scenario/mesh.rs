@@ -1,8 +1,5 @@
 //! Mesh of a scenario, read from a file or generated from the scene's volume, and its fixed nodes.
 
-use crate::base::document::InvalidFile;
-use crate::input::InputError;
-use crate::mechanics::tissue::error::LinearError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -14,6 +11,8 @@ use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
 use crate::anatomy::volume::LabelVolume;
+use crate::base::document::InvalidFile;
+use crate::input::InputError;
 use crate::input::scene::Scene;
 use crate::input::scene::deform::NODES;
 use crate::input::statics::selection::{Choice, Odd, axes, ordered};
@@ -22,6 +21,7 @@ use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
 use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::mesh::{NONE, TetMesh};
 use crate::mechanics::tissue::dofs::Dofs;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::rigid::{self, FreePart};
 use crate::tracking::trajectory::Trajectory;
 

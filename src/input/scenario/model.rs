@@ -1,8 +1,5 @@
 //! Construction of the tissue model of a scenario.
 
-use crate::base::range::OutOfRange;
-use crate::input::Cause;
-use crate::input::InputError;
 use std::sync::Arc;
 
 use super::along;
@@ -10,6 +7,9 @@ use super::needle::Bending;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
 use super::tissue::ColumnsName;
+use crate::base::range::OutOfRange;
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};

@@ -1,12 +1,12 @@
 //! Validation and defaults of the needle of a scenario.
 
-use crate::input::Cause;
-use crate::input::InputError;
 use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::input::scene::{NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::mechanics::needle::{self, BEVEL_MM, Bevel, beam::bending_stiffness_nmm2};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};

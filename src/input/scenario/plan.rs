@@ -1,10 +1,10 @@
 //! Template holes of a plan, and the motion and seeds of the insertions through them.
 
-use crate::input::InputError;
 use nalgebra::{Point3, Unit};
 
 use super::file::ScenarioFile;
 use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle};
+use crate::input::InputError;
 use crate::input::scene::NeedleKeyframe;
 use crate::tracking::template::Template;
 

@@ -1,11 +1,11 @@
 //! Probe contact of a scenario, and selection of the nodes that the probe can touch.
 
-use crate::input::InputError;
 use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 
 use super::file::ScenarioFile;
 use super::instruments::ContactProbeSpec;
 use super::regions::Regions;
+use crate::input::InputError;
 use crate::input::scene::Scene;
 use crate::mechanics::insertion::{Outcome, ProbeContact};
 use crate::mechanics::mesh::{Face, TetMesh};

@@ -5,12 +5,12 @@ mod film;
 mod page;
 mod table;
 
-use crate::base::output::OutputError;
 use std::io::{self, Write};
 
 use super::resolve::Scenario;
 use super::run::{Moment, Step};
 use super::summary::Summary;
+use crate::base::output::OutputError;
 use crate::base::report::plot::Plot;
 use crate::imaging::synth::Frame;
 use curves::Curves;

@@ -1,6 +1,5 @@
 //! Names and materials of mesh regions.
 
-use crate::input::InputError;
 use std::collections::BTreeMap;
 
 use super::file::ScenarioFile;
@@ -8,6 +7,7 @@ use super::tissue::MaterialSpec;
 use crate::anatomy::acoustics::Tissue;
 use crate::anatomy::volume::LabelVolume;
 use crate::base::document::{Names, RegionName};
+use crate::input::InputError;
 use crate::input::scene::{Body, Scene};
 use crate::mechanics::insertion::{Bone, Interaction};
 use crate::mechanics::tissue::material::Material;
@@ -115,7 +115,7 @@ impl<'a> Regions<'a> {
     /// Checks the values of a material table, independent of its region.
     fn check(&self, table: &str, spec: &MaterialSpec) -> Result<(), InputError> {
         spec.interaction(&Interaction::default()).check().map_err(|error| {
-            let within = match error.key {
+            let within = match error.key.as_str() {
                 "density_n_per_mm" | "width_mm" => "peak.",
                 "stiffness_n_per_mm" | "penetration_mm" => "bone.",
                 _ => "",

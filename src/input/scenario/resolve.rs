@@ -1,6 +1,5 @@
 //! Resolution of a scenario file to a runnable scenario.
 
-use crate::input::InputError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -19,6 +18,7 @@ use super::stiffened::Stiffened;
 use crate::base::document::InvalidFile;
 use crate::gpu::Gpu;
 use crate::imaging::quality::QualitySpec;
+use crate::input::InputError;
 use crate::input::scene::Scene;
 use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, MeshRegions};

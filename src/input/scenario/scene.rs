@@ -1,14 +1,14 @@
 //! Scene of a scenario: located, resolved, and equipped with the needle.
 
-use crate::input::Cause;
-use crate::input::InputError;
 use std::path::{Path, PathBuf};
 
 use super::aim::Aim;
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
 use crate::base::document::nearest;
-use crate::input::scene::{self, EXAMPLES, PoseTable, Scene, SceneFile};
+use crate::input::Cause;
+use crate::input::InputError;
+use crate::input::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
 
 impl ScenarioFile {
     /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.
@@ -95,7 +95,7 @@ impl ScenarioFile {
                 name.to_owned(),
                 format!("one of {}, or the path of a scene file", known.join(", ")),
             );
-            let wrong = Cause::Scene(Cause::Name { found, expected });
+            let wrong = Cause::Name { found, expected };
             return Err(self.fault("scene", wrong).with_help(help));
         }
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();

@@ -1,6 +1,5 @@
 //! Stiffening and viscoelastic tissue: its tables, and the features that it excludes.
 
-use crate::input::InputError;
 use nalgebra::{Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -9,6 +8,7 @@ use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
 use super::tissue::TissueModel;
+use crate::input::InputError;
 use crate::input::statics::SchemeName;
 use crate::mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
 use crate::mechanics::insertion::{Anatomy, InvalidSetup};

@@ -6,10 +6,10 @@ mod prescribed;
 mod read;
 mod stepped;
 
-use crate::input::InputError;
 use std::path::Path;
 
 use super::{Scenario, ScenarioFile};
+use crate::input::InputError;
 
 /// Coarse block, fixed at the bottom, with a needle inserted 20 mm along z in 2 s.
 const BLOCK: &str = r#"version = 1

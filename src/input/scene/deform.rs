@@ -1,6 +1,5 @@
 //! Kinematic tissue deformation: analytic fields, or displacements from a mesh file, on a mesh over the volume.
 
-use crate::input::InputError;
 use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,6 +14,7 @@ use super::error::At;
 use super::file::SceneFile;
 use crate::anatomy::volume::LabelVolume;
 use crate::base::document::InvalidFile;
+use crate::input::InputError;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::{Displacement, TetMesh};
 

@@ -1,6 +1,5 @@
 //! Serde types of a scene file, as written: no files are read and nothing is validated here.
 
-use crate::input::Cause;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -17,6 +16,7 @@ use crate::base::document::{self, Source, Version};
 use crate::base::matrix::Rows;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
+use crate::input::Cause;
 use crate::tracking::placement::ScanPlane;
 use crate::tracking::pose::PoseSpec;
 use crate::tracking::probe::ProbeSpec;

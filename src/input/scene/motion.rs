@@ -1,7 +1,5 @@
 //! Paths of probe and needle in a scene, evaluated over time.
 
-use crate::input::Cause;
-use crate::input::InputError;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Point3, Vector3};
@@ -11,6 +9,8 @@ use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
 use crate::base::document::InvalidFile;
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::tracking::TrackingError;
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::plus::PlusConfig;

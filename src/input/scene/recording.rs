@@ -1,7 +1,5 @@
 //! Tracked sequences of a scene: recorded poses, calibration, and the probe and pixels of the recorded images.
 
-use crate::input::Cause;
-use crate::input::InputError;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -13,6 +11,8 @@ use super::paths::SequenceSpec;
 use crate::base::document::nearest;
 use crate::base::matrix::Rows;
 use crate::imaging::synth::tables::ImageSize;
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::tracking::calibration::Calibration;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::ProbeSpec;

@@ -1,7 +1,5 @@
 //! Resolution of a scene file to a renderable scene.
 
-use crate::input::Cause;
-use crate::input::InputError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -28,6 +26,8 @@ use crate::base::document::nearest;
 use crate::base::matrix::Rows;
 use crate::imaging::effects::Effects;
 use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::{BeamGrid, ProbeSpec, Ray};
 use crate::tracking::trajectory::Trajectory;

@@ -1,7 +1,5 @@
 //! Automatic pose of a probe without a stated one.
 
-use crate::input::Cause;
-use crate::input::InputError;
 use nalgebra::{Point3, Vector3};
 
 use super::file::SceneFile;
@@ -11,6 +9,8 @@ use crate::anatomy::volume::{Label, LabelVolume};
 use crate::base::document::{Names, RegionName, nearest, plain};
 use crate::base::matrix::Rows;
 use crate::base::text::{MESSAGE, clipped, some_of};
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::tracking::placement::{Meaning, PlacementOptions, place};
 use crate::tracking::pose::{Pose, PoseSpec};
 use crate::tracking::probe::Probe;

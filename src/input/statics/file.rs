@@ -1,6 +1,5 @@
 //! Serde types of a problem file.
 
-use crate::input::Cause;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -9,6 +8,7 @@ use serde::Deserialize;
 
 use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
 use crate::base::document::{self, RegionName, Source, Version};
+use crate::input::Cause;
 use crate::mechanics::mesh::file::Unit;
 
 /// A static problem. Nodes are numbered from 0 in the order of the mesh file.

@@ -1,12 +1,12 @@
 //! Assembly of loads into nodal forces.
 
-use crate::input::InputError;
 use std::collections::BTreeMap;
 
 use super::file::{LoadSpec, ProblemFile};
 use super::materials::Made;
 use super::resolve::Regions;
 use super::selection::Choice;
+use crate::input::InputError;
 use crate::mechanics::mesh::{Face, TetMesh};
 use crate::mechanics::tissue::problem::Load;
 

@@ -1,12 +1,12 @@
 //! Materials of the regions of a problem.
 
-use crate::input::InputError;
 use std::collections::BTreeMap;
 
 use super::course::Model;
 use super::file::{MaterialSpec, ProblemFile};
 use super::resolve::Regions;
 use crate::base::document::InvalidFile;
+use crate::input::InputError;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
@@ -72,7 +72,7 @@ impl ProblemFile {
     fn law(&self, table: &str, spec: &MaterialSpec) -> Result<Stiffening, InputError> {
         let key = |name: &str| format!("{table}.{name}");
         let material =
-            Material::new(spec.young_kpa, spec.poisson).map_err(|error| self.fault(key(error.key), error))?;
+            Material::new(spec.young_kpa, spec.poisson).map_err(|error| self.fault(key(&error.key), error))?;
         if let Some(found) = spec.density_kg_per_m3
             && !(found > 0.0 && found <= DENSEST)
         {
@@ -87,7 +87,7 @@ impl ProblemFile {
                 Err(self.wrong_keys(key(name), found, "`model = \"nonlinear\"` or `\"viscoelastic\"`"))
             }
             (Some(knee), Some(rate)) => {
-                Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(error.key), error))
+                Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(&error.key), error))
             }
             (Some(_), None) => {
                 Err(self.wrong_keys(key("knee_strain"), "`knee_strain` alone", "`stiffening` beside it"))

@@ -1,8 +1,5 @@
 //! Resolution of a problem file to a static problem, and its solution.
 
-use crate::input::Cause;
-use crate::input::InputError;
-use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -15,9 +12,12 @@ use super::materials::Made;
 use super::run::History;
 use super::selection::{AXES, Choice, axes, numbered};
 use crate::base::document::{Names, RegionName};
+use crate::input::Cause;
+use crate::input::InputError;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
 use crate::mechanics::mesh::quality::Quality;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::Materials;
 use crate::mechanics::tissue::problem::{Fix, Solution, StaticProblem};
 

@@ -1,9 +1,5 @@
 //! Time stepping of problems with a history.
 
-use crate::input::Cause;
-use crate::input::InputError;
-use crate::mechanics::tissue::error::LinearError;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,6 +9,10 @@ use serde::Serialize;
 use super::course::{Model, Moment};
 use super::fields::Fields;
 use super::resolve::{Problem, Solved};
+use crate::input::Cause;
+use crate::input::InputError;
+use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::nonlinear::creep::Creep;
 use crate::mechanics::tissue::nonlinear::{Body, Progress, Solid, Solver, Structure, Supports};
 use crate::mechanics::tissue::problem::{Reaction, Seconds, Solution};

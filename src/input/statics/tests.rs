@@ -1,9 +1,9 @@
-use crate::input::InputError;
 use std::path::Path;
 
 use super::file::MaterialSpec;
 use super::*;
 use crate::base::document::RegionName;
+use crate::input::InputError;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::write_vtu;
 

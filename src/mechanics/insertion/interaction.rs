@@ -1,7 +1,5 @@
 //! Anatomy at rest as seen by a needle: regions in space and their interactions with the needle.
 
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::sync::Arc;
@@ -10,6 +8,8 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::base::range::OutOfRange;
+use crate::base::range::check;
 use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 
 /// Distance between samples around the tip, mm.
@@ -297,7 +297,7 @@ mod tests {
         for (key, spoil) in spoils {
             let mut interaction = Interaction::default();
             spoil(&mut interaction);
-            assert_eq!(interaction.check().map_err(|error| error.key), Err(key));
+            assert_eq!(interaction.check().map_err(|error| error.key), Err(key.to_owned()));
         }
     }
 }

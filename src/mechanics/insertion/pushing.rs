@@ -23,12 +23,12 @@
 mod line;
 mod slide;
 
-use crate::mechanics::insertion::InvalidSetup;
-use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use crate::mechanics::insertion::InvalidSetup;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::nonlinear::{Body, Contact, Structure};
 pub use line::{Layer, crossings};
 use line::{Line, check};

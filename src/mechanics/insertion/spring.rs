@@ -39,11 +39,11 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
-use crate::mechanics::insertion::InvalidSetup;
 use nalgebra::{Isometry3, Point3, Translation3};
 
 use super::imager::NetworkImager;
 use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::needle::{CentreLine, Load, Needle};
 use body::{Body, unloaded_tip};
 use contacts::Contacts;

@@ -1,10 +1,10 @@
 //! Validation of what models are set up from and stepped with.
 
-use crate::base::range::OutOfRange;
 use nalgebra::Isometry3;
 
 use super::spring::{LEAST_DIHEDRAL_DEG, MOST_NODES};
 use super::{Interaction, StepError};
+use crate::base::range::OutOfRange;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::remesh::RemeshError;

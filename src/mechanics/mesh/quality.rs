@@ -6,11 +6,11 @@ mod shape;
 mod spread;
 mod verdict;
 
-use crate::mechanics::mesh::InvalidMesh;
 use std::collections::BTreeMap;
 
 use super::TetMesh;
 use super::element::{self, Kind};
+use crate::mechanics::mesh::InvalidMesh;
 pub use parts::Part;
 pub use shape::{Shape, jacobian_condition};
 pub use spread::Spread;

@@ -3,7 +3,6 @@
 #[cfg(test)]
 mod tests;
 
-use crate::base::range::OutOfRange;
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use nalgebra::{Isometry3, Vector3};
@@ -11,6 +10,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::chain::Chain;
 use super::tangent::Tangent;
 use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
+use crate::base::range::OutOfRange;
 use crate::base::range::check;
 use crate::mechanics::ldl::Ldl;
 

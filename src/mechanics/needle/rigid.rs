@@ -1,12 +1,12 @@
 //! Rigid needles.
 
-use crate::base::range::OutOfRange;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::chain::Chain;
 use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
+use crate::base::range::OutOfRange;
 use crate::base::range::check;
 
 /// A straight needle, with or without a bevel.
@@ -249,8 +249,7 @@ mod tests {
             ..BendingConstraint::default()
         };
         let error = Constrained::new(Shaft::default(), constraint).expect_err("no number");
-        assert_eq!((error.key, error.expected.as_str()), ("delta_mm", "0 to 1000"));
-        assert!(error.found.is_nan());
+        assert_eq!(error, OutOfRange::new("delta_mm", f64::NAN, "0 to 1000"));
         let shaft = Shaft {
             radius_mm: 6.0,
             ..Shaft::default()

@@ -1,10 +1,10 @@
 //! Isotropic linear elastic materials, by mesh region.
 
-use crate::base::range::OutOfRange;
-use crate::mechanics::tissue::error::LinearError;
 use std::collections::BTreeMap;
 
+use crate::base::range::OutOfRange;
 use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::error::LinearError;
 
 /// Isotropic linear elastic material, valid by construction.
 #[derive(Clone, Copy, Debug, PartialEq)]

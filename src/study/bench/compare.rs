@@ -14,15 +14,14 @@
 mod effects;
 mod passes;
 
-use crate::study::StudyError;
 use std::time::{Duration, Instant};
 
 use super::{BenchOptions, Clock};
 use crate::base::report::machine::Machine;
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::Gpu;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
-use crate::mechanics::mesh::InvalidMesh;
+use crate::study::StudyError;
 use crate::study::tradeoff::remesh::subject::generated;
 use crate::study::tradeoff::remesh::{RemeshOptions, study};
 use crate::study::tradeoff::{Axis, Factor, Figure, Row, Study, Table};

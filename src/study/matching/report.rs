@@ -1,9 +1,9 @@
 //! Output of a match as text, as a scene and as a page.
 
-use crate::base::output::OutputError;
 use std::fmt;
 
 use super::{Match, Score, Side};
+use crate::base::output::OutputError;
 use crate::base::report::number::fixed;
 use crate::base::report::page::Page;
 use crate::base::report::plot::{Axis, Plot, Series};

@@ -6,7 +6,6 @@
 //! starting from the options. A curve that stays straight, or bends slowly, does not distinguish the two: the result states how well it
 //! fits, not that no other would.
 
-use crate::study::StudyError;
 use std::path::Path;
 
 use nalgebra::{Matrix2, Vector2};
@@ -14,6 +13,7 @@ use serde::Serialize;
 
 use super::{PunctureOptions, pushing};
 use crate::base::read;
+use crate::study::StudyError;
 
 /// Column names.
 const COLUMNS: [&str; 2] = ["travel_mm", "force_n"];

@@ -1,6 +1,5 @@
 //! Slice through a liver with a vein: triangles in plane strain.
 
-use crate::study::StudyError;
 use std::f64::consts::PI;
 use std::sync::Arc;
 
@@ -8,6 +7,7 @@ use super::PunctureOptions;
 use crate::mechanics::insertion::pushing::Layer;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::{Sheet, Stiffening, Supports};
+use crate::study::StudyError;
 
 /// Width of the slice, mm.
 const WIDTH_MM: f64 = 140.0;

@@ -1,12 +1,12 @@
 //! Output of the comparison as text and as a page.
 
-use crate::base::output::OutputError;
 use std::fmt;
 
 use image::{GrayImage, imageops};
 
 use super::picture::Picture;
 use super::{CLASS, FrameReport, LIMIT, Report, Row, Verdict};
+use crate::base::output::OutputError;
 use crate::base::report::number::fixed;
 use crate::base::report::page::{Page, escape};
 use crate::base::report::plot::{Axis, Plot, Series};

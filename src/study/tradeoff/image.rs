@@ -19,8 +19,6 @@ mod grain;
 mod labels;
 mod sampling;
 
-use crate::input::InputError;
-use crate::study::StudyError;
 use std::time::{Duration, Instant};
 
 use nalgebra::Matrix4;
@@ -29,12 +27,12 @@ use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::{Spread, percentile};
-use crate::gpu::{Gpu, GpuError};
+use crate::gpu::Gpu;
 use crate::imaging::plan::Plan;
 use crate::imaging::synth::tables::{Settings, Tables};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::input::scene::{Scene, SceneFile};
-use crate::mechanics::mesh::InvalidMesh;
+use crate::study::StudyError;
 use crate::study::stability::Effort;
 
 /// Options of the study.

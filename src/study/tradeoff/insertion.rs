@@ -18,22 +18,21 @@ mod bevel;
 mod levels;
 mod masses;
 
-use crate::base::range::OutOfRange;
-use crate::mechanics::insertion::InvalidSetup;
-use crate::study::StudyError;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Study, Table};
+use crate::base::range::OutOfRange;
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::percentile;
 use crate::mechanics::insertion::finite::{Finite, Setup};
-use crate::mechanics::insertion::{Instruments, InvalidSetup, Model, ProbeContact, StepError};
-use crate::mechanics::mesh::{InvalidMesh, TetMesh};
+use crate::mechanics::insertion::{Instruments, Model, ProbeContact};
+use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::Needle;
 use crate::mechanics::tissue::material::Material;
+use crate::study::StudyError;
 use crate::study::block;
 use crate::study::stability::Effort;
 

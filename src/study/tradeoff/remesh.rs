@@ -21,20 +21,18 @@ pub mod contender;
 mod report;
 pub mod subject;
 
-use crate::base::range::OutOfRange;
-use crate::study::StudyError;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::Study;
 use super::gather::Entry;
 use crate::base::memory;
-use crate::gpu::{Gpu, GpuError};
-use crate::mechanics::mesh::{InvalidMesh, TetMesh};
-use crate::mechanics::tissue::error::LinearError;
+use crate::gpu::Gpu;
+use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::inverse::invert;
-use crate::mechanics::tissue::remesh::{RemeshError, Source};
+use crate::mechanics::tissue::remesh::Source;
 use crate::mechanics::tissue::symmetric::Symmetric;
+use crate::study::StudyError;
 use crate::study::stability::Effort;
 use contender::{Contender, Kind, Sources};
 use report::Report;

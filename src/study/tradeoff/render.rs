@@ -1,6 +1,5 @@
 //! Output of a study as text, JSON, CSV and plots.
 
-use crate::base::output::OutputError;
 use std::fmt::Write;
 use std::path::Path;
 

@@ -8,7 +8,6 @@ mod page;
 #[cfg(test)]
 mod tests;
 
-use crate::base::output::OutputError;
 use std::path::Path;
 use std::time::Duration;
 
@@ -17,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::advice::Advice;
 use super::render::Files;
 use super::{Beat, InTime, Pace, Row, Study, Table, real_time};
+use crate::base::output::OutputError;
 use crate::base::report::machine::Machine;
 use crate::base::report::number::significant;
 use crate::base::report::plot::Plot;

@@ -11,15 +11,14 @@ mod tests;
 
 use super::gather::Entry;
 use super::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
-use crate::base::range::OutOfRange;
+use subject::{Model, Subject, Variant, Walked};
+
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::Spread;
-use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
-use crate::mechanics::tissue::nonlinear::{NonlinearError, Scheme, Slope};
+use crate::mechanics::tissue::nonlinear::{Scheme, Slope};
 use crate::study::StudyError;
 use crate::study::stability::Effort;
-use subject::{Model, Subject, Variant, Walked};
 
 /// Options of the study.
 #[derive(Clone, Copy, Debug, PartialEq)]

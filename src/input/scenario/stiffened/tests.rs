@@ -1,9 +1,9 @@
 //! Tests of the built-in liver puncture at coarser resolution, and of the restrictions on stiffening tissue.
 
-use crate::input::InputError;
 use std::path::Path;
 
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
+use crate::input::InputError;
 use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
 use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use crate::mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};

@@ -1,6 +1,5 @@
 //! A needle enters a block with a soft layer, rests, and is withdrawn.
 
-use crate::mechanics::tissue::nonlinear::NonlinearError;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
@@ -8,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 use super::*;
 use crate::mechanics::insertion::{Bone, Interaction, InvalidSetup, MeshRegions, Tissue};
 use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 
@@ -303,11 +303,11 @@ fn setups_are_checked() {
     });
     assert_eq!(spoilt, InvalidSetup::Peak { region: 1 });
     let spoilt = refused(|setup| setup.options.part_mm = 0.0);
-    assert!(matches!(spoilt, InvalidSetup::Number { key: "part_mm", .. }));
+    assert!(matches!(spoilt, InvalidSetup::Number(error) if error.key == "part_mm"));
     let spoilt = refused(|setup| setup.fixed.push((1_000_000, 0)));
     assert!(matches!(spoilt, InvalidSetup::Fixed { node: 1_000_000, .. }));
     let spoilt = refused(|setup| setup.shaft.length_mm = -1.0);
-    assert!(matches!(spoilt, InvalidSetup::Needle(_)));
+    assert!(matches!(spoilt, InvalidSetup::Number(error) if error.key == "length_mm"));
     assert!(matches!(
         refused(|setup| setup.laws.truncate(1)),
         InvalidSetup::Solver(NonlinearError::Materials { .. })

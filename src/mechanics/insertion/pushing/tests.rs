@@ -172,11 +172,7 @@ fn ways_are_checked() {
     let twice = [LAYERS[0], LAYERS[1], LAYERS[1]];
     assert!(matches!(
         refused([0.0, 20.0], down, &twice),
-        InvalidSetup::Layer {
-            layer: 2,
-            what: "from_mm",
-            ..
-        }
+        InvalidSetup::Layer { layer: 2, cause } if cause.key == "from_mm"
     ));
     let negative = [Layer {
         cutting_n: -1.0,
@@ -184,6 +180,6 @@ fn ways_are_checked() {
     }];
     assert!(matches!(
         refused([0.0, 20.0], down, &negative),
-        InvalidSetup::Layer { what: "cutting_n", .. }
+        InvalidSetup::Layer { cause, .. } if cause.key == "cutting_n"
     ));
 }

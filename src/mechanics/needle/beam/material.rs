@@ -8,10 +8,10 @@
 #[cfg(test)]
 mod tests;
 
-use crate::base::range::OutOfRange;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::base::range::OutOfRange;
 use crate::base::range::check;
 
 /// Largest modulus, kPa.

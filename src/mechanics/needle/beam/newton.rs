@@ -1,6 +1,5 @@
 //! Newton's method on the beam, with a line search and load steps.
 
-use crate::base::range::OutOfRange;
 use nalgebra::Vector2;
 
 use super::foundation::{self, Load};
@@ -8,6 +7,7 @@ use super::problem::{Base, Bed, Division, Problem};
 use super::shape::Shape;
 use super::sweep::{self, Change, Element, Push, Sweep};
 use super::{BeamError, TOLERANCE};
+use crate::base::range::OutOfRange;
 use crate::base::range::check;
 
 /// Size of corrections relative to the deflections below which the beam counts as solved too: rounding allows no better

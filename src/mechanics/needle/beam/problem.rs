@@ -1,9 +1,9 @@
 //! Beam problem: a needle in layers of tissue, and its division into elements.
 
-use crate::base::range::OutOfRange;
 use std::f64::consts::PI;
 
 use super::material::{Compression, Law, Material};
+use crate::base::range::OutOfRange;
 use crate::base::range::check;
 
 /// Maximum number of elements of a needle.

@@ -2,6 +2,8 @@
 
 use std::fmt::Debug;
 
+use crate::base::range::OutOfRange;
+
 /// Fractional integral or derivative of a vector-valued function of time, known step by step from a start at time 0.
 ///
 /// The function is 0 before the start, where it may jump to the initial value. The result at the end of a step is
@@ -115,7 +117,7 @@ impl Default for Span {
 }
 
 /// Error of a history, or of the response of a point.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum HistoryError {
     #[error("the order is {found}; expected a number from 0 (a spring) to 1 (a dashpot)")]
     Order { found: f64 },
@@ -145,14 +147,9 @@ pub enum HistoryError {
         .0.shortest_s, .0.longest_s, .0.tolerance
     )]
     Span(Span),
-    /// A number of a point's material or loading is out of range: its key, and its index where it is in a list.
-    #[error("found {found}; expected {expected}")]
-    Number {
-        key: &'static str,
-        at: Option<usize>,
-        found: f64,
-        expected: &'static str,
-    },
+    /// A number of a point's material or loading is out of range.
+    #[error("found {}; expected {}", .0.found, .0.expected)]
+    Number(#[from] OutOfRange),
     #[error("found {values} values at {times} times; expected a value for each, and at least one")]
     Lengths { times: usize, values: usize },
     /// Stress or strain overflows.

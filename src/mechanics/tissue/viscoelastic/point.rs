@@ -19,6 +19,7 @@ pub use crate::mechanics::tissue::knee::Knee;
 pub use body::Body;
 pub use respond::{Loading, Method, Response};
 
+use crate::base::range::OutOfRange;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -58,13 +59,10 @@ pub struct Point {
 
 /// Returns an error with the key and the expected values unless `right`.
 fn check(key: &'static str, found: f64, right: bool, expected: &'static str) -> Result<(), HistoryError> {
-    let at = None;
-    right.then_some(()).ok_or(HistoryError::Number {
-        key,
-        at,
-        found,
-        expected,
-    })
+    match right {
+        true => Ok(()),
+        false => Err(OutOfRange::new(key, found, expected).into()),
+    }
 }
 
 impl Point {
@@ -74,12 +72,7 @@ impl Point {
     /// [`HistoryError::Number`] for a parameter that is out of range.
     pub fn check(&self) -> Result<(), HistoryError> {
         self.body.check()?;
-        self.knee.check().map_err(|error| HistoryError::Number {
-            key: error.key,
-            at: None,
-            found: error.found,
-            expected: error.expected,
-        })
+        Ok(self.knee.check()?)
     }
 }
 

@@ -1,6 +1,5 @@
 //! Cost of each effect alone and combined with the others, and resources that remain after its removal.
 
-use crate::study::StudyError;
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
@@ -11,6 +10,7 @@ use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::plan::Plan;
 use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
+use crate::study::StudyError;
 use crate::study::tradeoff::{Axis, Table};
 
 /// Minimum and maximum number of frame pairs.

@@ -1,6 +1,5 @@
 //! Times of passes, and of transfers to and from a GPU.
 
-use crate::study::StudyError;
 use std::time::Instant;
 
 use super::{CPU_MS, Clock, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
@@ -10,6 +9,7 @@ use crate::imaging::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEME
 use crate::imaging::plan::Plan;
 use crate::imaging::synth::tables::Tables;
 use crate::imaging::synth::{Backend, Synthesizer};
+use crate::study::StudyError;
 use crate::study::tradeoff::{Axis, Table};
 
 /// Stages of a frame, each plotted with a few passes.

@@ -1,11 +1,11 @@
 //! Models of tissue around a beam, and of a needle in tissue.
 
-use crate::base::range::OutOfRange;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
 
 use super::{FINE_MM, axis, factor, solve};
+use crate::base::range::OutOfRange;
 use crate::base::report::statistics::{Spread, percentile};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
 use crate::mechanics::needle::{CentreLine, Flexible, Load, Needle, Row, Shaft, Stiffness};

@@ -3,6 +3,8 @@
 use super::{Apart, inside, picture, sampling, values};
 use super::{ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
 use super::{Subject, coarsened, without_grain};
+use nalgebra::Matrix4;
+
 use crate::imaging::effects::Effects;
 use crate::imaging::effects::noise::Noise;
 use crate::imaging::effects::speckle::Speckle;
@@ -13,7 +15,6 @@ use crate::study::StudyError;
 use crate::study::anatomies::{self, PLAIN};
 use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal};
 use crate::tracking::probe::{Probe, ProbeShape};
-use nalgebra::Matrix4;
 
 /// Standard deviation of fully developed speckle after log compression, dB: pi / sqrt(24) neper of amplitude.
 const SPECKLE_DB: f64 = 5.57;

@@ -1,6 +1,5 @@
 //! Grids, labels and effects of an image.
 
-use crate::study::StudyError;
 use nalgebra::Matrix4;
 
 use super::{
@@ -13,6 +12,7 @@ use crate::imaging::effects::slice::{Beyond, Boundary};
 use crate::imaging::effects::tone::Tone;
 use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
+use crate::study::StudyError;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::study::tradeoff::{Axis, Beat, GREY_LEVELS, Goal, SHIFT_MM};
 use crate::tracking::probe::{Probe, ProbeShape};

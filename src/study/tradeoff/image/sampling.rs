@@ -1,6 +1,5 @@
 //! Sampling of a scene: look-up of voxels, location in elements, samples per pixel.
 
-use crate::study::StudyError;
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -14,6 +13,7 @@ use crate::imaging::synth::Backend;
 use crate::imaging::synth::tables::Settings;
 use crate::mechanics::mesh::locator::Locator;
 use crate::mechanics::mesh::{Displacement, NONE, TetMesh};
+use crate::study::StudyError;
 use crate::study::tradeoff::{Axis, GREY_LEVELS, Goal, SHIFT_MM};
 
 /// One effect on its own over slices, and the grids that refine its sums.

@@ -3,7 +3,6 @@
 //! Springs have no Poisson's ratio: a network without preferred directions behaves as a material of ratio 1/4. Finite elements are
 //! therefore included with that ratio too, which separates the error of the model from that of the material.
 
-use crate::study::StudyError;
 use nalgebra::{Point3, Vector3};
 
 use super::{Findings, InsertionOptions, Progress};
@@ -16,6 +15,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Level, Precision};
+use crate::study::StudyError;
 use crate::study::block;
 use crate::study::tradeoff::{Axis, FORCE_N, Factor, Goal, Table};
 

@@ -131,6 +131,9 @@ fn sizes_out_of_range_are_refused_with_what_is_expected() {
         assert!(refused.to_string().contains(expected), "{refused}");
     }
     let refused = levels::check_memory(30_000, Some(1 << 30)).unwrap_err();
-    assert!(matches!(refused, StudyError::Memory { nodes: 30_000, .. }), "{refused}");
+    assert!(
+        matches!(&refused, StudyError::Memory { what, .. } if what.contains("30000")),
+        "{refused}"
+    );
     assert!(levels::check_memory(500, Some(1 << 30)).is_ok() && levels::check_memory(30_000, None).is_ok());
 }

@@ -1,6 +1,5 @@
 //! Contenders: methods that update K^c as the mesh changes.
 
-use crate::study::StudyError;
 use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
@@ -16,6 +15,7 @@ use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change, Level, Options, Precision, Remesher, Source, make};
+use crate::study::StudyError;
 
 /// Report of an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -1,6 +1,5 @@
 //! Subjects of the remeshing study and their gold standard.
 
-use crate::study::StudyError;
 use std::sync::Arc;
 
 use faer::{Mat, MatRef};
@@ -17,6 +16,7 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::corner::best_corner;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
 use crate::mechanics::tissue::rigid;
+use crate::study::StudyError;
 use crate::study::stability::record::largest;
 
 /// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.

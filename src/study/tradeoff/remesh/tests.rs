@@ -1,9 +1,10 @@
 use super::contender::{Promise, Step};
 use super::subject::generated;
 use super::*;
+use faer::{Mat, MatRef};
+
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Change};
 use crate::study::StudyError;
-use faer::{Mat, MatRef};
 
 fn options() -> RemeshOptions {
     RemeshOptions {
@@ -174,15 +175,15 @@ fn a_level_that_is_wrong_is_flagged_by_its_error() {
 fn memory_is_checked_first_and_unsuited_meshes_are_errors() {
     let refused = check_memory(30_000, &[], Some(1 << 30)).unwrap_err();
     let StudyError::Memory {
-        size,
+        what,
         needed,
         available,
     } = refused
     else {
         panic!("{refused}")
     };
-    assert_eq!((size, available), (30_000, 1 << 30));
-    assert!(needed > 2 * Symmetric::<f64>::bytes_of(size));
+    assert!(what.contains("30000") && available == 1 << 30, "{what}");
+    assert!(needed > 2 * Symmetric::<f64>::bytes_of(30_000));
     assert!(check_memory(3000, &[], Some(1 << 30)).is_ok());
     assert!(check_memory(30_000, &[], None).is_ok());
 

@@ -1,9 +1,9 @@
 //! HTML page of the report.
 
-use crate::base::output::OutputError;
 use std::time::Duration;
 
 use super::{Chapter, Report, Section};
+use crate::base::output::OutputError;
 use crate::base::report::machine;
 use crate::base::report::number::significant;
 use crate::base::report::page::{Page, escape};

@@ -1,6 +1,5 @@
 //! Block of liver under a plate, and the simulation of its load history.
 
-use crate::study::StudyError;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -10,6 +9,7 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
 use crate::mechanics::tissue::nonlinear::{Options, Scheme, Solid, Solver, Stiffening, Structure, Supports};
 use crate::mechanics::tissue::viscoelastic::Rule;
+use crate::study::StudyError;
 
 /// Edge lengths of the block, mm.
 const EXTENT_MM: [f64; 3] = [60.0, 40.0, 40.0];

@@ -1,6 +1,7 @@
 //! Test of the complete study on a small block.
 
 use super::*;
+use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::study::StudyError;
 
 #[test]

@@ -8,6 +8,7 @@ use serde::Deserialize;
 use super::balance;
 use super::body::{Line, Memory};
 use super::{Control, Point, Structure, check};
+use crate::base::range::OutOfRange;
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
@@ -68,11 +69,8 @@ impl Loading {
         if times != values || times == 0 {
             return Err(HistoryError::Lengths { times, values });
         }
-        let wrong = |key, at: usize, found, expected| HistoryError::Number {
-            key,
-            at: Some(at),
-            found,
-            expected,
+        let wrong = |key: &str, at: usize, found: f64, expected| {
+            HistoryError::Number(OutOfRange::new(format!("{key}[{at}]"), found, expected))
         };
         if let Some(at) = self.value.iter().position(|x| !x.is_finite()) {
             return Err(wrong("value", at, self.value[at], "a finite number"));
@@ -99,12 +97,8 @@ impl Loading {
             .windows(2)
             .position(|pair| (pair[1] - pair[0] - first).abs() > EQUAL * first);
         odd.map_or(Ok(()), |at| {
-            Err(HistoryError::Number {
-                key: "time_s",
-                at: Some(at + 1),
-                found: times[at + 1],
-                expected: "times equally far apart, which the rule of Gruenwald and Letnikov needs",
-            })
+            let expected = "times equally far apart, which the rule of Gruenwald and Letnikov needs";
+            Err(OutOfRange::new(format!("time_s[{}]", at + 1), times[at + 1], expected).into())
         })
     }
 }
