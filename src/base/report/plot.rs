@@ -174,6 +174,26 @@ impl Series {
     }
 }
 
+/// Stepped line through points.
+fn stairs<'a>(points: impl Iterator<Item = &'a [f64; 2]>) -> Vec<(f64, f64)> {
+    let mut steps: Vec<(f64, f64)> = Vec::new();
+    for point in points {
+        if let Some(&(_, height)) = steps.last() {
+            steps.push((point[0], height));
+        }
+        steps.push((point[0], point[1]));
+    }
+    steps
+}
+
+/// Size below which a value on an axis is shown as 0.
+fn smallest(axis: &Axis, range: std::ops::Range<f64>) -> f64 {
+    match axis.log {
+        true => 0.0,
+        false => ZERO * (range.end - range.start),
+    }
+}
+
 impl Plot {
     /// Creates a plot whose markers have no meaning and whose points do not compete.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis, series: Vec<Series>) -> Self {
@@ -286,10 +306,6 @@ impl Plot {
                 ([5, 7], [13, 13])
             }
         };
-        let smallest = |axis: &Axis, range: std::ops::Range<f64>| match axis.log {
-            true => 0.0,
-            false => ZERO * (range.end - range.start),
-        };
         let smallest = [smallest(&self.x, x.range()), smallest(&self.y, y.range())];
         let mut chart = builder.build_cartesian_2d(x, y)?;
         chart
@@ -314,13 +330,7 @@ impl Plot {
                     .iter()
                     .filter(|point| self.x.shows(point[0]) && self.y.shows(point[1]))
             };
-            let mut steps: Vec<(f64, f64)> = Vec::new();
-            for point in shown().filter(|_| !joined) {
-                if let Some(&(_, height)) = steps.last() {
-                    steps.push((point[0], height));
-                }
-                steps.push((point[0], point[1]));
-            }
+            let steps = stairs(shown().filter(|_| !joined));
             chart.draw_series(LineSeries::new(steps, style))?;
             chart.draw_series(shown().map(|point| Circle::new((point[0], point[1]), MARK + 4, style)))?;
         }

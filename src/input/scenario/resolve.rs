@@ -171,6 +171,32 @@ struct Made {
     contact: Option<Contact>,
 }
 
+impl Made {
+    /// Warns of interactions and contacts that have no effect, or a coarse one.
+    fn warn(&self, warnings: &mut Vec<String>) {
+        for (region, of) in &self.interactions {
+            if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
+                warnings.push(format!(
+                    "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N); raise it or leave it out",
+                    self
+                        .region_names
+                        .get(region)
+                        .map_or_else(|| format!("region {region}"), String::clone),
+                    of.puncture_n,
+                    of.cutting_n
+                ));
+            }
+        }
+        let candidates = self.contact.as_ref().map(|contact| contact.probe.candidates.len());
+        if let Some(few @ 1..FEW_CANDIDATES) = candidates {
+            warnings.push(format!(
+                "only {few} nodes of the mesh can touch the contact probe: its force is coarse; lower `contact_probe.thinning`, or raise \
+                 `tissue.nodes`"
+            ));
+        }
+    }
+}
+
 impl ScenarioFile {
     /// Reads or generates everything that the scenario names, including the mesh, and checks it. Relative paths start
     /// at `base_dir`, the folder of the file. `progress` receives the completed fraction of mesh generation.
@@ -191,16 +217,8 @@ impl ScenarioFile {
         self.mover()?;
         let mut targets = self.targets()?;
         let (mut scene, moving, aim) = self.scene_with(&needle, base_dir)?;
-        let file = match aim {
-            None => self.clone(),
-            Some(aim) => {
-                targets.push(Target {
-                    name: aim.name.clone(),
-                    at_mm: aim.tip,
-                });
-                self.boxed(&aim)
-            }
-        };
+        let file = aim.as_ref().map_or_else(|| self.clone(), |aim| self.boxed(aim));
+        targets.extend(aim.map(|super::aim::Aim { name, tip: at_mm, .. }| Target { name, at_mm }));
         let Moving { deposits, guides, .. } = moving;
         let path = scene
             .needle_path()
@@ -227,26 +245,7 @@ impl ScenarioFile {
             tissue.anatomy.as_ref(),
             file.tissue.mesh.is_some(),
         ));
-        for (region, of) in &tissue.interactions {
-            if of.puncture_n > 0.0 && of.puncture_n <= of.cutting_n {
-                warnings.push(format!(
-                    "the surface of {} is not felt: its puncture_n ({} N) is not above its cutting_n ({} N); raise it or leave it out",
-                    tissue
-                        .region_names
-                        .get(region)
-                        .map_or_else(|| format!("region {region}"), String::clone),
-                    of.puncture_n,
-                    of.cutting_n
-                ));
-            }
-        }
-        let candidates = tissue.contact.as_ref().map(|contact| contact.probe.candidates.len());
-        if let Some(few @ 1..FEW_CANDIDATES) = candidates {
-            warnings.push(format!(
-                "only {few} nodes of the mesh can touch the contact probe: its force is coarse; lower `contact_probe.thinning`, or raise \
-                 `tissue.nodes`"
-            ));
-        }
+        tissue.warn(&mut warnings);
         if stiffening.is_some() {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }

@@ -87,25 +87,7 @@ impl Problem {
         let solver = Solver::new(Arc::clone(&body), supports, options).map_err(&at_start)?;
         let factored = started.elapsed().as_secs_f64();
         let mut history = History::default();
-        let mut runner = match self.file.model {
-            Model::Viscoelastic => {
-                let viscosity = self.file.viscosity.unwrap_or_default();
-                let (memory, rule) = (viscosity.memory, viscosity.rule(&moments));
-                let mut creep = Creep::new(solver, memory, viscosity.order, rule, &loads).map_err(at_start)?;
-                if fields {
-                    creep.follow_stress(viscosity.order, rule).map_err(at_start)?;
-                }
-                let runner = Structure::Viscous(Box::new(creep));
-                self.note(&mut history, &runner, 0.0, &loads, &Progress::default());
-                runner
-            }
-            Model::Linear | Model::Nonlinear => {
-                let mut runner = Structure::Elastic(Box::new(solver));
-                let progress = runner.step(0.0, &loads, &held, None).map_err(at_start)?.clone();
-                self.note(&mut history, &runner, 0.0, &loads, &progress);
-                runner
-            }
-        };
+        let mut runner = self.start(solver, &moments, [&loads, &held], fields, &mut history)?;
         let mut loads = loads;
         for pair in moments.windows(2) {
             let time_s = pair[1].time_s;
@@ -144,6 +126,36 @@ impl Problem {
             fields,
             history: Some(history),
         })
+    }
+
+    /// State at the start of a history, which receives it.
+    fn start(
+        &self,
+        solver: Solver<3, 4>,
+        moments: &[Moment],
+        [loads, held]: [&[f64]; 2],
+        fields: bool,
+        history: &mut History,
+    ) -> Result<Structure<3, 4>, InputError> {
+        let at_start = |error: NonlinearError| self.fault_at(0.0, error);
+        let (runner, progress) = match self.file.model {
+            Model::Viscoelastic => {
+                let viscosity = self.file.viscosity.unwrap_or_default();
+                let (memory, rule) = (viscosity.memory, viscosity.rule(moments));
+                let mut creep = Creep::new(solver, memory, viscosity.order, rule, loads).map_err(at_start)?;
+                if fields {
+                    creep.follow_stress(viscosity.order, rule).map_err(at_start)?;
+                }
+                (Structure::Viscous(Box::new(creep)), Progress::default())
+            }
+            Model::Linear | Model::Nonlinear => {
+                let mut runner = Structure::Elastic(Box::new(solver));
+                let progress = runner.step(0.0, loads, held, None).map_err(at_start)?.clone();
+                (runner, progress)
+            }
+        };
+        self.note(history, &runner, 0.0, loads, &progress);
+        Ok(runner)
     }
 
     /// Body of the mesh, with the constitutive laws of its regions.

@@ -83,6 +83,33 @@ fn incompressible() -> f64 {
     0.5
 }
 
+fn position(key: &str, value: &[f64; 3]) -> Result<(), OutOfRange> {
+    match value.iter().all(|x| x.is_finite()) {
+        true => Ok(()),
+        false => Err(OutOfRange::new(key, format!("{value:?}"), "three finite numbers")),
+    }
+}
+
+fn direction(key: &str, value: &[f64; 3]) -> Result<(), OutOfRange> {
+    let expected = "three finite numbers that are not all zero";
+    match unit(value) {
+        Some(_) => Ok(()),
+        None => Err(OutOfRange::new(key, format!("{value:?}"), expected)),
+    }
+}
+
+fn affine(matrix: &[[f64; 4]; 4]) -> Result<(), OutOfRange> {
+    let finite = matrix.iter().flatten().all(|x| x.is_finite());
+    let linear = Matrix3::from_fn(|row, column| matrix[row][column]);
+    let norms: f64 = linear.column_iter().map(|column| column.norm()).product();
+    let solid = linear.determinant().abs() > SINGULAR * norms;
+    let expected = "finite, with the last row 0 0 0 1, and directions that span a volume";
+    match finite && solid && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
+        true => Ok(()),
+        false => Err(OutOfRange::new("matrix", format!("{matrix:?}"), expected)),
+    }
+}
+
 impl Displacement {
     /// Returns the `kind` of the field in files.
     pub fn kind(&self) -> &'static str {
@@ -101,18 +128,6 @@ impl Displacement {
     /// # Errors
     /// [`OutOfRange`] for the first that is out of range or not finite.
     pub fn validate(&self) -> Result<(), OutOfRange> {
-        let position = |key, value: &[f64; 3]| match value.iter().all(|x| x.is_finite()) {
-            true => Ok(()),
-            false => Err(OutOfRange::new(key, format!("{value:?}"), "three finite numbers")),
-        };
-        let direction = |key, value: &[f64; 3]| match unit(value) {
-            Some(_) => Ok(()),
-            None => Err(OutOfRange::new(
-                key,
-                format!("{value:?}"),
-                "three finite numbers that are not all zero",
-            )),
-        };
         match self {
             Displacement::Compression {
                 fixed_mm,
@@ -180,20 +195,7 @@ impl Displacement {
                 check("angle_deg", *angle_deg, true, "a finite number")?;
                 check("radius_mm", *radius_mm, *radius_mm > 0.0, "above 0")
             }
-            Displacement::Affine { matrix } => {
-                let finite = matrix.iter().flatten().all(|x| x.is_finite());
-                let linear = Matrix3::from_fn(|row, column| matrix[row][column]);
-                let norms: f64 = linear.column_iter().map(|column| column.norm()).product();
-                let solid = linear.determinant().abs() > SINGULAR * norms;
-                match finite && solid && matrix[3] == [0.0, 0.0, 0.0, 1.0] {
-                    true => Ok(()),
-                    false => Err(OutOfRange::new(
-                        "matrix",
-                        format!("{matrix:?}"),
-                        "finite, with the last row 0 0 0 1, and directions that span a volume",
-                    )),
-                }
-            }
+            Displacement::Affine { matrix } => affine(matrix),
         }
     }
 

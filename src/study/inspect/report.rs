@@ -187,22 +187,9 @@ fn triple([x, y, z]: [f64; 3]) -> String {
     format!("({x:.3}, {y:.3}, {z:.3})")
 }
 
-impl fmt::Display for SampleReport {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { line, sample, .. } = self;
-        let [exact_line, exact_sample] = self.beam;
-        writeln!(
-            f,
-            "beam            scanline {line}, sample {sample} (exactly {exact_line:.2}, {exact_sample:.2}), {:.3} mm deep",
-            self.depth_mm
-        )?;
-        writeln!(f, "sample          {} mm", triple(self.world_mm))?;
-        writeln!(
-            f,
-            "reference       {} mm, displaced by {:.3} mm",
-            triple(self.reference_mm),
-            self.displacement_mm
-        )?;
+impl SampleReport {
+    /// Writes mesh element, label, tissue and texture.
+    fn fmt_anatomy(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(mesh) = &self.mesh {
             write!(f, "mesh            {}", mesh.place)?;
             if let (Some(element), Some(nodes)) = (mesh.element, mesh.nodes) {
@@ -233,6 +220,27 @@ impl fmt::Display for SampleReport {
         if let Some(texture) = &self.texture {
             writeln!(f, "texture         {}: x {:.4}", named(&texture.name), texture.value)?;
         }
+        Ok(())
+    }
+}
+
+impl fmt::Display for SampleReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { line, sample, .. } = self;
+        let [exact_line, exact_sample] = self.beam;
+        writeln!(
+            f,
+            "beam            scanline {line}, sample {sample} (exactly {exact_line:.2}, {exact_sample:.2}), {:.3} mm deep",
+            self.depth_mm
+        )?;
+        writeln!(f, "sample          {} mm", triple(self.world_mm))?;
+        writeln!(
+            f,
+            "reference       {} mm, displaced by {:.3} mm",
+            triple(self.reference_mm),
+            self.displacement_mm
+        )?;
+        self.fmt_anatomy(f)?;
         if let Some(factor) = self.speckle {
             writeln!(
                 f,

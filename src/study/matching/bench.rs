@@ -110,9 +110,15 @@ impl<'a> Bench<'a> {
             seed,
             windows: Vec::new(),
         };
-        let (beam, inside) = bench.beam(picture);
-        let band = bench.grid.samples() / bench.bands();
-        bench.windows = (0..bench.bands())
+        bench.windows = bench.uniform_windows();
+        Ok(bench)
+    }
+
+    /// Windows of uniform tissue in the real frame, by depth.
+    fn uniform_windows(&self) -> Vec<Vec<Window>> {
+        let (beam, inside) = self.beam(self.picture);
+        let band = self.grid.samples() / self.bands();
+        let mut windows: Vec<Vec<Window>> = (0..self.bands())
             .map(|at| {
                 let rows = at * band..(at + 1) * band;
                 let mask: Vec<bool> = (0..inside.len())
@@ -122,11 +128,11 @@ impl<'a> Bench<'a> {
             })
             .collect();
         let uniform = |window: &Window| unevenness(&Patch::of(&beam.grey, beam.width, *window)) <= UNEVEN;
-        if bench.windows.iter().flatten().any(uniform) {
-            bench.windows.iter_mut().for_each(|windows| windows.retain(uniform));
+        if windows.iter().flatten().any(uniform) {
+            windows.iter_mut().for_each(|windows| windows.retain(uniform));
         }
-        bench.windows.retain(|windows| !windows.is_empty());
-        Ok(bench)
+        windows.retain(|windows| !windows.is_empty());
+        windows
     }
 
     pub fn bands(&self) -> usize {

@@ -85,11 +85,8 @@ impl Bench<'_> {
         changes.chain(moved).fold(0.0, f64::max)
     }
 
-    /// Sets noise and clutter from the dark windows of the real frame and returns what was found.
-    pub fn darkness(&self, model: &mut Model) -> Result<Dark, SynthError> {
-        let (beam, inside) = self.beam(self.picture);
-        let mut found = Dark::default();
-        // At no depth does noise exceed the darkest 2 % of its row.
+    /// Upper bound of the noise, dB: at no depth does it exceed the darkest 2 % of its row.
+    fn noise_bound_db(&self, model: &Model, beam: &Picture, inside: &[bool]) -> f64 {
         let mut bound = f64::INFINITY;
         for sample in 0..beam.height {
             let row = sample * beam.width..(sample + 1) * beam.width;
@@ -99,20 +96,30 @@ impl Bench<'_> {
                 bound = bound.min(model.level_db(grey, self.grid.sample_depth_mm(sample)));
             }
         }
-        found.bound_db = bound.clamp(-200.0, 20.0);
+        bound
+    }
+
+    /// Dark windows of noise, and of clutter.
+    fn noise_and_clutter(&self, model: &Model, beam: &Picture, inside: &[bool]) -> [Vec<Window>; 2] {
         let spread = model.spread(&model.probe(self.probe));
         let mut windows: [Vec<Window>; 2] = Default::default();
-        for window in dark_windows(&beam, &inside, [DARK_WINDOW; 2], DEPTHS * WINDOWS) {
+        for window in dark_windows(beam, inside, [DARK_WINDOW; 2], DEPTHS * WINDOWS) {
             let depth = self.depth_mm(window);
             let width = self.widths(&Patch::of(&beam.grey, beam.width, window).texture(), depth)[1];
             // Clutter is an echo and at least as wide as the beam; noise is not.
             windows[usize::from(width.is_none_or(|width| width >= spread.lateral_at(depth)))].push(window);
         }
-        let greys = |frame: &Picture, windows: &[Window]| -> Vec<f64> {
-            windows
-                .iter()
-                .map(|&window| mean(&Patch::of(&frame.grey, frame.width, window).values))
-                .collect()
+        windows
+    }
+
+    /// Sets noise and clutter from the dark windows of the real frame and returns what was found.
+    pub fn darkness(&self, model: &mut Model) -> Result<Dark, SynthError> {
+        let (beam, inside) = self.beam(self.picture);
+        let windows = self.noise_and_clutter(model, &beam, &inside);
+        let mut found = Dark {
+            bound_db: self.noise_bound_db(model, &beam, &inside).clamp(-200.0, 20.0),
+            windows: [windows[0].len(), windows[1].len()],
+            ..Dark::default()
         };
         let real = [0, 1].map(|kind| greys(&beam, &windows[kind]));
         let depths = [0, 1].map(|kind| {
@@ -121,7 +128,6 @@ impl Bench<'_> {
                 .map(|&window| self.depth_mm(window))
                 .collect::<Vec<f64>>()
         });
-        found.windows = [windows[0].len(), windows[1].len()];
         let usual = Receiver::default();
         model.receiver.noise_db = usual.noise_db.min(found.bound_db);
         let level = |model: &Model, kind: usize, greys: &[f64]| -> Vec<f64> {
@@ -187,4 +193,10 @@ impl Bench<'_> {
         }
         Ok(found)
     }
+}
+
+/// Mean grey level of each window.
+fn greys(frame: &Picture, windows: &[Window]) -> Vec<f64> {
+    let mean_of = |window: &Window| mean(&Patch::of(&frame.grey, frame.width, *window).values);
+    windows.iter().map(mean_of).collect()
 }

@@ -3,6 +3,7 @@
 use super::rounding::{DIVIDE, ROOT, ULP};
 use super::slack::{Slack, Step};
 use super::warp;
+use crate::imaging::effects::speckle::SpeckleTables;
 
 /// Largest modulus of a scatterer, a complex number whose parts are uniform in +-sqrt(6) / 2: sqrt(3).
 const SCATTERER: f64 = 1.732_050_807_568_877_2;
@@ -26,18 +27,13 @@ const POSITION: f64 = 8.5;
 /// Rounding error of the mix of two positions, whose weight is a quotient.
 const MIX: f64 = DIVIDE + 3.0 * ULP;
 
-pub fn carry(step: &Step, slack: &mut Slack) {
-    let tables = step.tables;
-    let Some(own) = &tables.effects.speckle else {
-        return slack.fault("speckle without tables");
-    };
+/// Error bound and size of the echo at each fine scanline and sample.
+fn echoes(step: &Step, slack: &Slack, own: &SpeckleTables) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
-    let fine_lines = own.fine_lines(lines);
-    let over = own.oversampling;
+    let (fine_lines, over) = (own.fine_lines(lines), own.oversampling);
     let planes: f64 = own.planes.iter().map(|weight| weight.abs()).sum();
     let reach_mm = own.plane_mm * (own.planes.len() as f64 - 1.0) / 2.0;
     let outermost = step.state.probe_to_world.fixed_view::<3, 1>(0, 2) * reach_mm;
-    // Error bound and size of the echo at each fine scanline and sample.
     let mut echoes = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {
         let (line, rest) = (fine / over, fine % over);
@@ -81,6 +77,18 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             ];
         }
     }
+    echoes
+}
+
+pub fn carry(step: &Step, slack: &mut Slack) {
+    let tables = step.tables;
+    let Some(own) = &tables.effects.speckle else {
+        return slack.fault("speckle without tables");
+    };
+    let (lines, samples) = (step.lines(), step.samples());
+    let fine_lines = own.fine_lines(lines);
+    let over = own.oversampling;
+    let echoes = echoes(step, slack, own);
     let axial = own.axial.of::<f64>();
     let reach = axial.len() / 2;
     let mut spread = vec![[0.0f64; 2]; fine_lines * samples];

@@ -173,7 +173,6 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
     let counts: Vec<u32> = std::iter::successors(Some(options.steps[0].max(1)), |steps| steps.checked_mul(2))
         .take_while(|steps| *steps <= options.steps[1].max(1))
         .collect();
-    let most = counts.last().copied().unwrap_or(1);
     let total = ((schemes().len() + ALL_MODELS.len()) * counts.len() + 2) as f64;
     let mut done = 0.0;
     let mut next = |what: &str| {
@@ -181,8 +180,15 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
         done += 1.0;
     };
 
+    let table = schemes_table(&subject, &counts, &mut next)?;
+    let models = models_table(&subject, &counts, &mut next)?;
+    progress("done", 1.0);
+    Ok(finish(options, &subject, vec![table, models]))
+}
+
+fn schemes_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -> Result<Table, StudyError> {
     next("the gold standard");
-    let gold = truth(&subject, Model::Nonlinear, 1, false)?;
+    let gold = truth(subject, Model::Nonlinear, 1, false)?;
     let axes = [TOTAL, MEDIAN, P95, ERROR, ERROR_MM, ITERATIONS, FACTORISATIONS];
     let mut table = Table::new("schemes", "Schemes in elastic tissue that stiffens", &FACTORS, &axes)
         .against("full Newton to a hundredth of the tolerance")
@@ -192,7 +198,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
                 .beside(&["median_ms", "p95_ms", "iterations"]),
         );
     for (name, scheme) in schemes() {
-        for &steps in &counts {
+        for &steps in counts {
             next(&format!("{name}, {steps} steps"));
             let way = Variant {
                 model: Model::Nonlinear,
@@ -216,9 +222,13 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
             table.push(vec![name.to_owned(), steps.to_string()], values, walked.flag);
         }
     }
+    Ok(table)
+}
 
+fn models_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -> Result<Table, StudyError> {
+    let finest_steps = 4 * counts.last().copied().unwrap_or(1);
     next("the finest model");
-    let finest = truth(&subject, Model::Viscous(Memory::Rate), 4 * most, true)?;
+    let finest = truth(subject, Model::Viscous(Memory::Rate), finest_steps, true)?;
     let axes = [TOTAL, P95, FORCE, RELAXED, ERROR_FORCE, ERROR_N, OWN, ERROR, ERROR_MM];
     let mut models = Table::new(
         "models",
@@ -236,9 +246,9 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
     for (name, model) in ALL_MODELS {
         let own = match model {
             Model::Linear | Model::Nonlinear => None,
-            Model::Viscous(_) => Some(truth(&subject, model, 4 * most, true)?),
+            Model::Viscous(_) => Some(truth(subject, model, finest_steps, true)?),
         };
-        for &steps in &counts {
+        for &steps in counts {
             next(&format!("{name}, {steps} steps"));
             let way = Variant {
                 model,
@@ -263,8 +273,7 @@ pub fn study(options: &TissueOptions, progress: &mut (dyn FnMut(&str, f64) + Sen
             models.push(vec![name.to_owned(), steps.to_string()], values, walked.flag);
         }
     }
-    progress("done", 1.0);
-    Ok(finish(options, &subject, vec![table, models]))
+    Ok(models)
 }
 
 /// Solves by full Newton to a hundredth of the tolerance.

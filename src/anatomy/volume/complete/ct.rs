@@ -66,7 +66,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let mut labels = volume.labels().to_vec();
     let class = CLASSES.map(|name| label(&mut labels, name));
     VolumeError::check_labels(labels.len())?;
-    let [soft, muscle, fat, deep_fat, skin, gas, _, vein] = class;
+    let [.., skin, gas, _, vein] = class;
     let liver = |at: u8| is_tissue(at, &["liver"]);
     let bright = median(&liver).map(|hu| hu + VESSELS_HU);
     let is_vessel = |(at, hu): &(&u8, &f32)| liver(**at) && bright.is_some_and(|bright| **hu > bright);
@@ -108,13 +108,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let changed = voxels.iter().zip(volume.voxels()).filter(|(new, old)| new != old);
     let mut counts = [0u64; 256];
     changed.for_each(|(new, _)| counts[usize::from(*new)] += 1);
-    let count = |at: u8| counts[usize::from(at)];
-    let filled = Filled {
-        soft_tissue: count(soft),
-        muscle: count(muscle),
-        fat: count(fat) + count(deep_fat),
-        skin: count(skin),
-    };
+    let filled = filled(class, &counts);
     let mut note = note(&labels, class, &counts, reach);
     if bright.is_some() && !has_vessels {
         note.push_str("; the liver shows no vessels");
@@ -125,6 +119,16 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
         note,
         warning,
     })
+}
+
+fn filled([soft, muscle, fat, deep_fat, skin, ..]: [u8; 8], counts: &[u64; 256]) -> Filled {
+    let count = |at: u8| counts[usize::from(at)];
+    Filled {
+        soft_tissue: count(soft),
+        muscle: count(muscle),
+        fat: count(fat) + count(deep_fat),
+        skin: count(skin),
+    }
 }
 
 /// Class of an unlabelled voxel under the skin, at a distance from the outline of the labels, mm.

@@ -21,7 +21,10 @@ fn poisson_lies_between_minus_one_and_a_half() {
         assert!(error.key == "poisson", "{nu}");
     }
     let text = Material::new(5.0, 0.5).unwrap_err().to_string();
-    assert!(text.contains("poisson is 0.5") && text.contains("below 0.5"), "{text}");
+    assert!(
+        text.contains("`poisson` is 0.5") && text.contains("below 0.5"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -31,7 +34,7 @@ fn young_is_above_zero_and_finite() {
         assert!(error.key == "young_kpa", "{young}");
     }
     let text = Material::new(-3.0, 0.4).unwrap_err().to_string();
-    assert!(text.contains("young_kpa is -3") && text.contains("above 0"), "{text}");
+    assert!(text.contains("`young_kpa` is -3") && text.contains("above 0"), "{text}");
 }
 
 #[test]

@@ -99,43 +99,44 @@ fn longer(pair: [Option<Spread>; 2]) -> Option<f64> {
     Some(one? - other?)
 }
 
+const AXES: [Axis; 9] = [
+    Axis::log(
+        "without_ms",
+        "without ms",
+        "a frame with everything but it (median), ms",
+    ),
+    Axis::log(
+        "without_p95_ms",
+        "p95 ms",
+        "a frame with everything but it (95 of 100), ms",
+    ),
+    Axis::log(
+        "whole_ms",
+        "with ms",
+        "a frame with everything, in turn with one without it (median), ms",
+    ),
+    Axis::linear(
+        "saved_ms",
+        "saves ms",
+        "what leaving it out saves: with less without, ms",
+    ),
+    Axis::log("alone_ms", "alone ms", "slicing and it alone (median), ms"),
+    Axis::log(
+        "bare_ms",
+        "slicing ms",
+        "slicing alone, in turn with slicing and it (median), ms",
+    ),
+    Axis::linear("adds_ms", "adds ms", "what it adds to slicing: alone less slicing, ms"),
+    Axis::log("without_mb", "without MB", "working memory with everything but it, MB"),
+    Axis::log("alone_mb", "alone MB", "working memory of slicing and it alone, MB"),
+];
+
 /// Measures frames with all effects, all but one, only one, and none.
 pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [factor("backend", "backend"), factor("effect", "effect")];
-    let axes = [
-        Axis::log(
-            "without_ms",
-            "without ms",
-            "a frame with everything but it (median), ms",
-        ),
-        Axis::log(
-            "without_p95_ms",
-            "p95 ms",
-            "a frame with everything but it (95 of 100), ms",
-        ),
-        Axis::log(
-            "whole_ms",
-            "with ms",
-            "a frame with everything, in turn with one without it (median), ms",
-        ),
-        Axis::linear(
-            "saved_ms",
-            "saves ms",
-            "what leaving it out saves: with less without, ms",
-        ),
-        Axis::log("alone_ms", "alone ms", "slicing and it alone (median), ms"),
-        Axis::log(
-            "bare_ms",
-            "slicing ms",
-            "slicing alone, in turn with slicing and it (median), ms",
-        ),
-        Axis::linear("adds_ms", "adds ms", "what it adds to slicing: alone less slicing, ms"),
-        Axis::log("without_mb", "without MB", "working memory with everything but it, MB"),
-        Axis::log("alone_mb", "alone MB", "working memory of slicing and it alone, MB"),
-    ];
     let title = "What each effect costs in company and alone: a frame without it, and with it alone";
-    let mut table = Table::new("compare_effects", title, &factors, &axes);
+    let mut table = Table::new("compare_effects", title, &factors, &AXES);
     let present = present(subject, &settings)?;
     for (name, backend) in backends(options) {
         let ready = |keep: &dyn Fn(&Removal) -> bool| Ready::new(subject, with(subject, &settings, keep), backend());

@@ -1,13 +1,14 @@
 //! Cases of single passes: tone, attenuation and blur.
 
+use crate::gpu::Gpu;
 use crate::imaging::effects::Effects;
 use crate::imaging::effects::blur::Blur;
 use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
 use crate::imaging::effects::shadow::{MOST_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
 use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::SynthError;
 use crate::imaging::synth::layers::Beam;
 use crate::imaging::synth::tables::Anatomy;
+use crate::imaging::synth::{SynthError, Synthesizer};
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use crate::study::stability::fixtures::{everywhere, gpus, name, settings, straight};
 use crate::study::stability::record::{Record, Unexpected, largest};
@@ -43,68 +44,74 @@ pub fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected> {
         );
         let anatomy = anatomies::uniform(tissue);
         for mut synth in everywhere(&anatomy, &settings, &gpus)? {
-            let backend = name(&synth);
-            // Lossless tissue casts no shadow: the plan omits the pass.
-            let last = if synth.plan().has("shadow") { "shadow" } else { "slice" };
-            let beam = synth.render_until(last, &straight())?;
-            let lines = || beam.amplitude.chunks(LONG_SAMPLES as usize);
-            let rises = lines()
-                .flat_map(|line| line.windows(2))
-                .filter(|pair| pair[1] > pair[0])
-                .count();
-            let negative = beam
-                .amplitude
-                .iter()
-                .filter(|echo| !(0.0..=1.0).contains(*echo))
-                .count();
-            record.zero(
-                format!("{db_cm} dB/cm, {backend}: echoes that rise with depth"),
-                rises as f64,
-            );
-            record.zero(
-                format!("{db_cm} dB/cm, {backend}: echoes below 0 or above 1"),
-                negative as f64,
-            );
-            // The loss of each sample is rounded to half a unit, half of its own loss to another; then the capped sum and the rounding of
-            // single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its square.
-            let sample_cm = DEPTH_MM / f64::from(LONG_SAMPLES) / 10.0;
-            let two_way = |sample: usize| (2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0);
-            let off = lines().flat_map(|line| line.iter().enumerate()).map(|(sample, echo)| {
-                let exact_db = two_way(sample);
-                let exact = 10f64.powf(-exact_db / 20.0);
-                let units = (0.5 * (sample as f64 + 2.0)) / UNITS_PER_DB / 20.0 * std::f64::consts::LN_10;
-                let octaves = exact_db / 20.0 * std::f64::consts::LOG2_10;
-                let rounding = 2.0 * (6.0 + 6.0 * octaves) / 8_388_608.0;
-                // Values below the range of single precision may be zero.
-                (echo - exact).abs() / (exact * (units + rounding) + 1e-37)
-            });
-            if 2.0 * db_cm * sample_cm > MOST_PER_SAMPLE_DB {
-                // The loss per sample is capped; half of it applies to the sample itself.
-                record.under(
-                    format!("{db_cm} dB/cm, {backend}: loudest echo"),
-                    largest(beam.amplitude.iter().copied()),
-                    1.001 * 10f64.powf(-0.5 * MOST_PER_SAMPLE_DB / 20.0),
-                );
-            } else {
-                record.under(
-                    format!("{db_cm} dB/cm, {backend}: departure from Beer and Lambert over rounding"),
-                    largest(off),
-                    1.0,
-                );
-            }
-            if two_way(LONG_SAMPLES as usize - 1) > 800.0 {
-                let last = lines().map(|line| line[LONG_SAMPLES as usize - 1]);
-                record.zero(
-                    format!("{db_cm} dB/cm, {backend}: deepest echo, single precision"),
-                    match synth.backend() {
-                        // Double precision represents values that single cannot.
-                        "cpu-f64" => largest(last.filter(|echo| *echo > 1e-37)),
-                        _ => largest(last),
-                    },
-                );
-            }
+            attenuated(record, &mut synth, db_cm)?;
         }
         record.done((at + 1) as f64 / losses_db_cm.len() as f64);
+    }
+    Ok(())
+}
+
+/// Checks the echoes of a uniform tissue against Beer and Lambert.
+fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> Result<(), Unexpected> {
+    let backend = name(synth);
+    // Lossless tissue casts no shadow: the plan omits the pass.
+    let last = if synth.plan().has("shadow") { "shadow" } else { "slice" };
+    let beam = synth.render_until(last, &straight())?;
+    let lines = || beam.amplitude.chunks(LONG_SAMPLES as usize);
+    let rises = lines()
+        .flat_map(|line| line.windows(2))
+        .filter(|pair| pair[1] > pair[0])
+        .count();
+    let negative = beam
+        .amplitude
+        .iter()
+        .filter(|echo| !(0.0..=1.0).contains(*echo))
+        .count();
+    record.zero(
+        format!("{db_cm} dB/cm, {backend}: echoes that rise with depth"),
+        rises as f64,
+    );
+    record.zero(
+        format!("{db_cm} dB/cm, {backend}: echoes below 0 or above 1"),
+        negative as f64,
+    );
+    // The loss of each sample is rounded to half a unit, half of its own loss to another; then the capped sum and the rounding of
+    // single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its square.
+    let sample_cm = DEPTH_MM / f64::from(LONG_SAMPLES) / 10.0;
+    let two_way = |sample: usize| (2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0);
+    let off = lines().flat_map(|line| line.iter().enumerate()).map(|(sample, echo)| {
+        let exact_db = two_way(sample);
+        let exact = 10f64.powf(-exact_db / 20.0);
+        let units = (0.5 * (sample as f64 + 2.0)) / UNITS_PER_DB / 20.0 * std::f64::consts::LN_10;
+        let octaves = exact_db / 20.0 * std::f64::consts::LOG2_10;
+        let rounding = 2.0 * (6.0 + 6.0 * octaves) / 8_388_608.0;
+        // Values below the range of single precision may be zero.
+        (echo - exact).abs() / (exact * (units + rounding) + 1e-37)
+    });
+    if 2.0 * db_cm * sample_cm > MOST_PER_SAMPLE_DB {
+        // The loss per sample is capped; half of it applies to the sample itself.
+        record.under(
+            format!("{db_cm} dB/cm, {backend}: loudest echo"),
+            largest(beam.amplitude.iter().copied()),
+            1.001 * 10f64.powf(-0.5 * MOST_PER_SAMPLE_DB / 20.0),
+        );
+    } else {
+        record.under(
+            format!("{db_cm} dB/cm, {backend}: departure from Beer and Lambert over rounding"),
+            largest(off),
+            1.0,
+        );
+    }
+    if two_way(LONG_SAMPLES as usize - 1) > 800.0 {
+        let last = lines().map(|line| line[LONG_SAMPLES as usize - 1]);
+        record.zero(
+            format!("{db_cm} dB/cm, {backend}: deepest echo, single precision"),
+            match synth.backend() {
+                // Double precision represents values that single cannot.
+                "cpu-f64" => largest(last.filter(|echo| *echo > 1e-37)),
+                _ => largest(last),
+            },
+        );
     }
     Ok(())
 }
@@ -145,28 +152,8 @@ fn across(beam: &Beam) -> Vec<f64> {
         .collect()
 }
 
-/// Tests identity, kernel and energy.
-pub fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
-    let gpus = gpus(record);
-    let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
-    let flat = anatomies::uniform(Acoustics { echo_db: 3.0, ..PLAIN });
-    let scattered = anatomies::random(
-        Frame::around([0.0, 20.0, 0.0], [48; 3], 1.0),
-        &[SILENT, PLAIN, Acoustics { echo_db: 6.0, ..PLAIN }],
-        record.seed() as u32,
-    );
-    for mut synth in everywhere(
-        &scattered,
-        &settings(shape, 40.0, [LINES, SAMPLES], effects(0.0)),
-        &gpus,
-    )? {
-        let backend = name(&synth);
-        let before = synth.render_until("slice", &straight())?.amplitude;
-        let after = synth.render_until("blur", &straight())?.amplitude;
-        let apart = before.iter().zip(&after).filter(|(a, b)| a != b).count();
-        record.zero(format!("{backend}: echoes that width 0 changes"), apart as f64);
-    }
-    record.done(0.25);
+/// Tests kernel and energy at a width of one scanline.
+fn one_scanline(record: &mut Record<'_>, shape: ProbeShape, gpus: &[Gpu]) -> Result<(), Unexpected> {
     // Full width at half maximum of one scanline: the kernel is a Gaussian of that width at whole scanlines, truncated at three standard
     // deviations rounded up to whole scanlines, with sum 1.
     let sigma = 1.0 / FWHM_PER_SIGMA;
@@ -179,7 +166,7 @@ pub fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
     for mut synth in everywhere(
         &impulse(),
         &settings(shape, 40.0, [LINES, SAMPLES], effects(LINE_MM)),
-        &gpus,
+        gpus,
     )? {
         let backend = name(&synth);
         let before = across(&synth.render_until("slice", &straight())?);
@@ -207,6 +194,32 @@ pub fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
             BLUR_ROUNDING + 2.0 * background,
         );
     }
+    Ok(())
+}
+
+/// Tests identity, kernel and energy.
+pub fn any_blur(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    let shape = ProbeShape::Linear { width_mm: WIDTH_MM };
+    let flat = anatomies::uniform(Acoustics { echo_db: 3.0, ..PLAIN });
+    let scattered = anatomies::random(
+        Frame::around([0.0, 20.0, 0.0], [48; 3], 1.0),
+        &[SILENT, PLAIN, Acoustics { echo_db: 6.0, ..PLAIN }],
+        record.seed() as u32,
+    );
+    for mut synth in everywhere(
+        &scattered,
+        &settings(shape, 40.0, [LINES, SAMPLES], effects(0.0)),
+        &gpus,
+    )? {
+        let backend = name(&synth);
+        let before = synth.render_until("slice", &straight())?.amplitude;
+        let after = synth.render_until("blur", &straight())?.amplitude;
+        let apart = before.iter().zip(&after).filter(|(a, b)| a != b).count();
+        record.zero(format!("{backend}: echoes that width 0 changes"), apart as f64);
+    }
+    record.done(0.25);
+    one_scanline(record, shape, &gpus)?;
     record.done(0.5);
     // Wider than the sector: 20 mm across 5 mm, in a linear probe and in a narrow fan. A constant stays constant at the edges.
     let narrow = [
@@ -258,6 +271,52 @@ fn ladder(low: f64, high: f64) -> Anatomy {
 /// Rounding allowance for a decrease in grey level, of 255: two logarithms (2^-21 each in WGSL), constants and sum; with the narrowest
 /// range, 10 dB, an octave is 0.6 of the scale.
 const ROUNDING: f64 = 255.0 * 2.0 * (0.7 / 2_097_152.0 + 8.0 / 8_388_608.0);
+
+/// Tests that tones out of range are refused.
+fn refused_tones(record: &mut Record<'_>, anatomy: &Anatomy) {
+    for (what, tone) in [
+        (
+            "dynamic range 1 dB",
+            Tone {
+                dynamic_range_db: 1.0,
+                ..Tone::default()
+            },
+        ),
+        (
+            "dynamic range 200 dB",
+            Tone {
+                dynamic_range_db: 200.0,
+                ..Tone::default()
+            },
+        ),
+        (
+            "gain 200 dB",
+            Tone {
+                gain_db: 200.0,
+                ..Tone::default()
+            },
+        ),
+        (
+            "gain that is no number",
+            Tone {
+                gain_db: f64::NAN,
+                ..Tone::default()
+            },
+        ),
+    ] {
+        let effects = Effects {
+            tone: Some(tone),
+            ..Effects::default()
+        };
+        let settings = settings(ProbeShape::Linear { width_mm: 10.0 }, 25.0, [2, 64], effects);
+        let answer = crate::imaging::synth::tables::Tables::new(anatomy.clone(), settings);
+        record.refused(
+            what,
+            answer,
+            |error| matches!(error, SynthError::Effect(own) if own.key.starts_with("tone.")),
+        );
+    }
+}
 
 /// Tests ladders from silence past denormal numbers to far above white, and in steps of a few roundings around 0 dB.
 pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
@@ -322,48 +381,6 @@ pub fn ends(record: &mut Record<'_>) -> Result<(), Unexpected> {
             ROUNDING,
         );
     }
-    let anatomy = &ladders[0];
-    for (what, tone) in [
-        (
-            "dynamic range 1 dB",
-            Tone {
-                dynamic_range_db: 1.0,
-                ..Tone::default()
-            },
-        ),
-        (
-            "dynamic range 200 dB",
-            Tone {
-                dynamic_range_db: 200.0,
-                ..Tone::default()
-            },
-        ),
-        (
-            "gain 200 dB",
-            Tone {
-                gain_db: 200.0,
-                ..Tone::default()
-            },
-        ),
-        (
-            "gain that is no number",
-            Tone {
-                gain_db: f64::NAN,
-                ..Tone::default()
-            },
-        ),
-    ] {
-        let effects = Effects {
-            tone: Some(tone),
-            ..Effects::default()
-        };
-        let settings = settings(ProbeShape::Linear { width_mm: 10.0 }, 25.0, [2, 64], effects);
-        let answer = crate::imaging::synth::tables::Tables::new(anatomy.clone(), settings);
-        record.refused(
-            what,
-            answer,
-            |error| matches!(error, SynthError::Effect(own) if own.key.starts_with("tone.")),
-        );
-    }
+    refused_tones(record, &ladders[0]);
     Ok(())
 }

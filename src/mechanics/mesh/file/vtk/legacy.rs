@@ -87,6 +87,34 @@ fn cells(reader: &mut Reader, grid: &mut Grid) -> Result<(), Fault> {
     Ok(())
 }
 
+/// Reads an array with `tuples` values of some components, without its keyword.
+fn array(reader: &mut Reader, keyword: &[u8], at: usize, tuples: usize) -> Result<Array, Fault> {
+    let name = reader.name()?;
+    let (components, kind) = match keyword {
+        b"SCALARS" => {
+            let kind = reader.kind()?;
+            let components = match reader.cursor.peek().1.first().is_some_and(u8::is_ascii_digit) {
+                true => reader.cursor.count()?,
+                false => 1,
+            };
+            reader.keyword("LOOKUP_TABLE")?;
+            reader.name()?;
+            (components, kind)
+        }
+        b"TEXTURE_COORDINATES" => (reader.cursor.count()?, reader.kind()?),
+        b"COLOR_SCALARS" => (reader.cursor.count()?, if reader.binary { Kind::U8 } else { Kind::F64 }),
+        b"VECTORS" | b"NORMALS" => (3, reader.kind()?),
+        b"TENSORS" => (9, reader.kind()?),
+        _ => (1, reader.kind()?),
+    };
+    let values = reader.numbers(product(at, components, tuples)?, kind)?;
+    Ok(Array {
+        name,
+        components,
+        values,
+    })
+}
+
 /// Reads one attribute of the current section; returns false for other keywords.
 fn attribute(
     reader: &mut Reader,
@@ -117,64 +145,19 @@ fn attribute(
                 }
             }
         }
-        b"SCALARS" => {
-            let name = reader.name()?;
-            let kind = reader.kind()?;
-            let components = match reader.cursor.peek().1.first().is_some_and(u8::is_ascii_digit) {
-                true => reader.cursor.count()?,
-                false => 1,
-            };
-            reader.keyword("LOOKUP_TABLE")?;
-            reader.name()?;
-            let values = reader.numbers(product(at, components, tuples)?, kind)?;
-            arrays.push(Array {
-                name,
-                components,
-                values,
-            });
-        }
         b"LOOKUP_TABLE" => {
             reader.name()?;
             let entries = product(at, reader.cursor.count()?, 4)?;
             reader.numbers(entries, if reader.binary { Kind::U8 } else { Kind::F64 })?;
         }
-        b"VECTORS" | b"NORMALS" | b"TENSORS" | b"GLOBAL_IDS" | b"PEDIGREE_IDS" => {
-            let name = reader.name()?;
-            let kind = reader.kind()?;
-            let components = match keyword {
-                b"VECTORS" | b"NORMALS" => 3,
-                b"TENSORS" => 9,
-                _ => 1,
-            };
-            let values = reader.numbers(product(at, components, tuples)?, kind)?;
-            arrays.push(Array {
-                name,
-                components,
-                values,
-            });
-        }
-        b"TEXTURE_COORDINATES" => {
-            let name = reader.name()?;
-            let components = reader.cursor.count()?;
-            let kind = reader.kind()?;
-            let values = reader.numbers(product(at, components, tuples)?, kind)?;
-            arrays.push(Array {
-                name,
-                components,
-                values,
-            });
-        }
-        b"COLOR_SCALARS" => {
-            let name = reader.name()?;
-            let components = reader.cursor.count()?;
-            let kind = if reader.binary { Kind::U8 } else { Kind::F64 };
-            let values = reader.numbers(product(at, components, tuples)?, kind)?;
-            arrays.push(Array {
-                name,
-                components,
-                values,
-            });
-        }
+        b"SCALARS"
+        | b"VECTORS"
+        | b"NORMALS"
+        | b"TENSORS"
+        | b"GLOBAL_IDS"
+        | b"PEDIGREE_IDS"
+        | b"TEXTURE_COORDINATES"
+        | b"COLOR_SCALARS" => arrays.push(array(reader, keyword, at, tuples)?),
         _ => return Ok(false),
     }
     match section {

@@ -470,9 +470,6 @@ fn numbers_out_of_range_are_named() {
     for (key, shaft, stiffness, link_mm, bevel) in spoiled {
         let error = Flexible::springs(shaft, stiffness, link_mm, Some(bevel)).expect_err(key);
         assert_eq!(error.key, key);
-        assert!(
-            error.to_string().starts_with(&format!("needle key `{key}` is ")),
-            "{error}"
-        );
+        assert!(error.to_string().starts_with(&format!("`{key}` is ")), "{error}");
     }
 }
