@@ -12,7 +12,7 @@
 //!
 //! let error = CaseFile::parse(&beam_case::EXAMPLE.replace("slope", "slop"), "beam.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("beam.toml", 12)));
-//! # Ok::<(), insonify::input::beam_case::InputError>(())
+//! # Ok::<(), insonify::input::InputError>(())
 //! ```
 
 mod file;

@@ -13,7 +13,7 @@
 //!
 //! let error = SceneFile::parse("version = 1\n[volume]\nphanton = \"abdomen\"\n", "mine.toml").unwrap_err();
 //! assert_eq!(error.location(), Some(("mine.toml", 3)));
-//! # Ok::<(), insonify::input::scene::InputError>(())
+//! # Ok::<(), insonify::input::InputError>(())
 //! ```
 
 mod check;
@@ -99,7 +99,7 @@ pub fn schema() -> serde_json::Value {
 ///     println!("{:.2} s: tip at {tip:?}", scene.time_s(frame, of));
 /// }
 /// assert!(scene.state(of, of, &mut state).is_err());
-/// # Ok::<(), insonify::input::scene::InputError>(())
+/// # Ok::<(), insonify::input::InputError>(())
 /// ```
 #[derive(Clone, Debug)]
 pub struct Scene {

@@ -19,7 +19,7 @@ pub enum StudyError {
     Number(#[from] OutOfRange),
     /// The dense inverses exceed the memory of the machine.
     #[error(
-        "{what} needs {:.1} GiB for its dense inverses, and {:.1} GiB of memory are available; take fewer nodes",
+        "{what} needs {:.1} GiB for its dense inverses, and {:.1} GiB of memory are available; take a coarser mesh (fewer nodes)",
         gib(*needed), gib(*available)
     )]
     Memory {
