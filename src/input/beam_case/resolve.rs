@@ -3,8 +3,7 @@
 use super::file::{CaseFile, LayerSpec, ModelName};
 use crate::base::document::InvalidFile;
 use crate::base::range::OutOfRange;
-use crate::input::Cause;
-use crate::input::InputError;
+use crate::input::{Cause, InputError};
 use crate::mechanics::needle::beam::inverse::{self, Wanted};
 use crate::mechanics::needle::beam::{
     Base, BeamError, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,

@@ -6,8 +6,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::base::document::{self, Source, Version};
-use crate::input::Cause;
-use crate::input::InputError;
+use crate::input::{Cause, InputError};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::point::{Loading, Method, Structure};
 

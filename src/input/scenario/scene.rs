@@ -6,9 +6,8 @@ use super::aim::Aim;
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
 use crate::base::document::nearest;
-use crate::input::Cause;
-use crate::input::InputError;
 use crate::input::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
+use crate::input::{Cause, InputError};
 
 impl ScenarioFile {
     /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.

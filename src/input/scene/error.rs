@@ -1,8 +1,7 @@
 //! Errors at keys of scene files.
 
 use super::file::SceneFile;
-use crate::input::Cause;
-use crate::input::InputError;
+use crate::input::{Cause, InputError};
 
 /// Attaches an error to a key of a scene file.
 pub(super) trait At<T> {

@@ -8,8 +8,7 @@ use nalgebra::{Point3, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 
 /// Distance between samples around the tip, mm.

@@ -4,8 +4,7 @@ use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 
 /// Volume of the image of a cube, as a share of the product of its edges, below which an affine map counts as singular.
 const SINGULAR: f64 = 1e-9;

@@ -10,8 +10,7 @@ use nalgebra::{Isometry3, Vector3};
 use super::chain::Chain;
 use super::tangent::Tangent;
 use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 use crate::mechanics::ldl::Ldl;
 
 /// Length of a link for which Goksel et al. 2011 state the stiffness of its joint, mm.

@@ -6,8 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::chain::Chain;
 use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 
 /// A straight needle, with or without a bevel.
 #[derive(Clone, Debug)]

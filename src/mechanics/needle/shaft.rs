@@ -2,8 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 
 /// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel et
 /// al. 2011, section III-C).

@@ -11,8 +11,7 @@ mod tests;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 
 /// Largest modulus, kPa.
 const MAX_KPA: f64 = 1e12;

@@ -7,8 +7,7 @@ use super::problem::{Base, Bed, Division, Problem};
 use super::shape::Shape;
 use super::sweep::{self, Change, Element, Push, Sweep};
 use super::{BeamError, TOLERANCE};
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 
 /// Size of corrections relative to the deflections below which the beam counts as solved too: rounding allows no better
 /// balance.

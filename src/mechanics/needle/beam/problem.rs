@@ -3,8 +3,7 @@
 use std::f64::consts::PI;
 
 use super::material::{Compression, Law, Material};
-use crate::base::range::OutOfRange;
-use crate::base::range::check;
+use crate::base::range::{OutOfRange, check};
 
 /// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1e5;
