@@ -5,14 +5,11 @@
 //!
 //! | module | comparison |
 //! |---|---|
-//! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c and 14) |
-//! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A) |
-//! | `thinning` | every n-th probe candidate |
-//! | `pieces` | link lengths of an angular-spring needle, and element lengths of a beam |
-//! | `mesh` | number of mesh nodes |
+//! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c and 14); every n-th probe candidate; number of mesh nodes |
+//! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A); link lengths of an angular-spring needle, element lengths of a beam |
 //! | `masses` | masses and springs against finite elements |
 //!
-//! `course` moves the instruments and times the steps; `columns` contains the columns common to the tables.
+//! `Course` moves the instruments and times the steps.
 
 mod bevel;
 mod levels;
