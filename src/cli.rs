@@ -3,6 +3,7 @@
 mod backend;
 mod beam;
 mod bench;
+mod calibrate;
 mod completions;
 mod doctor;
 mod failure;
@@ -46,6 +47,7 @@ Examples:
   insonify inspect my.toml --at 320,240            what made one pixel
   insonify realism frame.png --against real/       how near frames are to real ones, measure by measure
   insonify match real.png --depth-mm 160 -o my.toml  probe and effects from a real frame
+  insonify calibrate pivot tip.igs.mha             tip of a tracked needle; its shaft, the plane of a probe's image
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
@@ -78,6 +80,7 @@ enum Command {
     Bench(bench::Bench),
     Tradeoff(tradeoff::Tradeoff),
     Info(info::Info),
+    Calibrate(calibrate::Calibrate),
     Insert(insert::Insert),
     Solve(solve::Solve),
     Material(material::Material),
@@ -110,6 +113,7 @@ impl Cli {
             Command::Bench(bench) => bench.run(),
             Command::Tradeoff(tradeoff) => tradeoff.run(),
             Command::Info(info) => info.run(),
+            Command::Calibrate(calibrate) => calibrate.run(),
             Command::Insert(insert) => insert.run(),
             Command::Solve(solve) => solve.run(),
             Command::Material(material) => material.run(),

@@ -1,5 +1,6 @@
-//! Probe and needle tracking: geometry, poses, trajectories, tracked sequences.
+//! Probe and needle tracking: geometry, poses, trajectories, tracked sequences, calibration.
 
+pub mod calibrate;
 pub mod calibration;
 mod error;
 pub mod needle;

@@ -24,6 +24,16 @@ impl OutOfRange {
     }
 }
 
+/// Parses finite numbers separated by commas.
+pub(crate) fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let found: Option<Vec<f64>> = text
+        .split(',')
+        .map(|part| part.trim().parse().ok().filter(|number: &f64| number.is_finite()))
+        .collect();
+    let found = found.and_then(|found| found.try_into().ok());
+    found.ok_or_else(|| format!("expected {N} finite numbers separated by commas"))
+}
+
 /// Checks that a number is finite and `holds`.
 pub(crate) fn check(key: &str, found: f64, holds: bool, expected: impl Into<String>) -> Result<(), OutOfRange> {
     match found.is_finite() && holds {

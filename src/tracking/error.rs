@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::trajectory::SkipReason;
+use crate::base::csv::CsvError;
 use crate::base::read;
 
 /// Why a probe, pose, needle, image grid, path, placement or calibration is invalid.
@@ -43,6 +44,9 @@ pub enum TrackingError {
         /// Reason for skipping the first one.
         first: SkipReason,
     },
+    /// A table is malformed.
+    #[error(transparent)]
+    Csv(#[from] CsvError),
     /// A file cannot be opened or read.
     #[error("cannot read `{}`: {source}", path.display())]
     Read {
@@ -79,7 +83,7 @@ impl TrackingError {
         Self::Read { path, source }
     }
 
-    pub(super) fn file(path: &Path, text: impl Into<String>) -> Self {
+    pub(crate) fn file(path: &Path, text: impl Into<String>) -> Self {
         let (path, text) = (path.to_owned(), text.into());
         Self::File { path, text }
     }
@@ -100,7 +104,11 @@ impl TrackingError {
 
     /// Whether the machine is at fault rather than the input.
     pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Read { source, .. } if read::is_machine(source))
+        match self {
+            Self::Read { source, .. } => read::is_machine(source),
+            Self::Csv(error) => error.is_machine(),
+            _ => false,
+        }
     }
 }
 

@@ -29,6 +29,15 @@ struct NamedTransform {
     matrix: Matrix4<f64>,
 }
 
+/// Straight wire of a calibration phantom.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wire {
+    /// Name, unique in its phantom.
+    pub name: String,
+    /// Ends in the phantom's frame, mm.
+    pub ends_mm: [[f64; 3]; 2],
+}
+
 /// Transforms, transducer and images in a PLUS device-set configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlusConfig {
@@ -40,6 +49,8 @@ pub struct PlusConfig {
     probe: ProbeSpec,
     image_size: Option<[usize; 2]>,
     pixel_mm: Option<[f64; 2]>,
+    wires: Vec<Wire>,
+    registration: Option<Matrix4<f64>>,
 }
 
 impl PlusConfig {
@@ -94,6 +105,9 @@ impl PlusConfig {
             _ => None,
         };
         let centre = root.with("TransducerCenterPixel");
+        let phantom = root.all("PhantomDefinition").next();
+        let wires = |phantom: Element<'_>| phantom.all("Wire").map(|wire| wire.wire()).collect::<Result<_, _>>();
+        let registration = phantom.and_then(|phantom| phantom.all("Registration").next());
         let size = pair("OutputImageSizePixel")?.filter(|size| size.iter().all(|side| (1.0..=65_535.0).contains(side)));
         Ok(Self {
             path: path.to_owned(),
@@ -104,7 +118,19 @@ impl PlusConfig {
             probe: root.probe(scan)?,
             image_size: size.map(|size| size.map(|side| side as usize)),
             pixel_mm: pair("OutputImageSpacingMmPerPixel")?,
+            wires: phantom.map_or(Ok(Vec::new()), wires)?,
+            registration: registration.map_or(Ok(None), |it| it.matrix("MatrixValue"))?,
         })
+    }
+
+    /// Wires of the phantom definition.
+    pub fn wires(&self) -> &[Wire] {
+        &self.wires
+    }
+
+    /// Registration of the phantom definition: from the phantom to the marker on it.
+    pub fn registration(&self) -> Option<&Matrix4<f64>> {
+        self.registration.as_ref()
     }
 
     /// Transform from one named frame to another, as defined in the file or as the inverse of a definition.
@@ -252,12 +278,30 @@ impl<'a> Element<'a> {
             };
             self.node.attribute(name).ok_or_else(found)
         };
-        let matrix = Rows::parse(attribute("Matrix")?)
-            .map_err(|found| self.fault(format!("`Matrix` holds {found}; expected 16 numbers row by row")))?;
+        attribute("Matrix")?;
         Ok(NamedTransform {
             from: attribute("From")?.to_owned(),
             to: attribute("To")?.to_owned(),
-            matrix: matrix.0,
+            matrix: self.matrix("Matrix")?.unwrap_or_default(),
+        })
+    }
+
+    fn matrix(self, key: &str) -> Result<Option<Matrix4<f64>>, TrackingError> {
+        let fault = |found| self.fault(format!("`{key}` holds {found}; expected 16 numbers row by row"));
+        let text = self.node.attribute(key);
+        text.map(|text| Rows::parse(text).map(|rows| rows.0).map_err(fault))
+            .transpose()
+    }
+
+    fn wire(self) -> Result<Wire, TrackingError> {
+        let end = |key: &str| {
+            let found = self.numbers(key, "three numbers, mm")?;
+            found.ok_or_else(|| self.fault(format!("`Wire` without `{key}`")))
+        };
+        let name = self.node.attribute("Name").or(self.node.attribute("Id"));
+        Ok(Wire {
+            name: name.unwrap_or_default().to_owned(),
+            ends_mm: [end("EndPointFront")?, end("EndPointBack")?],
         })
     }
 

@@ -1,0 +1,360 @@
+//! `insonify calibrate`: calibration of tracked probes and needles.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::base::csv::Csv;
+use crate::base::range::numbers;
+use crate::tracking::TrackingError;
+use crate::tracking::calibrate::points::{Feature, ImageCalibration, Pixel, calibrate, follow};
+use crate::tracking::calibrate::poses::Poses;
+use crate::tracking::calibrate::report::Sheet;
+use crate::tracking::calibrate::{between, held, pivot, spin};
+use crate::tracking::plus::PlusConfig;
+use crate::tracking::sequence::{Sequence, TrackedTransform};
+
+use super::failure::Failure;
+use super::output::{self, Force};
+use super::terminal;
+
+const EXAMPLES: &str = "\
+Order: `pivot` finds the tip of a stylus or needle, `direction` or `spin` the axis of its shaft, `points` the plane of a probe's image. Each
+prints the lines for a scene and a fragment for PLUS.
+
+Examples:
+  insonify calibrate pivot tip.igs.mha --transform NeedleToTracker -o pivot.html
+  insonify calibrate direction tip.igs.mha --transform NeedleToTracker --hub hub.igs.mha
+  insonify calibrate spin turned.csv --toward 0,0,150
+  insonify calibrate points phantom.igs.mha --transform ProbeToReference --plus-config phantom.xml
+  insonify calibrate points sweep.igs.mha --transform ProbeToReference --pixels clicked.csv --json
+
+CSV poses have the columns time_s,m00,...,m33: the matrix from the marker to the tracker row by row, mm.";
+
+/// Calibrates tracked probes and needles: tip, shaft axis, image plane
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Calibrate {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Pivot(PivotArgs),
+    Direction(DirectionArgs),
+    Spin(SpinArgs),
+    Points(Box<PointsArgs>),
+}
+
+impl Calibrate {
+    pub fn run(&self) -> Result<(), Failure> {
+        match &self.command {
+            Command::Pivot(command) => command.run(),
+            Command::Direction(command) => command.run(),
+            Command::Spin(command) => command.run(),
+            Command::Points(command) => command.run(),
+        }
+    }
+}
+
+/// Poses of the marker.
+#[derive(Args)]
+struct Motion {
+    /// Poses of the marker: a tracked sequence (.igs.mha, .igs.mhd, .igs.nrrd), or CSV with the columns time_s,m00,...,m33
+    #[arg(value_name = "FILE")]
+    file: PathBuf,
+    /// Transform from the marker to the tracker or a reference, composed if need be [default: the only one to the tracker]
+    #[arg(long, value_name = "NAME")]
+    transform: Option<String>,
+    /// Configuration of PLUS with more transforms
+    #[arg(long, value_name = "FILE.xml")]
+    plus_config: Option<PathBuf>,
+}
+
+impl Motion {
+    fn config(&self) -> Result<Option<PlusConfig>, TrackingError> {
+        self.plus_config.as_deref().map(PlusConfig::read).transpose()
+    }
+
+    fn poses(&self) -> Result<Poses, Failure> {
+        self.poses_in(&self.file, self.config()?.as_ref())
+    }
+
+    fn poses_in(&self, file: &Path, config: Option<&PlusConfig>) -> Result<Poses, Failure> {
+        if is_csv(file) {
+            return Ok(Poses::from_csv(file, self.transform.as_deref())?);
+        }
+        self.poses_of(&Sequence::read_poses(file)?, file, config)
+    }
+
+    fn poses_of(&self, sequence: &Sequence, file: &Path, config: Option<&PlusConfig>) -> Result<Poses, Failure> {
+        sequence.warnings.iter().for_each(terminal::warn);
+        let defined: BTreeMap<String, TrackedTransform> = config.map(PlusConfig::definitions).unwrap_or_default();
+        let poses = Poses::from_sequence(sequence, file, self.transform.as_deref(), &defined)?;
+        if self.transform.is_none() {
+            terminal::note(format_args!(
+                "the poses are those of {}To{}",
+                poses.marker, poses.tracker
+            ));
+        }
+        Ok(poses)
+    }
+}
+
+fn is_csv(file: &Path) -> bool {
+    file.extension()
+        .is_some_and(|ending| ending.eq_ignore_ascii_case("csv"))
+}
+
+/// Output of a calibration.
+#[derive(Args)]
+struct Output {
+    /// Write a page with residuals and the lines for a scene and for PLUS
+    #[arg(short, long, value_name = "PAGE.html")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Output {
+    fn check(&self, inputs: &[Option<&PathBuf>]) -> Result<(), Failure> {
+        let inputs: Vec<PathBuf> = inputs.iter().flatten().map(|path| (*path).clone()).collect();
+        match &self.output {
+            Some(output) => self.force.check_ending(output, "html", "pages", &inputs),
+            None => Ok(()),
+        }
+    }
+
+    fn write(&self, found: &impl Serialize, sheet: &Sheet<'_>) -> Result<(), Failure> {
+        if let Some(path) = &self.output {
+            output::text(path, &sheet.page()?)?;
+        }
+        match self.json {
+            true => terminal::emit_json(found),
+            false => terminal::emit(&sheet.text()),
+        }
+    }
+}
+
+/// Finds the point that the motion of a marker leaves fixed: the tip of a stylus or needle that is tilted to all sides in a dent
+///
+/// Poses whose residual is more than 2.5 standard deviations (from the median absolute deviation) above the median are left out.
+#[derive(Args)]
+struct PivotArgs {
+    #[command(flatten)]
+    motion: Motion,
+    #[command(flatten)]
+    output: Output,
+}
+
+impl PivotArgs {
+    fn run(&self) -> Result<(), Failure> {
+        self.output.check(&[Some(&self.motion.file)])?;
+        let poses = self.motion.poses()?;
+        let found = pivot(&poses)?;
+        self.output.write(&found, &Sheet::pivot(&found, &poses))
+    }
+}
+
+/// Finds the direction of a shaft or a beam in the frame of its marker
+#[derive(Args)]
+struct DirectionArgs {
+    #[command(flatten)]
+    motion: Motion,
+    /// The direction in all poses, in the frame that the transform leads to
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    along: Option<[f64; 3]>,
+    /// The direction in each pose: CSV with the columns frame,dx,dy,dz; other frames are not used
+    #[arg(long, value_name = "FILE.csv", conflicts_with = "along")]
+    directions: Option<PathBuf>,
+    /// Poses about a second point of the shaft, toward its hub: the direction leads from there to the pivot of FILE
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["along", "directions"])]
+    hub: Option<PathBuf>,
+    #[command(flatten)]
+    output: Output,
+}
+
+impl DirectionArgs {
+    fn run(&self) -> Result<(), Failure> {
+        self.output
+            .check(&[Some(&self.motion.file), self.directions.as_ref(), self.hub.as_ref()])?;
+        let poses = self.motion.poses()?;
+        let found = if let Some(hub) = &self.hub {
+            let hub = self.motion.poses_in(hub, self.motion.config()?.as_ref())?;
+            between(&pivot(&hub)?, &pivot(&poses)?)?
+        } else if let Some(along) = self.along {
+            let along = nonzero(along)?;
+            held(&poses.poses.iter().map(|pose| (pose, along)).collect::<Vec<_>>())?
+        } else if let Some(file) = &self.directions {
+            let table = Csv::read(file, &["frame", "dx", "dy", "dz"], &[]).map_err(TrackingError::from)?;
+            let mut given = Vec::new();
+            for row in table.rows() {
+                let along = row.numbers(["dx", "dy", "dz"]).map_err(TrackingError::from)?;
+                let frame = row.count("frame").map_err(TrackingError::from)?;
+                given.extend(
+                    poses
+                        .of(frame)
+                        .map(|pose| nonzero(along).map(|along| (pose, along)))
+                        .transpose()?,
+                );
+            }
+            held(&given)?
+        } else {
+            let expected = "give --along, --directions or --hub";
+            return Err(Failure::usage("no direction is known", expected));
+        };
+        self.output
+            .write(&found, &Sheet::direction("Direction of a shaft", &found, &poses.marker))
+    }
+}
+
+fn nonzero(along: [f64; 3]) -> Result<Vector3<f64>, TrackingError> {
+    let found = Vector3::from(along);
+    match found.norm() > 1e-9 {
+        true => Ok(found),
+        false => Err(TrackingError::new(
+            "a direction is 0,0,0; expected a vector with a length",
+        )),
+    }
+}
+
+/// Finds the axis of an instrument that is turned about itself in place
+#[derive(Args)]
+struct SpinArgs {
+    #[command(flatten)]
+    motion: Motion,
+    /// Vector in the marker's frame on the side to which the axis points, such as the tip found by `pivot`
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    toward: Option<[f64; 3]>,
+    #[command(flatten)]
+    output: Output,
+}
+
+impl SpinArgs {
+    fn run(&self) -> Result<(), Failure> {
+        self.output.check(&[Some(&self.motion.file)])?;
+        let poses = self.motion.poses()?;
+        if self.toward.is_none() {
+            terminal::note("the sense of the axis is arbitrary without --toward");
+        }
+        let found = spin(&poses, &self.toward.unwrap_or([1.0; 3]).into())?;
+        self.output
+            .write(&found, &Sheet::direction("Axis of rotation", &found, &poses.marker))
+    }
+}
+
+const POINTS: &str = "\
+Columns of --pixels: frame,u_px,v_px (column and row from 0, marked side first, transducer up), and where the pixel lies: x_mm,y_mm,z_mm in
+the frame that the transform leads to, or wire, the name of a wire of the phantom. Frames count from 0.
+
+Wires come from the phantom definition of --plus-config, placed by its registration. Without --pixels they are sought in the images near where
+the configuration's calibration has them; with --follow near where a calibration from --pixels has them: a few frames are then enough.";
+
+/// Calibrates the image of a probe from pixels of known points, or of the wires of a phantom
+#[derive(Args)]
+#[command(after_help = POINTS)]
+struct PointsArgs {
+    #[command(flatten)]
+    motion: Motion,
+    /// Pixels of known points or wires (CSV)
+    #[arg(long, value_name = "FILE.csv")]
+    pixels: Option<PathBuf>,
+    /// Seek the wires in all images, starting from the given pixels
+    #[arg(long)]
+    follow: bool,
+    #[command(flatten)]
+    output: Output,
+}
+
+impl PointsArgs {
+    fn run(&self) -> Result<(), Failure> {
+        self.output.check(&[
+            Some(&self.motion.file),
+            self.pixels.as_ref(),
+            self.motion.plus_config.as_ref(),
+        ])?;
+        let config = self.motion.config()?;
+        let file = &self.motion.file;
+        let follows = self.follow || self.pixels.is_none();
+        if follows && (is_csv(file) || config.as_ref().is_none_or(|config| config.wires().is_empty())) {
+            return Err(Failure::usage(
+                "no pixels are given, or they are to be sought, and there are no images or no wires",
+                "give --pixels, or a sequence with images and the phantom's definition in --plus-config",
+            ));
+        }
+        let sequence = match (is_csv(file), follows) {
+            (true, _) => None,
+            (false, true) => Some(Sequence::read(file)?),
+            (false, false) => Some(Sequence::read_poses(file)?),
+        };
+        let poses = match &sequence {
+            Some(sequence) => self.motion.poses_of(sequence, file, config.as_ref())?,
+            None => self.motion.poses_in(file, config.as_ref())?,
+        };
+        let wires = wires(config.as_ref(), &poses.tracker)?;
+        let clicked = self.pixels.as_deref().map(|path| pixels(path, &wires)).transpose()?;
+        let clicked = clicked.map(|pixels| calibrate(&pixels, &poses)).transpose()?;
+        let found: ImageCalibration = match (clicked, &sequence) {
+            (Some(found), _) if !follows => found,
+            (clicked, Some(sequence)) => {
+                let start = match (&clicked, &config) {
+                    (None, Some(config)) => config.transform("Image", &poses.marker)?,
+                    (clicked, _) => clicked
+                        .as_ref()
+                        .map_or_else(Default::default, |found| found.image_to_probe.0),
+                };
+                let features: Vec<Feature> = wires.iter().map(|(_, wire)| *wire).collect();
+                follow(sequence, &poses, &features, &start)?
+            }
+            (clicked, None) => clicked.ok_or_else(|| Failure::usage("no pixels are given", "give --pixels"))?,
+        };
+        let centre = config.as_ref().and_then(PlusConfig::array_centre_px);
+        self.output.write(&found, &Sheet::image(&found, &poses.marker, centre))
+    }
+}
+
+/// Wires of the phantom in the frame that the poses lead to.
+fn wires(config: Option<&PlusConfig>, tracker: &str) -> Result<Vec<(String, Feature)>, Failure> {
+    let Some(config) = config.filter(|config| !config.wires().is_empty()) else {
+        return Ok(Vec::new());
+    };
+    let placed = match config.registration() {
+        Some(registration) => *registration,
+        None => config.transform("Phantom", tracker)?,
+    };
+    let placed = config
+        .wires()
+        .iter()
+        .map(|wire| Ok((wire.name.clone(), Feature::wire(wire, &placed)?)));
+    Ok(placed.collect::<Result<_, TrackingError>>()?)
+}
+
+fn pixels(path: &Path, wires: &[(String, Feature)]) -> Result<Vec<Pixel>, TrackingError> {
+    const PLACE: [&str; 3] = ["x_mm", "y_mm", "z_mm"];
+    let table = Csv::read(path, &["frame", "u_px", "v_px"], &["x_mm", "y_mm", "z_mm", "wire"])?;
+    let pixel = |row: crate::base::csv::Row<'_>| {
+        let name = row.text("wire");
+        let feature = match wires.iter().find(|(wire, _)| wire == name) {
+            _ if name.is_empty() => Feature::Point(row.numbers(PLACE)?.into()),
+            Some((_, wire)) => *wire,
+            None => {
+                let names: Vec<String> = wires.iter().map(|(name, _)| name.clone()).collect();
+                let names = crate::base::text::some_of(&names);
+                return Err(row.wrong("wire", format!("a wire of --plus-config: {names}")));
+            }
+        };
+        Ok(Pixel {
+            frame: row.count("frame")?,
+            at: row.numbers(["u_px", "v_px"])?,
+            feature,
+        })
+    };
+    Ok(table.rows().map(pixel).collect::<Result<_, _>>()?)
+}
