@@ -6,6 +6,7 @@ mod bench;
 mod calibrate;
 mod completions;
 mod doctor;
+mod exercise;
 mod failure;
 mod info;
 mod input;
@@ -23,6 +24,7 @@ mod realism;
 mod render;
 mod scene;
 mod schema;
+mod score;
 mod solve;
 mod stability;
 mod study;
@@ -49,6 +51,8 @@ Examples:
   insonify match real.png --depth-mm 160 -o my.toml  probe and effects from a real frame
   insonify calibrate pivot tip.igs.mha             tip of a tracked needle; its shaft, the plane of a probe's image
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
+  insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
+  insonify score out                               how well a needle was guided: ten metrics
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
   insonify beam case.toml -o shape.svg             how a needle bends in tissue when its base is moved
@@ -82,6 +86,8 @@ enum Command {
     Info(info::Info),
     Calibrate(calibrate::Calibrate),
     Insert(insert::Insert),
+    Score(score::ScoreArgs),
+    Exercise(exercise::Exercise),
     Solve(solve::Solve),
     Material(material::Material),
     Beam(beam::Beam),
@@ -115,6 +121,8 @@ impl Cli {
             Command::Info(info) => info.run(),
             Command::Calibrate(calibrate) => calibrate.run(),
             Command::Insert(insert) => insert.run(),
+            Command::Score(score) => score.run(),
+            Command::Exercise(exercise) => exercise.run(),
             Command::Solve(solve) => solve.run(),
             Command::Material(material) => material.run(),
             Command::Beam(beam) => beam.run(),

@@ -26,6 +26,7 @@ pub mod matching;
 pub mod parity;
 pub mod puncture;
 pub mod realism;
+pub mod score;
 pub mod stability;
 pub mod step_costs;
 #[cfg(test)]

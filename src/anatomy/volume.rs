@@ -5,7 +5,7 @@
 
 pub mod complete;
 mod data;
-mod distance;
+pub(crate) mod distance;
 pub(crate) mod element;
 mod error;
 pub(crate) mod header;

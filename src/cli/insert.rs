@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use crate::imaging::quality::Picked;
 use crate::input::scenario::run::{Requests, run};
 use crate::input::scenario::{self, Scenario, ScenarioFile, Summary};
+use crate::study::score::hands::{HANDS, hand};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
@@ -86,6 +87,12 @@ pub struct Insert {
     images: Option<Images>,
     #[command(flatten)]
     extras: Extras,
+    /// Let a simulated hand perform the insertion: its errors of aim, depth, entry, image plane and tremor (docs/metrics.md)
+    #[arg(long, value_name = "NAME", value_parser = hands())]
+    hand: Option<String>,
+    /// With --hand: seed of its errors
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "hand")]
+    hand_seed: u64,
     /// Write a small animated picture of the frames: preview.gif
     #[arg(long)]
     preview: bool,
@@ -140,6 +147,9 @@ impl Insert {
         };
         if asked.frames {
             picked.extend(self.quality.frames_of(&mut scenario, &self.backend)?);
+        }
+        if let Some(hand) = self.hand.as_deref().and_then(hand) {
+            scenario = hand.perform(&scenario, self.hand_seed)?;
         }
         let bar = terminal::share();
         bar.set_message("preparing the model");
@@ -279,6 +289,10 @@ fn told(summary: &Summary, output: &Path) -> String {
 
 fn names() -> PossibleValuesParser {
     PossibleValuesParser::new(scenario::EXAMPLES.iter().map(|(name, _)| *name))
+}
+
+fn hands() -> PossibleValuesParser {
+    PossibleValuesParser::new(HANDS.iter().map(|(name, _)| *name))
 }
 
 /// Parses a period, ms.

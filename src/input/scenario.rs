@@ -29,11 +29,12 @@
 mod aim;
 mod along;
 mod carried;
-mod clearance;
+pub(crate) mod clearance;
 mod cut;
 mod cylinder;
 mod error;
 mod file;
+pub mod guidance;
 mod instruments;
 mod labels;
 mod mesh;

@@ -186,6 +186,11 @@ impl Scene {
         &self.probe
     }
 
+    /// Replaces the path of the probe.
+    pub(crate) fn move_probe(&mut self, probe: Trajectory) {
+        self.probe = probe;
+    }
+
     /// Path of the needle tip, if the scene has a needle that moves.
     pub fn needle_path(&self) -> Option<&NeedlePath> {
         match self.needle.as_ref()? {

@@ -14,7 +14,7 @@ pub mod pushing;
 pub mod spring;
 mod validation;
 
-use nalgebra::{Isometry3, Point3};
+use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use super::needle::CentreLine;
 use super::tissue::remesh::Level;
@@ -157,6 +157,11 @@ pub trait Model: Send {
 
     /// Returns the last outcome.
     fn outcome(&self) -> &Outcome;
+
+    /// Returns the direction of the needle at its tip; `None` for a model without a needle of its own.
+    fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
+        None
+    }
 
     /// Writes the state needed for an image, reusing the memory of `into`.
     fn snapshot(&mut self, into: &mut Snapshot);

@@ -1,5 +1,8 @@
 //! Errors of studies.
 
+use std::path::PathBuf;
+
+use crate::base::csv::CsvError;
 use crate::base::output::OutputError;
 use crate::base::range::OutOfRange;
 use crate::gpu::GpuError;
@@ -10,6 +13,7 @@ use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::remesh::RemeshError;
+use crate::tracking::TrackingError;
 
 /// Error of a study.
 #[derive(Debug, thiserror::Error)]
@@ -55,15 +59,31 @@ pub enum StudyError {
     /// The gold standard cannot be solved.
     #[error("the gold standard cannot be solved: {0}")]
     Gold(String),
-    /// A measured curve is malformed.
-    #[error("{place}: found {found}; expected {expected}")]
-    Curve {
-        /// File, with the line number where known.
-        place: String,
-        /// Content found.
-        found: String,
-        /// Content expected.
-        expected: &'static str,
+    /// A table cannot be read.
+    #[error(transparent)]
+    Table(#[from] CsvError),
+    /// A measured curve with too few points.
+    #[error("the curve: found {0} points beyond 0 mm before the force drops; expected at least 4, with a force above 0 N")]
+    Curve(usize),
+    /// An insertion that cannot be scored.
+    #[error("{} {reason}", run.display())]
+    Unscored {
+        /// Folder or table of the run.
+        run: PathBuf,
+        /// What it lacks.
+        reason: &'static str,
+    },
+    /// No task fulfils the conditions.
+    #[error("none of {tried} random targets in {organ} fulfils the conditions; {most} were refused because {reason}")]
+    NoTask {
+        /// Name of the organ.
+        organ: String,
+        /// Number of targets tried.
+        tried: usize,
+        /// Number refused for the most frequent reason.
+        most: usize,
+        /// Most frequent reason.
+        reason: &'static str,
     },
     /// A step of a needle that pushes tissue cannot be solved.
     #[error("at {travel_mm} mm: {cause}")]
@@ -79,6 +99,9 @@ pub enum StudyError {
     /// The scene is invalid.
     #[error(transparent)]
     Input(#[from] InputError),
+    /// A path of needle or probe is invalid.
+    #[error(transparent)]
+    Path(#[from] TrackingError),
     /// A frame cannot be rendered.
     #[error(transparent)]
     Synth(#[from] SynthError),
@@ -113,6 +136,7 @@ impl StudyError {
             Self::Synth(SynthError::Memory(_)) => true,
             Self::Input(error) => error.is_machine(),
             Self::Output(error) => error.is_machine(),
+            Self::Table(error) => error.is_machine(),
             _ => false,
         }
     }

@@ -3,6 +3,7 @@
 mod adapters;
 mod bad_input;
 mod beam;
+mod calibrate;
 mod far;
 mod frames;
 mod golden;

@@ -29,20 +29,42 @@ impl Carried {
         into.clear();
         self.last.resize(seeds.len(), 0);
         for ((seed, along), last) in seeds.iter().zip(&self.along).zip(&mut self.last) {
-            let found = std::iter::once(*last)
-                .chain(0..elements.len())
-                .filter(|element| *element < elements.len())
-                .find_map(|element| Some((element, inside(&elements[element], tissue, seed)?)));
-            let shaft = match found {
+            into.push(match find(last, elements, tissue, seed) {
                 None => NeedleShaft::seed(*seed, along),
-                Some((element, (at, turned))) => {
-                    *last = element;
-                    NeedleShaft::seed(at, &(turned * along))
-                }
-            };
-            into.push(shaft);
+                Some((at, turned)) => NeedleShaft::seed(at, &(turned * along)),
+            });
         }
     }
+
+    /// Current position of a point of the reference state, mm; `slot` numbers the points that are followed. A point outside the mesh moves
+    /// with the nearest node.
+    pub fn point(&mut self, slot: usize, rest: &Point3<f64>, elements: &[[u32; 4]], tissue: &Tissue) -> Point3<f64> {
+        if self.last.len() <= slot {
+            self.last.resize(slot + 1, 0);
+        }
+        if let Some((at, _)) = find(&mut self.last[slot], elements, tissue, rest) {
+            return at;
+        }
+        let from = |node: &[f64; 3]| (Point3::from(*node) - rest).norm_squared();
+        let pairs = tissue.reference.iter().zip(&tissue.current);
+        let nearest = pairs.min_by(|a, b| from(a.0).total_cmp(&from(b.0)));
+        nearest.map_or(*rest, |(then, now)| rest + (Point3::from(*now) - Point3::from(*then)))
+    }
+}
+
+/// Finds a point in the element that last contained it, or in any other: its position and the rotation there.
+fn find(
+    last: &mut usize,
+    elements: &[[u32; 4]],
+    tissue: &Tissue,
+    point: &Point3<f64>,
+) -> Option<(Point3<f64>, Matrix3<f64>)> {
+    let candidates = std::iter::once(*last).chain(0..elements.len());
+    let (element, found) = candidates
+        .filter(|element| *element < elements.len())
+        .find_map(|element| Some((element, inside(&elements[element], tissue, point)?)))?;
+    *last = element;
+    Some(found)
 }
 
 /// Maps a point of the reference state to the deformed element, with the rotation of directions there; `None`

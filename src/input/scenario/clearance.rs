@@ -2,7 +2,9 @@
 
 use nalgebra::{Point3, Vector3};
 
+use super::guidance::Critical;
 use super::regions::RIGID_KPA;
+use super::resolve::Scenario;
 use crate::input::scene::{Body, Scene};
 use crate::tracking::trajectory::Trajectory;
 
@@ -27,6 +29,51 @@ pub(super) struct Course {
     pub gas: Option<At>,
     /// Nearest bone within [`LOOKED_MM`].
     pub nearest: Option<At>,
+}
+
+/// Obstacles on a straight path and their distances from it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Obstacles {
+    /// Whether the path leaves the body.
+    pub leaves: bool,
+    /// Whether the path meets gas or lung.
+    pub gas: bool,
+    /// Distance of the nearest bone, mm; infinite beyond 30 mm.
+    pub bone_mm: f64,
+    /// Distance of the nearest critical structure, mm; infinite beyond 30 mm.
+    pub critical_mm: f64,
+}
+
+/// Obstacles around a set of points.
+pub(crate) struct Surroundings<'a> {
+    bones: Bones<'a>,
+    critical: Option<Critical>,
+}
+
+impl<'a> Surroundings<'a> {
+    /// Collects obstacles within 30 mm of the points (mm).
+    pub fn new(scenario: &Scenario, body: &'a Body<'a>, points: &[Point3<f64>]) -> Self {
+        Self {
+            bones: Bones::around(body, points),
+            critical: Critical::around(scenario, points),
+        }
+    }
+
+    /// Obstacles of a straight path from the skin.
+    pub fn of(&self, entry: &Point3<f64>, target: &Point3<f64>) -> Obstacles {
+        let course = self.bones.course(&[*entry, *target]);
+        let steps = ((target - entry).norm() / STEP_MM).ceil().max(1.0);
+        let along = (0..=steps as usize).map(|at| entry + (target - entry) * (at as f64 / steps));
+        let critical = self.critical.as_ref();
+        Obstacles {
+            leaves: course.leaves(),
+            gas: course.gas.is_some(),
+            bone_mm: course.nearest.map_or(f64::INFINITY, |(_, away)| away),
+            critical_mm: along
+                .filter_map(|at| critical?.distance(&at))
+                .fold(f64::INFINITY, f64::min),
+        }
+    }
 }
 
 /// Bone around a set of paths.

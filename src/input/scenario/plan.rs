@@ -20,6 +20,8 @@ pub struct Target {
     pub name: String,
     /// Position in the anatomy at rest, mm.
     pub at_mm: Point3<f64>,
+    /// Radius, mm.
+    pub radius_mm: f64,
 }
 
 /// A seed to be deposited.
@@ -56,9 +58,19 @@ impl ScenarioFile {
             Ok(Target {
                 name: spec.name.clone(),
                 at_mm: self.place(&format!("plan.target[{at}].at_mm"), spec.at_mm)?,
+                radius_mm: self.radius(at, spec)?,
             })
         };
         specs.enumerate().map(one).collect()
+    }
+
+    fn radius(&self, at: usize, spec: &super::planned::TargetSpec) -> Result<f64, InputError> {
+        let found = spec.radius_mm.unwrap_or(0.0);
+        let key = format!("plan.target[{at}].radius_mm");
+        match (0.0..=100.0).contains(&found) {
+            true => Ok(found),
+            false => Err(self.wrong_keys(&key, format!("{found}"), "0 to 100")),
+        }
     }
 
     /// Planned insertions of a needle of the given length (mm), if there are any.

@@ -88,4 +88,7 @@ pub struct TargetSpec {
     pub name: String,
     /// Position in the anatomy at rest (LPS), mm.
     pub at_mm: [f64; 3],
+    /// Radius, mm (0 to 100): an image within this distance shows the target. Default 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub radius_mm: Option<f64>,
 }

@@ -143,6 +143,31 @@ impl Scenario {
         rigid(&self.scene.probe_path().at(self.timing.at(step)))
     }
 
+    /// Planned path of the needle's tip.
+    pub(crate) fn needle_tip(&self) -> &Trajectory {
+        self.path.tip()
+    }
+
+    /// Points that the tip is planned to pass, mm.
+    pub(super) fn planned_points(&self) -> Vec<Point3<f64>> {
+        let keys = self.path.tip().keys();
+        keys.iter().map(|key| key.pose.position_mm()).collect()
+    }
+
+    /// The scenario with another path of the needle's tip, and of the probe if given, from the start of the needle's to its end.
+    pub(crate) fn moved(&self, tip: Trajectory, probe: Option<Trajectory>) -> Self {
+        let mut moved = self.clone();
+        moved.timing.start_s = tip.start_s();
+        moved.timing.steps = ((tip.end_s() - tip.start_s()) / self.timing.dt_s - REACHED)
+            .ceil()
+            .max(1.0) as u64;
+        moved.path = self.path.with_tip(tip);
+        if let Some(probe) = probe {
+            moved.scene.move_probe(probe);
+        }
+        moved
+    }
+
     /// Whether a region is skin.
     pub(super) fn is_skin(&self, region: i32) -> bool {
         let anatomy = &self.scene.anatomy;
@@ -218,7 +243,11 @@ impl ScenarioFile {
         let mut targets = self.targets()?;
         let (mut scene, moving, aim) = self.scene_with(&needle, base_dir)?;
         let file = aim.as_ref().map_or_else(|| self.clone(), |aim| self.boxed(aim));
-        targets.extend(aim.map(|super::aim::Aim { name, tip: at_mm, .. }| Target { name, at_mm }));
+        targets.extend(aim.map(|super::aim::Aim { name, tip: at_mm, .. }| Target {
+            name,
+            at_mm,
+            radius_mm: 0.0,
+        }));
         let Moving { deposits, guides, .. } = moving;
         let path = scene
             .needle_path()

@@ -5,6 +5,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Matrix4, Vector3};
 
 use super::carried::Carried;
+use super::guidance::{Guidance, Guide};
 use super::resolve::Scenario;
 use super::summary::{Summary, Tally};
 use crate::imaging::synth::{FrameState, NeedleShaft};
@@ -30,6 +31,8 @@ pub struct Step<'a> {
     /// Force on the probe split between the two points that drive it, N, world axes; `None` for a probe without such
     /// points.
     pub driven: Option<[Vector3<f64>; 2]>,
+    /// Geometry from which the insertion is scored.
+    pub guidance: Guidance,
     /// Duration of the step, ms.
     pub ms: f64,
 }
@@ -124,6 +127,11 @@ pub fn run<O: Observer>(
         next: 0,
     });
     let mut meshes = asked.mesh_s.map(|every_s| Beat { every_s, next: 0 });
+    let mut guide = Guide::new(scenario);
+    let mut carried = guide.follows().then_some(Beat {
+        every_s: timing.frame_s,
+        next: 0,
+    });
     model.start(&scenario.instruments(0));
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
@@ -143,6 +151,7 @@ pub fn run<O: Observer>(
             probe: instruments.probe.unwrap_or_else(|| scenario.probe(number)),
             outcome: model.outcome(),
             driven: contact.and_then(|contact| contact.driven(instruments.probe.as_ref(), model.outcome())),
+            guidance: guide.at(model, &instruments.base, &scenario.probe(number)),
             ms,
         };
         tally.add(&step);
@@ -150,10 +159,15 @@ pub fn run<O: Observer>(
         let time_s = step.time_s;
         let frame = frames.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
         let mesh = meshes.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
-        if frame.is_none() && mesh.is_none() {
+        let carry = carried.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
+        if frame.is_none() && mesh.is_none() && carry.is_none() {
             continue;
         }
         view.look(model, &instruments.base);
+        guide.carry(view.imager.as_ref(), &view.tissue);
+        if frame.is_none() && mesh.is_none() {
+            continue;
+        }
         tally.see(&view.tissue);
         if let Some(number_of_frame) = frame {
             let state = view.state(number_of_frame, scenario.probe(number).to_homogeneous());

@@ -25,7 +25,7 @@ mod tissue;
 use std::sync::Arc;
 use std::time::Instant;
 
-use nalgebra::{Isometry3, Point3, Translation3, Vector3};
+use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::imager::MeshImager;
 use super::validation::{finite, numbers};
@@ -388,6 +388,10 @@ impl Model for Finite {
 
     fn outcome(&self) -> &Outcome {
         &self.log.outcome
+    }
+
+    fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
+        self.needle.line.direction()
     }
 
     fn snapshot(&mut self, into: &mut Snapshot) {

@@ -295,6 +295,10 @@ impl Model for Nonlinear {
         &self.outcome
     }
 
+    fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
+        self.line.direction()
+    }
+
     fn snapshot(&mut self, into: &mut Snapshot) {
         into.step = self.steps;
         into.time_s = self.time_s;

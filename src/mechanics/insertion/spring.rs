@@ -39,7 +39,7 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{Isometry3, Point3, Translation3};
+use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::imager::NetworkImager;
 use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
@@ -251,6 +251,10 @@ impl Model for MassSpring {
 
     fn outcome(&self) -> &Outcome {
         &self.outcome
+    }
+
+    fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
+        self.body.line.direction()
     }
 
     fn snapshot(&mut self, into: &mut Snapshot) {

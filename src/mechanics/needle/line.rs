@@ -99,6 +99,14 @@ impl CentreLine {
         self.nodes.last().map_or_else(Point3::origin, |node| node.1)
     }
 
+    /// Returns the direction of the last link; `None` before the needle is first placed.
+    pub fn direction(&self) -> Option<Unit<Vector3<f64>>> {
+        let [.., (_, before), (_, tip)] = self.nodes[..] else {
+            return None;
+        };
+        Unit::try_new(tip - before, 0.0)
+    }
+
     /// Returns the point at an arc (mm).
     pub fn at(&self, arc_mm: f64) -> ShaftPoint {
         let after = self.nodes.partition_point(|node| node.0 <= arc_mm);

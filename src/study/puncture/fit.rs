@@ -12,11 +12,9 @@ use nalgebra::{Matrix2, Vector2};
 use serde::Serialize;
 
 use super::{PunctureOptions, pushing};
-use crate::base::read;
+use crate::base::csv::Csv;
 use crate::study::StudyError;
 
-/// Column names.
-const COLUMNS: [&str; 2] = ["travel_mm", "force_n"];
 /// Least number of points for three unknowns.
 const FEWEST: usize = 4;
 /// Fraction of the largest force so far at which the force counts as dropped: a membrane is punctured.
@@ -65,47 +63,16 @@ pub struct Fitted {
 /// puncture` writes.
 ///
 /// # Errors
-/// [`StudyError::Curve`] if the file cannot be read or is malformed.
+/// [`StudyError::Table`] if the file cannot be read or is malformed.
 pub fn read(path: &Path) -> Result<Vec<Sample>, StudyError> {
-    let name = path.display();
-    let wrong = |line: Option<u64>, found: String, expected| StudyError::Curve {
-        place: line.map_or(name.to_string(), |line| format!("{name}, line {line}")),
-        found,
-        expected,
-    };
-    let text =
-        read::whole(path, read::CSV).map_err(|error| wrong(None, error.to_string(), "a file that can be read"))?;
-    let mut reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_reader(&text[..]);
-    let torn = |error: &csv::Error| {
-        let line = error.position().map(csv::Position::line);
-        wrong(line, error.to_string(), "as many cells as the header has")
-    };
-    let header = reader.headers().map_err(|error| torn(&error))?.clone();
-    let column = |name: &str| header.iter().position(|cell| cell == name);
-    let [Some(travel), Some(force)] = COLUMNS.map(column) else {
-        let found = format!("the header `{}`", header.iter().collect::<Vec<_>>().join(","));
-        return Err(wrong(Some(1), found, "columns `travel_mm` and `force_n`"));
-    };
+    let table = Csv::open(path, &["travel_mm", "force_n"])?;
     let mut samples: Vec<Sample> = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(|error| torn(&error))?;
-        let line = record.position().map(csv::Position::line);
-        let number = |at: usize| {
-            let found = record[at].parse::<f64>().ok().filter(|number| number.is_finite());
-            found.ok_or_else(|| wrong(line, format!("`{}`", &record[at]), "a finite number"))
-        };
-        let sample = Sample {
-            travel_mm: number(travel)?,
-            force_n: number(force)?,
-        };
-        if samples.last().is_some_and(|last| sample.travel_mm <= last.travel_mm) {
-            let found = format!("{} mm", sample.travel_mm);
-            return Err(wrong(line, found, "a way that is longer from line to line"));
+    for row in table.rows() {
+        let [travel_mm, force_n] = row.numbers(["travel_mm", "force_n"])?;
+        if samples.last().is_some_and(|last| travel_mm <= last.travel_mm) {
+            return Err(row.wrong("travel_mm", "a travel that rises from line to line").into());
         }
-        samples.push(sample);
+        samples.push(Sample { travel_mm, force_n });
     }
     Ok(samples)
 }
@@ -196,11 +163,7 @@ fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, StudyError> {
         .filter(|sample| sample.travel_mm > 0.0);
     let pushed: Vec<Sample> = pushed.copied().collect();
     if pushed.len() < FEWEST || largest.1 <= 0.0 {
-        return Err(StudyError::Curve {
-            place: "the curve".to_owned(),
-            found: format!("{} points beyond 0 mm before the force drops", pushed.len()),
-            expected: "at least 4, with a force above 0 N",
-        });
+        return Err(StudyError::Curve(pushed.len()));
     }
     Ok(pushed)
 }

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Rotation3, SVector, Vector3};
 use serde::Serialize;
 
 use super::poses::{MarkerPose, Poses};
-use super::{Residual, trimmed};
+use super::{Residual, TRUNCATED, trimmed};
 use crate::base::matrix::Rows;
 use crate::tracking::TrackingError;
 use crate::tracking::plus::Wire;
@@ -249,7 +249,7 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
             break;
         }
     }
-    let variance = squares / (equations - PARAMETERS) as f64;
+    let variance = squares / (TRUNCATED * (equations - PARAMETERS) as f64);
     let spread = normal
         .try_inverse()
         .ok_or_else(undetermined)?

@@ -96,6 +96,11 @@ impl NeedlePath {
         )
     }
 
+    /// The needle on another path of its tip.
+    pub(crate) fn with_tip(&self, tip: Trajectory) -> Self {
+        Self { tip, ..self.clone() }
+    }
+
     /// Path of the tip.
     pub fn tip(&self) -> &Trajectory {
         &self.tip

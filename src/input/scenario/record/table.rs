@@ -4,6 +4,7 @@ use std::io::{self, Write};
 
 use nalgebra::Vector3;
 
+use crate::input::scenario::guidance::Guidance;
 use crate::input::scenario::run::Step;
 use crate::mechanics::insertion::ProbeContact;
 
@@ -20,11 +21,18 @@ const DRIVEN: &str = "driven_1_force_x_n,driven_1_force_y_n,driven_1_force_z_n,\
 /// Columns of counts, and the duration of the step.
 const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
 
+/// Columns of the geometry from which an insertion is scored; empty where there is no such point.
+const GUIDANCE: &str = "tip_dx,tip_dy,tip_dz,measured_tip_x_mm,measured_tip_y_mm,measured_tip_z_mm,\
+    array_x_mm,array_y_mm,array_z_mm,plane_nx,plane_ny,plane_nz,\
+    entry_at_rest_x_mm,entry_at_rest_y_mm,entry_at_rest_z_mm,entry_x_mm,entry_y_mm,entry_z_mm,\
+    target_at_rest_x_mm,target_at_rest_y_mm,target_at_rest_z_mm,target_x_mm,target_y_mm,target_z_mm,\
+    target_shown,clearance_mm";
+
 /// Header line.
 pub(super) fn head(probe: Option<&ProbeContact>) -> String {
     let driven = probe.and_then(|probe| probe.driven_at_mm);
     let driven = if driven.is_some() { DRIVEN } else { "" };
-    format!("{NUMBERS},{POSE},{driven}{COUNTS}")
+    format!("{NUMBERS},{POSE},{driven}{COUNTS},{GUIDANCE}")
 }
 
 pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
@@ -57,7 +65,7 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
     for force in step.driven.iter().flatten() {
         write!(out, ",{},{},{}", force.x, force.y, force.z)?;
     }
-    writeln!(
+    write!(
         out,
         ",{},{},{},{},{},{},{},{},{:.4}",
         outcome.contacts,
@@ -69,5 +77,30 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
         u8::from(outcome.converged),
         outcome.crushed,
         step.ms
-    )
+    )?;
+    guidance(&step.guidance, out)
+}
+
+fn guidance(found: &Guidance, out: &mut impl Write) -> io::Result<()> {
+    let mut vector = |vector: Option<Vector3<f64>>| match vector {
+        Some(it) => write!(out, ",{:.6},{:.6},{:.6}", it.x, it.y, it.z),
+        None => write!(out, ",,,"),
+    };
+    let always = [
+        found.direction,
+        found.measured_tip.coords,
+        found.array.coords,
+        found.normal,
+    ];
+    always.into_iter().try_for_each(|it| vector(Some(it)))?;
+    for places in [found.entry, found.target] {
+        for at in 0..2 {
+            vector(places.map(|places| places[at].coords))?;
+        }
+    }
+    write!(out, ",{}", u8::from(found.shown))?;
+    match found.clearance_mm {
+        Some(clearance) => writeln!(out, ",{clearance:.3}"),
+        None => writeln!(out, ","),
+    }
 }

@@ -1,0 +1,209 @@
+//! `insonify exercise`: training tasks, and a study with simulated hands.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+
+use crate::base::range::numbers;
+use crate::input::scenario::{self, Scenario, ScenarioFile};
+use crate::study::score::exercise::{Conditions, csv, study};
+use crate::study::score::page::study_notes;
+
+use super::failure::Failure;
+use super::output::{self, Force, inputs};
+use super::terminal;
+
+const EXAMPLES: &str = "\
+Examples:
+  insonify exercise make liver-biopsy --organ liver --tasks 3 -o tasks     three random targets in the liver, a scenario each
+  insonify insert tasks/task-1.toml -o run --frames                        the reference run of the first
+  insonify insert tasks/task-1.toml --hand student --hand-seed 7 -o run    the same task by a simulated student
+  insonify score run                                                       its metrics
+  insonify exercise study tasks/task-*.toml --people 8 -o study            three groups of eight on all tasks, compared";
+
+/// Makes training tasks, and lets simulated hands perform them
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Exercise {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Make(Make),
+    Study(Study),
+}
+
+impl Exercise {
+    pub fn run(&self) -> Result<(), Failure> {
+        match &self.command {
+            Command::Make(make) => make.run(),
+            Command::Study(study) => study.run(),
+        }
+    }
+}
+
+/// Makes training tasks: scenarios with random reachable targets in an organ, each with its reference run
+#[derive(Args)]
+struct Make {
+    /// Scenario that the tasks are made from, with an inline scene: a file, or the name of a built-in one. Its needle enters in the middle of
+    /// the entry window; its speed and pause are those of the reference runs
+    #[arg(value_name = "SCENARIO.toml")]
+    scenario: PathBuf,
+    /// Organ of the targets: a label or tissue, or a part of its name
+    #[arg(long, value_name = "NAME")]
+    organ: String,
+    /// Number of tasks
+    #[arg(long, value_name = "N", default_value = "3", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    tasks: u16,
+    /// Least and largest depth of the targets along the needle, mm
+    #[arg(long, value_name = "MIN,MAX", default_value = "40,140", value_parser = numbers::<2>)]
+    depth_mm: [f64; 2],
+    /// Least distance of the paths from bone and critical structures, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    clearance_mm: f64,
+    /// Radius of the entry window, mm
+    #[arg(long, value_name = "MM", default_value_t = 20.0)]
+    window_mm: f64,
+    /// Least distance of the targets from the border of the organ, mm
+    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    margin_mm: f64,
+    /// Radius of the targets, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    radius_mm: f64,
+    /// Seed of the random targets
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Folder for task-1.toml, task-2.toml, ...
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON: the tasks
+    #[arg(long)]
+    json: bool,
+}
+
+impl Make {
+    fn run(&self) -> Result<(), Failure> {
+        let folder = self
+            .force
+            .folder(&self.output, "exercise", &["task-"], &inputs(&self.scenario))?;
+        let conditions = Conditions {
+            organ: self.organ.clone(),
+            depth_mm: self.depth_mm,
+            clearance_mm: self.clearance_mm,
+            window_mm: self.window_mm,
+            margin_mm: self.margin_mm,
+            radius_mm: self.radius_mm,
+            seed: self.seed,
+        };
+        conditions.check().map_err(crate::study::StudyError::from)?;
+        let (text, base) = source(&self.scenario)?;
+        let file = ScenarioFile::parse(&text, &self.scenario.display().to_string())?;
+        let scenario = resolve(&file, &base)?;
+        let tasks = conditions.tasks(&scenario, usize::from(self.tasks))?;
+        for (at, task) in tasks.iter().enumerate() {
+            let text = task.scenario(&text, &conditions, at + 1).map_err(|found| {
+                let expected = "a scenario whose scene is a table: `insonify insert --example liver-biopsy`";
+                Failure::usage(format!("{}: {found}", self.scenario.display()), expected)
+            })?;
+            output::text(&folder.path().join(format!("task-{}.toml", at + 1)), &text)?;
+        }
+        folder.install()?;
+        if self.json {
+            return terminal::emit_json(&tasks);
+        }
+        let lines = tasks.iter().enumerate().map(|(at, task)| {
+            let [x, y, z] = task.target_mm;
+            let file = self.output.join(format!("task-{}.toml", at + 1));
+            format!(
+                "{}: target ({x:.1}, {y:.1}, {z:.1}) mm, {:.0} mm deep",
+                file.display(),
+                task.depth_mm
+            )
+        });
+        terminal::emit(&lines.collect::<Vec<_>>().join("\n"))
+    }
+}
+
+/// Text of a scenario and the folder of the files that it names.
+fn source(path: &Path) -> Result<(String, PathBuf), Failure> {
+    let name = path.to_str().unwrap_or_default();
+    let ready = scenario::EXAMPLES
+        .iter()
+        .find(|(known, _)| *known == name && !path.is_file());
+    if let Some((_, text)) = ready {
+        return Ok(((*text).to_owned(), PathBuf::new()));
+    }
+    // Errors of the file are told by its reader.
+    ScenarioFile::read(path)?;
+    let text = std::fs::read_to_string(path).map_err(Failure::Output)?;
+    Ok((text, path.parent().unwrap_or(Path::new("")).to_owned()))
+}
+
+fn resolve(file: &ScenarioFile, base: &Path) -> Result<Scenario, Failure> {
+    let bar = terminal::share();
+    bar.set_message("making the mesh");
+    let scenario = file.resolve(base, |share| {
+        bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
+    });
+    bar.finish_and_clear();
+    Ok(scenario?)
+}
+
+/// Lets simulated consultants, registrars and students perform tasks, and compares the groups
+#[derive(Args)]
+struct Study {
+    /// Tasks: scenarios with a target
+    #[arg(value_name = "TASK.toml", required = true)]
+    tasks: Vec<PathBuf>,
+    /// Number of people in each group
+    #[arg(long, value_name = "N", default_value = "8", value_parser = clap::value_parser!(u16).range(2..=1000))]
+    people: u16,
+    /// Seed of the hands
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Folder for sessions.csv and index.html
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON: `groups` and `pairs`
+    #[arg(long)]
+    json: bool,
+}
+
+impl Study {
+    fn run(&self) -> Result<(), Failure> {
+        let read: Vec<PathBuf> = self.tasks.iter().flat_map(|task| inputs(task)).collect();
+        let folder = self
+            .force
+            .folder(&self.output, "study", &["sessions.csv", "index.html"], &read)?;
+        let mut tasks = Vec::new();
+        for path in &self.tasks {
+            let scenario = resolve(&ScenarioFile::read(path)?, path.parent().unwrap_or(Path::new("")))?;
+            let name = path
+                .file_stem()
+                .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+            tasks.push((name.replace([',', '"', '\n'], " "), scenario));
+        }
+        let bar = terminal::share();
+        bar.set_message("sessions");
+        let found = study(&tasks, usize::from(self.people), self.seed, |done, of| {
+            bar.set_position(terminal::SHARES * done as u64 / of.max(1) as u64);
+        });
+        bar.finish_and_clear();
+        let found = found?;
+        let notes = study_notes(tasks.len(), usize::from(self.people), self.seed);
+        output::text(&folder.path().join("sessions.csv"), &csv(&found.sessions))?;
+        let page = found.comparison.page("Study with simulated hands", &notes)?;
+        output::text(&folder.path().join("index.html"), &page)?;
+        folder.install()?;
+        match self.json {
+            true => terminal::emit_json(&found),
+            false => terminal::emit(&found.comparison.to_string()),
+        }
+    }
+}

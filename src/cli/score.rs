@@ -1,0 +1,96 @@
+//! `insonify score`: metrics of insertions and comparison of groups.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use serde::Serialize;
+
+use crate::study::score::groups::{compare, read};
+use crate::study::score::page::picture;
+use crate::study::score::{Score, groups};
+
+use super::failure::Failure;
+use super::output::{self, Force};
+use super::terminal;
+
+const TEACHING: &str = "\
+RUN is the folder that `insonify insert` wrote, or its steps.csv. The scenario needs a target: `needle.target`, or `[[plan.target]]`. The metrics
+are means over the time in which the needle is in the body; docs/metrics.md defines them. With --frames at the insertion, the page shows the
+image at the closest approach.
+
+--groups compares people: a table with the columns group,person,session,m1,...,m10, such as `insonify exercise study` writes. Welch's t and
+Mann-Whitney U tests, two-sided, over sessions and over the means of people, and Holm's correction for the ten metrics.
+
+Examples:
+  insonify insert task-1.toml -o run --frames
+  insonify score run -o score.html
+  insonify score run-a run-b --json | jq '.[].m10'
+  insonify score --groups sessions.csv -o groups.html";
+
+/// Scores insertions by ten metrics, or compares groups of people by their scores
+#[derive(Args)]
+#[command(after_help = TEACHING)]
+pub struct ScoreArgs {
+    /// Folder of a run, or its table of steps
+    #[arg(value_name = "RUN", required_unless_present = "groups")]
+    runs: Vec<PathBuf>,
+    /// Compare groups: a table of sessions
+    #[arg(long, value_name = "SESSIONS.csv", conflicts_with = "runs")]
+    groups: Option<PathBuf>,
+    /// Write a page with tables and plots; of one run
+    #[arg(short, long, value_name = "PAGE.html")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON: an object, of several runs a list of objects
+    #[arg(long)]
+    json: bool,
+}
+
+impl ScoreArgs {
+    pub fn run(&self) -> Result<(), Failure> {
+        if let Some(output) = &self.output {
+            let tables = self.runs.iter().map(|run| run.join("steps.csv"));
+            let inputs: Vec<PathBuf> = self.runs.iter().chain(&self.groups).cloned().chain(tables).collect();
+            self.force.check_ending(output, "html", "pages", &inputs)?;
+            if self.runs.len() > 1 {
+                return Err(Failure::usage(
+                    "a page of several runs",
+                    "score one run, or compare them with --groups",
+                ));
+            }
+        }
+        if let Some(groups) = &self.groups {
+            return self.compare(&read(groups)?);
+        }
+        let scores: Vec<Score> = self.runs.iter().map(|run| Score::of(run)).collect::<Result<_, _>>()?;
+        if let (Some(output), [score]) = (&self.output, &scores[..]) {
+            let shown = picture(&score.run, score.nearest_s, score.end_s);
+            if shown.is_none() {
+                terminal::note("the page has no image: the run was made without --frames");
+            }
+            output::text(output, &score.page(shown.as_ref())?)?;
+        }
+        match (&scores[..], self.json) {
+            ([score], true) => terminal::emit_json(score),
+            (_, true) => terminal::emit_json(&scores),
+            _ => terminal::emit(&scores.iter().map(Score::to_string).collect::<Vec<_>>().join("\n")),
+        }
+    }
+
+    fn compare(&self, sessions: &[groups::Session]) -> Result<(), Failure> {
+        let comparison = compare(sessions);
+        if let Some(output) = &self.output {
+            output::text(output, &comparison.page("Comparison of groups", &[])?)?;
+        }
+        emit(&comparison, self.json)
+    }
+}
+
+/// Prints a result as text or as JSON.
+pub fn emit(result: &(impl Serialize + ToString), json: bool) -> Result<(), Failure> {
+    match json {
+        true => terminal::emit_json(result),
+        false => terminal::emit(&result.to_string()),
+    }
+}

@@ -1,0 +1,220 @@
+//! Geometry of needle, image and target at every step, from which an insertion is scored.
+
+use nalgebra::{Isometry3, Matrix4, Point3, Vector3};
+
+use super::carried::Carried;
+use super::resolve::Scenario;
+use crate::anatomy::volume::distance::Grid;
+use crate::imaging::effects::shadow::Shadow;
+use crate::imaging::effects::thickness::Thickness;
+use crate::mechanics::insertion::{EventKind, Imager, Interaction, Model, Outcome, Tissue};
+use crate::tracking::probe::BeamGrid;
+
+/// Two-ray loss above which a target counts as hidden, dB: more than the dynamic range of an image (60 dB) and the gain for depth of
+/// average soft tissue down to 120 mm at 4 MHz (48 dB), less 8 dB.
+const HIDDEN_DB: f64 = 100.0;
+/// Distance between samples of a ray, mm.
+const RAY_MM: f64 = 0.5;
+/// Margin about the needle's path within which critical structures are searched for, mm.
+const MARGIN_MM: f64 = 30.0;
+
+/// Geometry at the end of a step. Points in the world, mm.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guidance {
+    /// Direction of the constrained needle at its tip.
+    pub direction: Vector3<f64>,
+    /// Tip of the measured needle, straight from its base.
+    pub measured_tip: Point3<f64>,
+    /// Centre of the imaging probe's array.
+    pub array: Point3<f64>,
+    /// Normal of the image plane.
+    pub normal: Vector3<f64>,
+    /// Point at which the needle entered the body: at rest, and carried by the tissue.
+    pub entry: Option<[Point3<f64>; 2]>,
+    /// The first target: at rest, and carried by the tissue.
+    pub target: Option<[Point3<f64>; 2]>,
+    /// Whether the image shows the target: within the sector and the slice thickness, and not shadowed.
+    pub shown: bool,
+    /// Distance of the tip from the nearest critical structure at rest, mm; `None` if there is none within 30 mm of the path.
+    pub clearance_mm: Option<f64>,
+}
+
+/// Source of a run's guidance.
+pub(super) struct Guide<'a> {
+    scenario: &'a Scenario,
+    length_mm: f64,
+    /// Reach of the target out of the image plane at which it is shown, mm.
+    reach_mm: f64,
+    grid: Option<BeamGrid>,
+    critical: Option<Critical>,
+    carried: Carried,
+    entry: Option<[Point3<f64>; 2]>,
+    target: Option<[Point3<f64>; 2]>,
+}
+
+impl<'a> Guide<'a> {
+    pub fn new(scenario: &'a Scenario) -> Self {
+        let settings = &scenario.scene.settings;
+        let thickness = settings
+            .effects
+            .thickness
+            .as_ref()
+            .map_or(Thickness::default().width_mm, |it| it.width_mm);
+        let target = scenario.targets.first();
+        Self {
+            scenario,
+            length_mm: scenario.needle.length_mm,
+            reach_mm: thickness / 2.0 + target.map_or(0.0, |target| target.radius_mm),
+            grid: BeamGrid::new(&settings.probe).ok(),
+            critical: Critical::around(scenario, &scenario.planned_points()),
+            carried: Carried::default(),
+            entry: None,
+            target: target.map(|target| [target.at_mm; 2]),
+        }
+    }
+
+    /// Whether there is a point that moves with the tissue.
+    pub fn follows(&self) -> bool {
+        self.target.is_some()
+    }
+
+    /// Carries entry and target with the tissue.
+    pub fn carry(&mut self, imager: &dyn Imager, tissue: &Tissue) {
+        for (slot, places) in [&mut self.entry, &mut self.target].into_iter().enumerate() {
+            if let Some([rest, now]) = places {
+                *now = self.carried.point(slot, rest, imager.elements(), tissue);
+            }
+        }
+    }
+
+    /// Geometry at the end of a step.
+    pub fn at(&mut self, model: &dyn Model, base: &Isometry3<f64>, probe: &Isometry3<f64>) -> Guidance {
+        let outcome: &Outcome = model.outcome();
+        if let Some(event) = outcome.events.iter().find(|event| event.kind == EventKind::Skin) {
+            self.entry = Some([event.at_mm; 2]);
+        }
+        if outcome.inserted_mm > 0.0 && self.entry.is_none() {
+            self.entry = Some([outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm); 2]);
+        }
+        let along = base.rotation * Vector3::z();
+        let tip = outcome.tip_at_rest_mm;
+        Guidance {
+            direction: model.tip_direction().map_or(along, |direction| direction.into_inner()),
+            measured_tip: base * Point3::new(0.0, 0.0, self.length_mm),
+            array: probe * Point3::origin(),
+            normal: probe.rotation * Vector3::z(),
+            entry: self.entry,
+            target: self.target,
+            shown: self.target.is_some_and(|target| self.shows(&target, probe)),
+            clearance_mm: tip.and_then(|tip| self.critical.as_ref()?.distance(&tip)),
+        }
+    }
+
+    fn shows(&self, [rest, now]: &[Point3<f64>; 2], probe: &Isometry3<f64>) -> bool {
+        let seen = probe.inverse_transform_point(now);
+        let Some((line, sample)) = self.grid.as_ref().and_then(|grid| grid.to_beam(seen.x, seen.y)) else {
+            return false;
+        };
+        seen.z.abs() <= self.reach_mm && self.loss_db(rest, probe, line, sample) < HIDDEN_DB
+    }
+
+    /// Two-ray loss along a scanline down to a sample, dB, through the anatomy at rest as seen from the probe.
+    fn loss_db(&self, rest: &Point3<f64>, probe: &Isometry3<f64>, line: f64, sample: f64) -> f64 {
+        let (Some(grid), scene) = (&self.grid, &self.scenario.scene) else {
+            return 0.0;
+        };
+        let shadow = scene.settings.effects.shadow.clone().unwrap_or(Shadow {
+            attenuation: false,
+            occlusion: false,
+            ..Shadow::default()
+        });
+        let [x, y] = grid.to_plane(line, 0.0);
+        let start = probe.transform_point(&Point3::new(x, y, 0.0));
+        let [x, y] = grid.to_plane(line, sample);
+        // The scanline in the anatomy at rest ends at the target.
+        let ray = probe.transform_point(&Point3::new(x, y, 0.0)) - start;
+        let start = rest - ray;
+        let steps = (ray.norm() / RAY_MM).ceil().max(1.0);
+        let volume = &scene.anatomy.volume;
+        let lost = |at: usize| {
+            let point = start + ray * ((at as f64 + 0.5) / steps);
+            let label = volume.label_index_at(&point);
+            label.map_or(0.0, |label| {
+                shadow.db_per_mm(scene.anatomy.tissues.of(label), scene.settings.probe.frequency_mhz)
+            })
+        };
+        (0..steps as usize).map(lost).sum::<f64>() * ray.norm() / steps
+    }
+}
+
+/// Distances from critical structures around some points.
+pub(super) struct Critical {
+    grid: Grid,
+    /// First voxel of the grid in the volume.
+    origin: [usize; 3],
+    world_to_index: Matrix4<f64>,
+    half_mm: f64,
+}
+
+impl Critical {
+    /// Distances within [`MARGIN_MM`] of the points; `None` if no critical structure is near.
+    pub fn around(scenario: &Scenario, points: &[Point3<f64>]) -> Option<Self> {
+        let volume = &scenario.scene.anatomy.volume;
+        let is_critical = |value: i64| {
+            let known = |(region, it): &&(i32, Interaction)| i64::from(*region) == value && it.critical;
+            scenario.interactions.iter().any(|it| known(&it))
+        };
+        let critical: Vec<bool> = volume.labels().iter().map(|label| is_critical(label.value)).collect();
+        if !critical.contains(&true) {
+            return None;
+        }
+        let spacing = volume.spacing_mm();
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for point in points {
+            let at = volume.world_to_index().transform_point(point);
+            for axis in 0..3 {
+                let margin = MARGIN_MM / spacing[axis];
+                low[axis] = low[axis].min(at[axis] - margin);
+                high[axis] = high[axis].max(at[axis] + margin);
+            }
+        }
+        let origin = low.map(|at| at.floor().max(0.0) as usize);
+        let size = [0, 1, 2].map(|axis| {
+            let end = (high[axis].ceil() + 1.0).clamp(0.0, volume.size()[axis] as f64) as usize;
+            end.saturating_sub(origin[axis])
+        });
+        if size.contains(&0) {
+            return None;
+        }
+        let mut set = Vec::with_capacity(size.iter().product());
+        for k in 0..size[2] {
+            for j in 0..size[1] {
+                for i in 0..size[0] {
+                    let at = volume.offset([origin[0] + i, origin[1] + j, origin[2] + k]);
+                    set.push(critical[usize::from(volume.voxels()[at])]);
+                }
+            }
+        }
+        set.contains(&true).then(|| Self {
+            grid: Grid::squared_distances(&set, size, spacing, &[0, 1, 2]),
+            origin,
+            world_to_index: *volume.world_to_index(),
+            half_mm: spacing.iter().sum::<f64>() / 6.0,
+        })
+    }
+
+    /// Distance of a point at rest from the nearest critical voxel, mm; `None` outside the grid.
+    pub fn distance(&self, at: &Point3<f64>) -> Option<f64> {
+        let at = self.world_to_index.transform_point(at);
+        let mut offset = 0;
+        for axis in (0..3).rev() {
+            let cell = at[axis].round() - self.origin[axis] as f64;
+            if !(0.0..self.grid.size[axis] as f64).contains(&cell) {
+                return None;
+            }
+            offset = offset * self.grid.size[axis] + cell as usize;
+        }
+        let distance = f64::from(self.grid.values[offset]).sqrt();
+        Some((distance - self.half_mm).max(0.0))
+    }
+}

@@ -1,0 +1,423 @@
+//! Training tasks: random reachable targets in an organ, and sessions of simulated hands on them.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use super::groups::{Comparison, Session, compare};
+use super::hands::{Draw, Hand, Plan, across, hand};
+use super::{Collector, NAMES, Score};
+use crate::base::random::hash3;
+use crate::base::range::{OutOfRange, check};
+use crate::input::scenario::Scenario;
+use crate::input::scenario::clearance::Surroundings;
+use crate::input::scenario::run::{Requests, run};
+use crate::study::StudyError;
+use crate::tracking::pose::Pose;
+
+/// Maximum number of random targets tried for each task.
+const TRIES: usize = 2000;
+/// Distance of the tip from the skin at the start, mm.
+const APPROACH_MM: f64 = 10.0;
+/// Largest turn of the probe from its pose in the scenario, degrees: farther, the array would leave the skin.
+const TURN_DEG: f64 = 35.0;
+/// Standard deviation of the logarithm of a person's errors within a group.
+const PERSON: f64 = 0.25;
+/// Groups of the study.
+pub const GROUPS: [&str; 3] = ["consultant", "registrar", "student"];
+
+/// Conditions of training tasks.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Conditions {
+    /// Organ: a label or tissue, or a part of its name.
+    pub organ: String,
+    /// Least and largest depth of the target along the needle, mm.
+    pub depth_mm: [f64; 2],
+    /// Least distance of the path from bone and critical structures, mm.
+    pub clearance_mm: f64,
+    /// Radius about the scenario's own entry within which entries lie, mm.
+    pub window_mm: f64,
+    /// Least distance of the target from the border of the organ, mm.
+    pub margin_mm: f64,
+    /// Radius of the target, mm.
+    pub radius_mm: f64,
+    /// Seed of the random targets.
+    pub seed: u64,
+}
+
+/// A training task.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Task {
+    /// Target, mm.
+    pub target_mm: [f64; 3],
+    /// Entry on the skin, mm.
+    pub entry_mm: [f64; 3],
+    /// Length of the path in the body, mm.
+    pub depth_mm: f64,
+    /// Distance of the nearest bone within 30 mm, mm.
+    pub bone_mm: Option<f64>,
+    /// Distance of the nearest critical structure within 30 mm, mm.
+    pub critical_mm: Option<f64>,
+    /// Reference run: time (s), tip (mm) and direction of the needle.
+    pub keyframes: Vec<(f64, [f64; 3], [f64; 3])>,
+    /// Probe of the reference run: centre of the array (mm), axial and lateral directions; the image shows needle and target.
+    pub probe: [[f64; 3]; 3],
+}
+
+impl Conditions {
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// [`OutOfRange`].
+    pub fn check(&self) -> Result<(), OutOfRange> {
+        let [low, high] = self.depth_mm;
+        check(
+            "depth_mm",
+            low,
+            low > 0.0 && low < high && high <= 500.0,
+            "two rising depths above 0, at most 500",
+        )?;
+        let range =
+            |key, found: f64, most: f64| check(key, found, (0.0..=most).contains(&found), format!("0 to {most}"));
+        range("clearance_mm", self.clearance_mm, 30.0)?;
+        range("window_mm", self.window_mm, 200.0)?;
+        range("margin_mm", self.margin_mm, 50.0)?;
+        range("radius_mm", self.radius_mm, 50.0)
+    }
+
+    /// Finds `count` tasks in the anatomy of a scenario, whose needle enters in the middle of the entry window.
+    ///
+    /// # Errors
+    /// [`StudyError::NoTask`] with the most frequent reason if targets run out; [`OutOfRange`]; [`StudyError::Unscored`] if the scenario's
+    /// needle does not enter the body.
+    pub fn tasks(&self, scenario: &Scenario, count: usize) -> Result<Vec<Task>, StudyError> {
+        self.check()?;
+        let plan = Plan::of(scenario)?;
+        let body = scenario.scene.body();
+        let refused = |tried, most, reason| StudyError::NoTask {
+            organ: self.organ.clone(),
+            tried,
+            most,
+            reason,
+        };
+        let label = body
+            .named(&self.organ)
+            .ok_or_else(|| refused(0, 0, "the volume has no such label"))?;
+        let volume = body.volume;
+        let voxels: Vec<usize> = (0..volume.voxels().len())
+            .filter(|&at| volume.voxels()[at] == label)
+            .collect();
+        if voxels.is_empty() {
+            return Err(refused(0, 0, "the volume has no voxel of it"));
+        }
+        let [width, height, _] = volume.size();
+        let place = |at: usize| {
+            let index = [at % width, at / width % height, at / width / height].map(|index| index as f64);
+            volume.index_to_world().transform_point(&Point3::from(index))
+        };
+        let mut corners = vec![plan.entry];
+        corners.extend(
+            [1.0, -1.0]
+                .iter()
+                .flat_map(|sign| across(&plan.along).map(|axis| plan.entry + axis * (sign * self.window_mm))),
+        );
+        corners.extend(voxels.iter().step_by(1 + voxels.len() / 500).map(|&at| place(at)));
+        let surroundings = Surroundings::new(scenario, &body, &corners);
+        let mut draw = Draw::new(self.seed);
+        let mut reasons: BTreeMap<&'static str, usize> = BTreeMap::new();
+        let mut tasks = Vec::new();
+        let mut tried = 0;
+        while tasks.len() < count {
+            if tried == TRIES * count {
+                let most = reasons.iter().max_by_key(|(_, number)| **number);
+                let (reason, most) = most.map_or(("of no reason", 0), |(reason, number)| (*reason, *number));
+                return Err(refused(tried, most, reason));
+            }
+            tried += 1;
+            let target = place(voxels[(draw.uniform() * voxels.len() as f64) as usize]);
+            match self.task(scenario, &plan, &surroundings, label, target, &mut draw) {
+                Ok(task) => tasks.push(task),
+                Err(reason) => *reasons.entry(reason).or_default() += 1,
+            }
+        }
+        Ok(tasks)
+    }
+
+    /// A task with a given target and a random entry; the error is the reason of the refusal.
+    fn task(
+        &self,
+        scenario: &Scenario,
+        plan: &Plan,
+        surroundings: &Surroundings<'_>,
+        label: u8,
+        target: Point3<f64>,
+        draw: &mut Draw,
+    ) -> Result<Task, &'static str> {
+        let volume = &scenario.scene.anatomy.volume;
+        let is_organ = |at: Point3<f64>| volume.label_index_at(&at) == Some(label);
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        if !axes.iter().all(|axis| {
+            [1.0, -1.0]
+                .iter()
+                .all(|sign| is_organ(target + axis * (sign * self.margin_mm)))
+        }) {
+            return Err("the target is near the border of the organ");
+        }
+        let [right, up] = across(&plan.along);
+        let (radius, angle) = (
+            self.window_mm * draw.uniform().sqrt(),
+            std::f64::consts::TAU * draw.uniform(),
+        );
+        let aside = right * (radius * angle.cos()) + up * (radius * angle.sin());
+        let entry =
+            skin(scenario, &(plan.entry + aside), &plan.along).ok_or("the skin is not found in the entry window")?;
+        let depth = (target - entry).norm();
+        if !(self.depth_mm[0]..=self.depth_mm[1]).contains(&depth) {
+            return Err("the target is not within the depths");
+        }
+        if depth + APPROACH_MM > plan.length_mm {
+            return Err("the needle is too short");
+        }
+        let along = (target - entry) / depth;
+        let found = surroundings.of(&entry, &target);
+        if found.leaves || found.gas {
+            return Err("the path leaves the body, or meets gas or lung");
+        }
+        if found.bone_mm < self.clearance_mm {
+            return Err("the path passes too near to bone");
+        }
+        if found.critical_mm < self.clearance_mm {
+            return Err("the path passes too near to a critical structure");
+        }
+        let probe = probe(scenario, &entry, &target)?;
+        let travel_s = (depth + APPROACH_MM) / plan.speed_mm_s;
+        let start = entry - along * APPROACH_MM;
+        let times = [0.0, travel_s, travel_s + plan.pause_s, 2.0 * travel_s + plan.pause_s];
+        let tips = [start, target, target, start];
+        Ok(Task {
+            target_mm: target.into(),
+            entry_mm: entry.into(),
+            depth_mm: depth,
+            bone_mm: Some(found.bone_mm).filter(|mm| mm.is_finite()),
+            critical_mm: Some(found.critical_mm).filter(|mm| mm.is_finite()),
+            keyframes: times
+                .into_iter()
+                .zip(tips)
+                .map(|(time_s, tip)| (time_s, tip.into(), along.into()))
+                .collect(),
+            probe,
+        })
+    }
+}
+
+/// First point of the body on a line through a point near its skin.
+fn skin(scenario: &Scenario, near: &Point3<f64>, along: &Vector3<f64>) -> Option<Point3<f64>> {
+    let body = scenario.scene.body();
+    let inside = |at: &Point3<f64>| {
+        let label = body.volume.label_index_at(at);
+        label.is_some_and(|label| label > 0 && !body.is_outside(label))
+    };
+    let mut points = (-200..=200).map(|step| near + along * (0.25 * f64::from(step)));
+    let outside = points.next().filter(|first| !inside(first));
+    outside.and_then(|_| points.find(inside))
+}
+
+/// Pose of the probe whose image shows entry and target: that of the scenario, turned about the centre of the array.
+fn probe(scenario: &Scenario, entry: &Point3<f64>, target: &Point3<f64>) -> Result<[[f64; 3]; 3], &'static str> {
+    let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+    let array = pose.position_mm();
+    let normal = (target - array)
+        .cross(&(entry - array))
+        .try_normalize(1e-6)
+        .ok_or("array, entry and target lie on a line")?;
+    let normal = if normal.dot(&pose.elevational()) < 0.0 {
+        -normal
+    } else {
+        normal
+    };
+    // The beam's axis as near to that of the scenario as the plane allows.
+    let axial = pose.axial().into_inner();
+    let axial = (axial - normal * axial.dot(&normal))
+        .try_normalize(1e-6)
+        .ok_or("the image plane cannot hold the target")?;
+    let turned = Pose::from_direction(array, axial, Some(axial.cross(&normal)))
+        .map_err(|_| "the image plane cannot hold the target")?;
+    let angle = turned.rotation().angle_to(&pose.rotation()).to_degrees();
+    if angle > TURN_DEG {
+        return Err("the probe would have to be turned too far");
+    }
+    let seen = turned.world_to_probe().transform_point(target);
+    let grid = crate::tracking::probe::BeamGrid::new(&scenario.scene.settings.probe).ok();
+    if grid.and_then(|grid| grid.to_beam(seen.x, seen.y)).is_none() {
+        return Err("the target lies outside the sector");
+    }
+    Ok([
+        array.into(),
+        turned.axial().into_inner().into(),
+        turned.lateral().into_inner().into(),
+    ])
+}
+
+impl Task {
+    /// The task as a scenario: the text of `base` with target, probe and reference run replaced.
+    ///
+    /// # Errors
+    /// The reason if `base` is no table with an inline scene.
+    pub fn scenario(&self, base: &str, conditions: &Conditions, number: usize) -> Result<String, String> {
+        let mut table: toml::Table = base.parse().map_err(|error: toml::de::Error| error.to_string())?;
+        let part = |table: &mut toml::Table, key: &str| -> Result<toml::Table, String> {
+            match table.remove(key) {
+                None => Ok(toml::Table::new()),
+                Some(toml::Value::Table(part)) => Ok(part),
+                Some(_) => Err(format!(
+                    "`{key}` names a file; expected a table, in which the task places probe and needle"
+                )),
+            }
+        };
+        let list = |values: [f64; 3]| {
+            let rounded = values.map(|value| toml::Value::Float((value * 1e4).round() / 1e4 + 0.0));
+            toml::Value::Array(rounded.to_vec())
+        };
+        let mut scene = part(&mut table, "scene")?;
+        scene.remove("motion");
+        let [position, axial, lateral] = self.probe;
+        let pose = [("position_mm", position), ("direction", axial), ("lateral", lateral)];
+        let pose: toml::Table = pose
+            .into_iter()
+            .map(|(key, value)| (key.to_owned(), list(value)))
+            .collect();
+        scene.insert("pose".to_owned(), pose.into());
+        let mut needle = part(&mut table, "needle")?;
+        for key in ["target", "entry", "deposit_s"] {
+            needle.remove(key);
+        }
+        let keyframes = self.keyframes.iter().map(|(time_s, tip, direction)| {
+            let mut key = toml::Table::new();
+            key.insert("time_s".to_owned(), ((time_s * 1e3).round() / 1e3).into());
+            key.insert("tip_mm".to_owned(), list(*tip));
+            key.insert("direction".to_owned(), list(*direction));
+            toml::Value::Table(key)
+        });
+        let mut motion = toml::Table::new();
+        motion.insert("keyframes".to_owned(), toml::Value::Array(keyframes.collect()));
+        needle.insert("motion".to_owned(), motion.into());
+        let mut plan = part(&mut table, "plan")?;
+        plan.remove("needle");
+        plan.remove("template");
+        let mut target = toml::Table::new();
+        target.insert(
+            "name".to_owned(),
+            format!("target {number} in {}", conditions.organ).into(),
+        );
+        target.insert("at_mm".to_owned(), list(self.target_mm));
+        target.insert("radius_mm".to_owned(), conditions.radius_mm.into());
+        plan.insert("target".to_owned(), toml::Value::Array(vec![target.into()]));
+        for (key, part) in [("scene", scene), ("needle", needle), ("plan", plan)] {
+            table.insert(key.to_owned(), part.into());
+        }
+        let text = toml::to_string(&table).map_err(|error| error.to_string())?;
+        let distance = |mm: Option<f64>| mm.map_or("more than 30".to_owned(), |mm| format!("{mm:.0}"));
+        Ok(format!(
+            "# Training task {number}: from the skin {:.0} mm deep to a target of radius {} mm in {}; bone {} mm and critical structures {} mm\n\
+             # away. The task begins when the needle breaks the skin and ends when it is out again. The keyframes are the reference run.\n\n{text}",
+            self.depth_mm,
+            conditions.radius_mm,
+            conditions.organ,
+            distance(self.bone_mm),
+            distance(self.critical_mm),
+        ))
+    }
+}
+
+/// Runs a scenario as performed by a hand.
+///
+/// # Errors
+/// [`StudyError`] if the run cannot be made or scored.
+pub fn perform(scenario: &Scenario, hand: &Hand, seed: u64) -> Result<Score, StudyError> {
+    let scenario = hand.perform(scenario, seed)?;
+    let mut model = scenario.model(|_, _| ())?;
+    let mut collector = Collector::default();
+    run(&scenario, model.as_mut(), Requests::default(), &mut collector)?;
+    collector.score(Path::new("the session"))
+}
+
+/// Study of simulated groups.
+#[derive(Clone, Debug, Serialize)]
+pub struct Study {
+    /// Seed of the hands.
+    pub seed: u64,
+    /// Comparison of the groups.
+    #[serde(flatten)]
+    pub comparison: Comparison,
+    /// All sessions.
+    #[serde(skip)]
+    pub sessions: Vec<Session>,
+}
+
+/// Lets `people` of each group perform every task once. `progress` receives the number of completed sessions, and of all.
+///
+/// # Errors
+/// The first error of a session.
+pub fn study(
+    tasks: &[(String, Scenario)],
+    people: usize,
+    seed: u64,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<Study, StudyError> {
+    let mut all = Vec::new();
+    for (group, name) in GROUPS.into_iter().enumerate() {
+        for person in 0..people {
+            for (at, task) in tasks.iter().enumerate() {
+                all.push((name, group, person, at, task));
+            }
+        }
+    }
+    let done = AtomicUsize::new(0);
+    let sessions = all.par_iter().map(|&(name, group, person, at, (task, scenario))| {
+        let seeded = |stream: i32| {
+            let words = hash3(
+                [group as i32, person as i32, stream],
+                [seed as u32, (seed >> 32) as u32],
+            );
+            u64::from(words[0]) << 32 | u64::from(words[1])
+        };
+        let skill = (PERSON * Draw::new(seeded(-1)).normal()).exp();
+        let own = hand(name)
+            .map(|hand| hand.scaled(skill))
+            .unwrap_or_else(|| super::hands::HANDS[0].1);
+        let score = perform(scenario, &own, seeded(at as i32))?;
+        progress(done.fetch_add(1, Ordering::Relaxed) + 1, all.len());
+        Ok(Session {
+            group: name.to_owned(),
+            person: format!("{name} {}", person + 1),
+            session: task.clone(),
+            values: score.metrics.values(),
+        })
+    });
+    let sessions: Vec<Session> = sessions.collect::<Result<_, StudyError>>()?;
+    Ok(Study {
+        seed,
+        comparison: compare(&sessions),
+        sessions,
+    })
+}
+
+/// Sessions as a table that [`super::groups::read`] reads.
+pub fn csv(sessions: &[Session]) -> String {
+    let mut text = format!("group,person,session,{}\n", NAMES.join(","));
+    for session in sessions {
+        let values = session.values.map(|value| format!("{value:.6}"));
+        text += &format!(
+            "{},{},{},{}\n",
+            session.group,
+            session.person,
+            session.session,
+            values.join(",")
+        );
+    }
+    text
+}

@@ -1,0 +1,269 @@
+//! Comparison of groups of people by their metrics: Welch's t test and the Mann-Whitney U test, two-sided, with the correction of Holm.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Serialize;
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+use super::{COUNT, NAMES, UNITS};
+use crate::base::csv::Csv;
+use crate::base::report::statistics::{mean, std};
+use crate::study::StudyError;
+
+/// Largest group for which the distribution of U is exact.
+const EXACT: usize = 20;
+/// Significance of a metric in the counts of the report.
+pub const SIGNIFICANT: f64 = 0.05;
+
+/// A session of a person.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Session {
+    /// Group of the person.
+    pub group: String,
+    /// Person.
+    pub person: String,
+    /// Session.
+    pub session: String,
+    /// Values of the metrics.
+    pub values: [f64; COUNT],
+}
+
+/// Reads sessions from a table with the columns `group`, `person`, `session` and `m1` to `m10`.
+///
+/// # Errors
+/// [`StudyError::Table`].
+pub fn read(path: &Path) -> Result<Vec<Session>, StudyError> {
+    let required: Vec<&str> = ["group", "person", "session"].into_iter().chain(NAMES).collect();
+    let table = Csv::read(path, &required, &[])?;
+    let session = |row: crate::base::csv::Row<'_>| {
+        let name = |column: &str| match row.text(column) {
+            "" => Err(row.wrong(column, "a name")),
+            text => Ok(text.to_owned()),
+        };
+        Ok(Session {
+            group: name("group")?,
+            person: name("person")?,
+            session: name("session")?,
+            values: row.numbers(NAMES)?,
+        })
+    };
+    table.rows().map(session).collect()
+}
+
+/// Distribution of a metric in a group.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Spread {
+    /// Mean.
+    pub mean: f64,
+    /// Standard deviation of the sample; `None` for a single value.
+    pub sd: Option<f64>,
+    /// Median.
+    pub median: f64,
+    /// Values, ascending.
+    #[serde(skip)]
+    pub values: Vec<f64>,
+}
+
+/// A group.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Group {
+    /// Name.
+    pub name: String,
+    /// Number of people.
+    pub people: usize,
+    /// Number of sessions.
+    pub sessions: usize,
+    /// Distribution of each metric over sessions.
+    pub metrics: BTreeMap<&'static str, Spread>,
+}
+
+/// Tests of the difference of one metric between two groups; `None` where a group has fewer than two values or none vary.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Pair {
+    /// First group.
+    pub a: String,
+    /// Second group.
+    pub b: String,
+    /// Metric.
+    pub metric: &'static str,
+    /// Two-sided p of Welch's t test over sessions.
+    pub welch_p: Option<f64>,
+    /// Two-sided p of the Mann-Whitney U test over sessions.
+    pub mann_whitney_p: Option<f64>,
+    /// `welch_p` corrected for the ten metrics (S. Holm, Scandinavian Journal of Statistics 6, 1979).
+    pub holm_p: Option<f64>,
+    /// Two-sided p of Welch's t test over the means of people, whose sessions are not independent.
+    pub person_welch_p: Option<f64>,
+    /// Two-sided p of the Mann-Whitney U test over the means of people.
+    pub person_mann_whitney_p: Option<f64>,
+}
+
+/// Comparison of all groups with each other.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    /// Groups in the order of their first sessions.
+    pub groups: Vec<Group>,
+    /// Tests of each pair of groups and each metric.
+    pub pairs: Vec<Pair>,
+    /// Units of the metrics.
+    pub units: BTreeMap<&'static str, &'static str>,
+}
+
+/// Compares the groups.
+pub fn compare(sessions: &[Session]) -> Comparison {
+    let mut names: Vec<&str> = Vec::new();
+    for session in sessions {
+        if !names.contains(&session.group.as_str()) {
+            names.push(&session.group);
+        }
+    }
+    let of = |group: &str, metric: usize| -> Vec<f64> {
+        let own = sessions.iter().filter(|session| session.group == group);
+        own.map(|session| session.values[metric]).collect()
+    };
+    let people = |group: &str, metric: usize| -> Vec<f64> {
+        let mut values: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+        for session in sessions.iter().filter(|session| session.group == group) {
+            values.entry(&session.person).or_default().push(session.values[metric]);
+        }
+        values.values().map(|values| mean(values)).collect()
+    };
+    let groups = names.iter().map(|name| Group {
+        name: (*name).to_owned(),
+        people: people(name, 0).len(),
+        sessions: of(name, 0).len(),
+        metrics: (0..COUNT)
+            .map(|metric| (NAMES[metric], Spread::of(of(name, metric))))
+            .collect(),
+    });
+    let mut pairs = Vec::new();
+    for (at, a) in names.iter().enumerate() {
+        for b in &names[at + 1..] {
+            let mut own: Vec<Pair> = (0..COUNT)
+                .map(|metric| {
+                    let (x, y) = (of(a, metric), of(b, metric));
+                    let (px, py) = (people(a, metric), people(b, metric));
+                    Pair {
+                        a: (*a).to_owned(),
+                        b: (*b).to_owned(),
+                        metric: NAMES[metric],
+                        welch_p: welch(&x, &y),
+                        mann_whitney_p: mann_whitney(&x, &y),
+                        holm_p: None,
+                        person_welch_p: welch(&px, &py),
+                        person_mann_whitney_p: mann_whitney(&px, &py),
+                    }
+                })
+                .collect();
+            let corrected = holm(&own.iter().map(|pair| pair.welch_p).collect::<Vec<_>>());
+            own.iter_mut().zip(corrected).for_each(|(pair, p)| pair.holm_p = p);
+            pairs.extend(own);
+        }
+    }
+    Comparison {
+        groups: groups.collect(),
+        pairs,
+        units: NAMES.into_iter().zip(UNITS).collect(),
+    }
+}
+
+impl Spread {
+    fn of(mut values: Vec<f64>) -> Self {
+        values.sort_by(f64::total_cmp);
+        Self {
+            mean: mean(&values),
+            sd: (values.len() > 1).then(|| std(&values)),
+            median: quantile(&values, 0.5),
+            values,
+        }
+    }
+}
+
+/// Quantile of ascending values, interpolated linearly.
+pub(super) fn quantile(ascending: &[f64], share: f64) -> f64 {
+    let at = share * (ascending.len() as f64 - 1.0);
+    let low = at.floor() as usize;
+    let high = (low + 1).min(ascending.len() - 1);
+    ascending[low] + (at - low as f64) * (ascending[high] - ascending[low])
+}
+
+/// Two-sided p of Welch's t test (B. L. Welch, Biometrika 34, 1947); `None` for fewer than two values, or if none vary.
+pub fn welch(a: &[f64], b: &[f64]) -> Option<f64> {
+    if a.len() < 2 || b.len() < 2 {
+        return None;
+    }
+    let error = |values: &[f64]| std(values).powi(2) / values.len() as f64;
+    let (ea, eb) = (error(a), error(b));
+    let freedom = (ea + eb).powi(2) / (ea * ea / (a.len() as f64 - 1.0) + eb * eb / (b.len() as f64 - 1.0));
+    let t = (mean(a) - mean(b)).abs() / (ea + eb).sqrt();
+    let distribution = StudentsT::new(0.0, 1.0, freedom).ok()?;
+    t.is_finite().then(|| 2.0 * distribution.sf(t))
+}
+
+/// Two-sided p of the Mann-Whitney U test: exact for groups of up to 20 without ties, else by the normal approximation with corrections for
+/// ties and continuity; `None` for an empty group, or if none vary.
+pub fn mann_whitney(a: &[f64], b: &[f64]) -> Option<f64> {
+    let (n, m) = (a.len(), b.len());
+    if n == 0 || m == 0 {
+        return None;
+    }
+    let mut all: Vec<(f64, bool)> = a
+        .iter()
+        .map(|&x| (x, true))
+        .chain(b.iter().map(|&x| (x, false)))
+        .collect();
+    all.sort_by(|x, y| x.0.total_cmp(&y.0));
+    let (mut ranks, mut ties) = (0.0, 0.0);
+    let mut from = 0;
+    while from < all.len() {
+        let to = from + all[from..].iter().take_while(|it| it.0 == all[from].0).count();
+        let (count, rank) = ((to - from) as f64, (from + to + 1) as f64 / 2.0);
+        ranks += rank * all[from..to].iter().filter(|it| it.1).count() as f64;
+        ties += count.powi(3) - count;
+        from = to;
+    }
+    let (nf, mf) = (n as f64, m as f64);
+    let u = ranks - nf * (nf + 1.0) / 2.0;
+    let u = u.max(nf * mf - u);
+    if ties == 0.0 && n <= EXACT && m <= EXACT {
+        return Some((2.0 * above(u as usize, n, m)).min(1.0));
+    }
+    let total = nf + mf;
+    let variance = nf * mf / 12.0 * (total + 1.0 - ties / (total * (total - 1.0)));
+    let z = (u - nf * mf / 2.0 - 0.5) / variance.sqrt();
+    z.is_finite().then(|| (2.0 * Normal::standard().sf(z)).min(1.0))
+}
+
+/// Probability that U is at least `u`, by counting the arrangements of the ranks (H. B. Mann and D. R. Whitney, Annals of Mathematical
+/// Statistics 18, 1947).
+fn above(u: usize, n: usize, m: usize) -> f64 {
+    // Number of ways to choose each rank sum, item by item: count[chosen][u].
+    let most = n * m;
+    let mut counts = vec![vec![0.0; most + 1]; n + 1];
+    counts[0][0] = 1.0;
+    for item in 0..n + m {
+        for chosen in (1..=n.min(item + 1)).rev() {
+            // The item precedes nothing yet: it exceeds the items of the other group before it.
+            let beats = item + 1 - chosen;
+            for sum in (beats..=most).rev() {
+                counts[chosen][sum] += counts[chosen - 1][sum - beats];
+            }
+        }
+    }
+    let all: f64 = counts[n].iter().sum();
+    counts[n][u..].iter().sum::<f64>() / all
+}
+
+/// Corrects p values for their number by the method of Holm; missing values stay missing.
+pub fn holm(p: &[Option<f64>]) -> Vec<Option<f64>> {
+    let mut order: Vec<(usize, f64)> = p.iter().enumerate().filter_map(|(at, p)| Some((at, (*p)?))).collect();
+    order.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let mut corrected = vec![None; p.len()];
+    let (count, mut least) = (order.len(), 0.0_f64);
+    for (rank, (at, p)) in order.into_iter().enumerate() {
+        least = least.max((p * (count - rank) as f64).min(1.0));
+        corrected[at] = Some(least);
+    }
+    corrected
+}
