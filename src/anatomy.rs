@@ -2,5 +2,6 @@
 
 pub mod acoustics;
 pub mod phantom;
+pub mod registration;
 pub mod segmentation;
 pub mod volume;

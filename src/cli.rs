@@ -21,6 +21,7 @@ mod plan;
 mod puncture;
 mod quality;
 mod realism;
+mod register;
 mod render;
 mod scene;
 mod schema;
@@ -50,6 +51,7 @@ Examples:
   insonify realism frame.png --against real/       how near frames are to real ones, measure by measure
   insonify match real.png --depth-mm 160 -o my.toml  probe and effects from a real frame
   insonify calibrate pivot tip.igs.mha             tip of a tracked needle; its shaft, the plane of a probe's image
+  insonify register ct.nii.gz --surface touched.csv --fit fit.toml   anatomy fitted to a mannequin
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify score out                               how well a needle was guided: ten metrics
@@ -85,6 +87,7 @@ enum Command {
     Tradeoff(tradeoff::Tradeoff),
     Info(info::Info),
     Calibrate(calibrate::Calibrate),
+    Register(Box<register::Register>),
     Insert(insert::Insert),
     Score(score::ScoreArgs),
     Exercise(exercise::Exercise),
@@ -120,6 +123,7 @@ impl Cli {
             Command::Tradeoff(tradeoff) => tradeoff.run(),
             Command::Info(info) => info.run(),
             Command::Calibrate(calibrate) => calibrate.run(),
+            Command::Register(register) => register.run(),
             Command::Insert(insert) => insert.run(),
             Command::Score(score) => score.run(),
             Command::Exercise(exercise) => exercise.run(),

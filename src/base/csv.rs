@@ -15,7 +15,7 @@ const QUOTED: usize = 60;
 #[derive(Debug, thiserror::Error)]
 pub enum CsvError {
     /// The file cannot be read.
-    #[error("cannot read `{}`: {cause}", path.display())]
+    #[error("{}: cannot be read: {cause}", path.display())]
     Read {
         /// Path of the file.
         path: PathBuf,
@@ -23,7 +23,7 @@ pub enum CsvError {
         cause: io::Error,
     },
     /// A line holds something else than expected.
-    #[error("`{}`, line {line}: found {found}; expected {expected}", path.display())]
+    #[error("{}, line {line}: found {found}; expected {expected}", path.display())]
     Line {
         /// Path of the file.
         path: PathBuf,

@@ -161,6 +161,7 @@ impl Render {
                 number: frame,
                 time_s: scene.time_s(frame, count),
                 state: &state,
+                clearance_mm: None,
                 warnings: &odd,
             };
             let path = place.of(&output.write(synth, &shot)?);

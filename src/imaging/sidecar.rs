@@ -103,6 +103,9 @@ pub struct NeedlePlace {
     pub shaft_mm: Vec<[f64; 3]>,
     /// Diameter, mm.
     pub diameter_mm: f64,
+    /// Distance of the tip from the nearest critical structure in the anatomy at rest, mm; 0 inside one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub clearance_mm: Option<f64>,
 }
 
 impl ImagePlace {
@@ -137,6 +140,7 @@ impl NeedlePlace {
             direction: needle.direction().into_inner().into(),
             shaft_mm: needle.nodes_mm().iter().map(|&node| node.into()).collect(),
             diameter_mm: needle.diameter_mm(),
+            clearance_mm: None,
         }
     }
 }

@@ -63,7 +63,9 @@ pub enum StudyError {
     #[error(transparent)]
     Table(#[from] CsvError),
     /// A measured curve with too few points.
-    #[error("the curve: found {0} points beyond 0 mm before the force drops; expected at least 4, with a force above 0 N")]
+    #[error(
+        "the curve: found {0} points beyond 0 mm before the force drops; expected at least 4, with a force above 0 N"
+    )]
     Curve(usize),
     /// An insertion that cannot be scored.
     #[error("{} {reason}", run.display())]

@@ -9,7 +9,7 @@ fn resting() -> String {
     let names: Vec<String> = (0..16).map(|at| format!("m{}{}", at / 4, at % 4)).collect();
     let mut text = format!("time_s,{}\n", names.join(","));
     for at in 0..24 {
-        let (around, lean) = (0.6 * f64::from(at), 0.1 + 0.02 * f64::from(at));
+        let (around, lean) = (0.6 * f64::from(at), 0.1 + 0.01 * f64::from(at));
         // Tilted by `lean` about an axis in the plane.
         let (kx, ky) = (around.cos(), around.sin());
         let (c, s) = (lean.cos(), lean.sin());

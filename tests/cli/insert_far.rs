@@ -81,12 +81,21 @@ struct Steps {
     rows: Vec<Vec<f64>>,
 }
 
+/// A number; not one where there is no such point.
+fn number(cell: &str) -> f64 {
+    if cell.is_empty() {
+        f64::NAN
+    } else {
+        cell.parse().expect("a number")
+    }
+}
+
 impl Steps {
     fn read(bench: &Bench, folder: &str) -> Steps {
         let text = bench.text(&format!("{folder}/steps.csv"));
         let mut lines = text.lines().map(|line| line.split(','));
         let names = lines.next().expect("a head").map(str::to_owned).collect();
-        let row = |line: std::str::Split<'_, char>| line.map(|cell| cell.parse().expect("a number")).collect();
+        let row = |line: std::str::Split<'_, char>| line.map(number).collect();
         Steps {
             names,
             rows: lines.map(row).collect(),

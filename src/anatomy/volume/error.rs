@@ -4,6 +4,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::base::csv::CsvError;
 use crate::base::memory::TooLarge;
 use crate::base::output::OutputError;
 use crate::base::read;
@@ -118,6 +119,9 @@ pub enum VolumeError {
         /// What was found and expected.
         text: String,
     },
+    /// A table cannot be read.
+    #[error(transparent)]
+    Csv(#[from] CsvError),
     /// More memory is needed than is available.
     #[error(transparent)]
     Memory(#[from] TooLarge),
@@ -132,6 +136,7 @@ impl VolumeError {
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Write(_) | Self::Memory(_) => true,
+            Self::Csv(error) => error.is_machine(),
             Self::Read { cause, .. } | Self::Data { cause, .. } => read::is_machine(cause),
             _ => false,
         }

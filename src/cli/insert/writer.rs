@@ -190,11 +190,17 @@ impl Observer for Writer<'_> {
         let frame = frames.chosen.synth.render(moment.state)?;
         self.record.frame(moment, frame);
         if let Some(output) = &mut frames.output {
+            let hit = moment.clearance_mm == Some(0.0);
+            let warnings: Vec<String> = hit
+                .then(|| "the tip is in a critical structure".to_owned())
+                .into_iter()
+                .collect();
             let shot = Shot {
                 number: moment.number as usize,
                 time_s: moment.time_s,
                 state: moment.state,
-                warnings: &[],
+                clearance_mm: moment.clearance_mm,
+                warnings: &warnings,
             };
             output.write(&frames.chosen.synth, &shot)?;
         }

@@ -47,6 +47,8 @@ pub struct Shot<'a> {
     pub time_s: f64,
     /// State from which the frame was rendered.
     pub state: &'a FrameState,
+    /// Distance of the needle's tip from the nearest critical structure, mm, if there is one near.
+    pub clearance_mm: Option<f64>,
     /// Warnings about the frame.
     pub warnings: &'a [String],
 }
@@ -204,7 +206,10 @@ impl<'a> Output<'a> {
             },
             image: ImagePlace::new(grid, pose),
             probe_to_world: Rows(*pose.probe_to_world()),
-            needle: needle.map(|needle| NeedlePlace::new(needle, grid, pose)),
+            needle: needle.map(|needle| NeedlePlace {
+                clearance_mm: shot.clearance_mm,
+                ..NeedlePlace::new(needle, grid, pose)
+            }),
             parameters: single.then(|| extras::parameters(self.scene, synth)),
             parameters_file: (!single).then(|| PARAMETERS.to_owned()),
             warnings: self.scene.warnings.iter().chain(shot.warnings).cloned().collect(),

@@ -44,6 +44,8 @@ pub struct Moment<'a> {
     pub number: u64,
     /// Simulated time, s from the start of the run.
     pub time_s: f64,
+    /// Distance of the tip from the nearest critical structure at rest, mm: see [`Guidance`].
+    pub clearance_mm: Option<f64>,
     /// State that a [`Synthesizer`](crate::imaging::synth::Synthesizer) renders.
     pub state: &'a FrameState,
 }
@@ -156,7 +158,7 @@ pub fn run<O: Observer>(
         };
         tally.add(&step);
         observer.step(&step)?;
-        let time_s = step.time_s;
+        let (time_s, clearance_mm) = (step.time_s, step.guidance.clearance_mm);
         let frame = frames.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
         let mesh = meshes.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
         let carry = carried.as_mut().and_then(|beat| beat.reached(time_s, timing.dt_s));
@@ -174,6 +176,7 @@ pub fn run<O: Observer>(
             observer.frame(&Moment {
                 number: number_of_frame,
                 time_s,
+                clearance_mm,
                 state,
             })?;
         }

@@ -6,7 +6,7 @@ use serde::Serialize;
 use super::resolve::Scenario;
 use super::run::Step;
 use crate::base::report::statistics::Times;
-use crate::mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue};
+use crate::mechanics::insertion::{Event, EventKind, LevelChange, Snapshot, Tissue};
 
 /// Maximum number of events kept: a run that never converges reports one per step.
 const MOST_EVENTS: usize = 10_000;
@@ -49,8 +49,20 @@ pub struct Summary {
     pub seeds: Vec<Seed>,
     /// Closest approach to each target.
     pub targets: Vec<Reached>,
+    /// Critical structures near the tip; `None` if there is none within 30 mm of the planned path.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub critical: Option<CriticalMet>,
     /// Warnings of the run.
     pub warnings: Vec<String>,
+}
+
+/// Critical structures met in a run.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct CriticalMet {
+    /// Number of times that the tip entered one.
+    pub entries: usize,
+    /// Least distance of the tip from one in the anatomy at rest, mm.
+    pub clearance_mm: f64,
 }
 
 /// Distribution of step times, ms; percentiles to within 0.6 %.
@@ -195,6 +207,7 @@ impl<'a> Tally<'a> {
                     nearest_seed_mm: None,
                 })
                 .collect(),
+            critical: None,
             warnings: scenario.warnings.clone(),
         };
         Self {
@@ -228,6 +241,22 @@ impl<'a> Tally<'a> {
         for target in &mut summary.targets {
             let distance = (tip - Point3::from(target.at_mm)).norm();
             target.nearest_tip_mm = target.nearest_tip_mm.min(distance);
+        }
+        if let Some(clearance) = step.guidance.clearance_mm {
+            let met = summary.critical.get_or_insert(CriticalMet {
+                entries: 0,
+                clearance_mm: f64::INFINITY,
+            });
+            met.clearance_mm = met.clearance_mm.min(clearance);
+        }
+        let entered = |event: &&Event| event.kind == EventKind::Critical;
+        let entries = outcome.events.iter().filter(entered).count();
+        if entries > 0 {
+            let none = CriticalMet {
+                entries: 0,
+                clearance_mm: 0.0,
+            };
+            summary.critical.get_or_insert(none).entries += entries;
         }
         self.seed(step);
         for event in &outcome.events {

@@ -106,6 +106,7 @@ impl SceneFile {
         let for_files = [
             ("names", volume.names.is_some()),
             ("unlabelled", volume.unlabelled.is_some()),
+            ("registration", volume.registration.is_some()),
             ("ct", volume.ct.is_some()),
             ("structures", volume.structures.is_some()),
             ("muscle_mm", volume.muscle_mm.is_some()),

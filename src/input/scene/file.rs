@@ -117,6 +117,9 @@ pub struct VolumeSpec {
     /// labels describe one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub unlabelled: Option<Unlabelled>,
+    /// File only: registration by `insonify register`, which places the completed anatomy in the world.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub registration: Option<PathBuf>,
     /// File only: CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
     /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -18,6 +18,7 @@ use super::target::Body;
 use super::timeline::Timeline;
 use crate::anatomy::acoustics::{TissueError, TissueTable, bank};
 use crate::anatomy::phantom::{self, PhantomOptions};
+use crate::anatomy::registration::{Quadratic, resample};
 use crate::anatomy::segmentation::{Names, Naming, open};
 use crate::anatomy::volume::complete::{CompleteOptions, complete, with_ct};
 use crate::anatomy::volume::texture::{SolidTexture, TextureOptions};
@@ -201,12 +202,19 @@ impl SceneFile {
         if spec.unlabelled.is_none() {
             warnings.extend(completed.warning);
         }
-        if !spec.structures.unwrap_or(true) {
-            return Ok(completed.volume);
+        let mut volume = completed.volume;
+        if spec.structures.unwrap_or(true) {
+            let structured = structures::add(&volume).map_err(fault)?;
+            notes.extend(structured.note);
+            volume = structured.volume;
         }
-        let structured = structures::add(&completed.volume).map_err(fault)?;
-        notes.extend(structured.note);
-        Ok(structured.volume)
+        match &spec.registration {
+            Some(path) => {
+                let map = Quadratic::read(&base.join(path)).at(self, "volume.registration")?;
+                resample(&volume, &map).at(self, "volume.registration")
+            }
+            None => Ok(volume),
+        }
     }
 
     /// Key of the table that places the probe in the world, and its axes.

@@ -395,7 +395,8 @@ pub fn study(
             group: name.to_owned(),
             person: format!("{name} {}", person + 1),
             session: task.clone(),
-            values: score.metrics.values(),
+            // As many digits as the table of sessions has.
+            values: score.metrics.values().map(|value| (value * 1e6).round() / 1e6),
         })
     });
     let sessions: Vec<Session> = sessions.collect::<Result<_, StudyError>>()?;

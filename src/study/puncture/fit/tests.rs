@@ -63,7 +63,10 @@ fn curves_are_read_and_refused() {
     for (text, words) in [
         ("a,b\n1,2\n", "line 1: found the header `a,b`"),
         ("travel_mm,force_n\n1,2\n2,x\n", "line 3: found `x`"),
-        ("travel_mm,force_n\n1,2\n1,3\n", "line 3: found 1 mm"),
+        (
+            "travel_mm,force_n\n1,2\n1,3\n",
+            "line 3: found `1` in column `travel_mm`; expected a travel that rises",
+        ),
         ("travel_mm,force_n\n1,2,3\n", "line 2"),
         ("travel_mm,force_n\n1,inf\n", "line 2: found `inf`"),
     ] {

@@ -1,0 +1,486 @@
+//! Registration of a label volume to a physical surface: a rigid and then a quadratic map from the world, the surface's frame, to the
+//! volume's (D. R. Magee et al. 2007 warp the anatomy to a mannequin by a quadratic).
+//!
+//! Both stages minimise the distances of mapped surface points from the skin of the volume along its normals (Y. Chen and G. Medioni,
+//! Image and Vision Computing 10, 1992). The map leads from the world to the volume, so that slicing needs no inverse.
+
+pub mod report;
+mod resample;
+pub mod skin;
+pub mod surface;
+#[cfg(test)]
+mod tests;
+
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix4, Matrix6, Point3, Rotation3, SVector, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
+
+use super::volume::{LabelVolume, VolumeError};
+use crate::base::matrix::Rows;
+pub use resample::resample;
+use skin::Skin;
+
+/// Number of coefficients of each coordinate: 1, x, y, z, x2, y2, z2, xy, yz, zx.
+pub const TERMS: usize = 10;
+/// Maximum number of surface points used to fit; more are thinned evenly.
+const MOST_POINTS: usize = 4000;
+/// Least number of surface points.
+const LEAST_POINTS: usize = 30;
+/// Share of the nearest points that the rigid stage uses.
+const KEPT: f64 = 0.85;
+/// Iterations of each stage, and the movement of the points that ends them, mm.
+const RIGID_STEPS: usize = 100;
+const QUADRATIC_STEPS: usize = 300;
+const SETTLED_MM: f64 = 0.001;
+/// Iterations with which each start of the rigid stage is tried.
+const TRIAL_STEPS: usize = 15;
+/// Expected size of second-order coefficients, mm: a point on the surface of the body moves by so much.
+const BEND_MM: f64 = 15.0;
+/// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6, 1977).
+const BIWEIGHT: f64 = 4.685;
+/// Least standard deviation of residuals, mm, far below that of any tracker.
+const LEAST_SPREAD_MM: f64 = 1e-4;
+/// Spacing of the grid on which the Jacobian is checked, mm.
+const CHECK_MM: f64 = 10.0;
+
+/// A point known on both sides.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Landmark {
+    /// Name.
+    pub name: String,
+    /// In the volume's frame, mm.
+    pub volume_mm: Point3<f64>,
+    /// In the surface's frame, mm.
+    pub surface_mm: Point3<f64>,
+}
+
+/// A quadratic map from the world to the volume: volume = C q((world - centre) / scale).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quadratic {
+    /// Coefficients of x, y and z, mm, in the order 1, x, y, z, x2, y2, z2, xy, yz, zx.
+    pub coefficients: [[f64; TERMS]; 3],
+    /// Centre, world, mm.
+    pub centre_mm: [f64; 3],
+    /// Scale, mm.
+    pub scale_mm: f64,
+}
+
+fn terms(p: &Vector3<f64>) -> SVector<f64, TERMS> {
+    let [x, y, z] = [p.x, p.y, p.z];
+    SVector::from([1.0, x, y, z, x * x, y * y, z * z, x * y, y * z, z * x])
+}
+
+impl Quadratic {
+    /// A rigid map as a quadratic.
+    fn rigid(matrix: &Matrix4<f64>, centre: Point3<f64>, scale_mm: f64) -> Self {
+        let mut coefficients = [[0.0; TERMS]; 3];
+        let origin = matrix.transform_point(&centre);
+        for row in 0..3 {
+            coefficients[row][0] = origin[row];
+            for axis in 0..3 {
+                coefficients[row][1 + axis] = matrix[(row, axis)] * scale_mm;
+            }
+        }
+        Self {
+            coefficients,
+            centre_mm: centre.into(),
+            scale_mm,
+        }
+    }
+
+    fn scaled(&self, world: &Point3<f64>) -> Vector3<f64> {
+        (world - Point3::from(self.centre_mm)) / self.scale_mm
+    }
+
+    /// Maps a point of the world to the volume, mm.
+    pub fn map(&self, world: &Point3<f64>) -> Point3<f64> {
+        let q = terms(&self.scaled(world));
+        Point3::from(self.coefficients.map(|row| SVector::from(row).dot(&q)))
+    }
+
+    /// Derivative of the map.
+    pub fn jacobian(&self, world: &Point3<f64>) -> Matrix3<f64> {
+        let p = self.scaled(world);
+        let mut jacobian = Matrix3::zeros();
+        for (row, c) in self.coefficients.iter().enumerate() {
+            jacobian[(row, 0)] = c[1] + 2.0 * c[4] * p.x + c[7] * p.y + c[9] * p.z;
+            jacobian[(row, 1)] = c[2] + 2.0 * c[5] * p.y + c[7] * p.x + c[8] * p.z;
+            jacobian[(row, 2)] = c[3] + 2.0 * c[6] * p.z + c[8] * p.y + c[9] * p.x;
+        }
+        jacobian / self.scale_mm
+    }
+
+    /// Point of the world that maps to a point of the volume, mm, by Newton's method from the inverse of the linear part; `None` if it does
+    /// not converge.
+    pub fn inverse(&self, volume: &Point3<f64>) -> Option<Point3<f64>> {
+        let centre = Point3::from(self.centre_mm);
+        let off = volume - Point3::from(self.coefficients.map(|row| row[0]));
+        let mut world = centre + self.jacobian(&centre).lu().solve(&off)?;
+        for _ in 0..50 {
+            let step = self.jacobian(&world).lu().solve(&(self.map(&world) - volume))?;
+            world -= step;
+            if step.norm() < 1e-9 {
+                return Some(world);
+            }
+        }
+        None
+    }
+
+    /// Checks the numbers of a map from a file.
+    ///
+    /// # Errors
+    /// [`VolumeError`] if a number is not finite, or the scale is not above 0.
+    pub fn check(&self) -> Result<(), VolumeError> {
+        let mut all = self.coefficients.iter().flatten().chain(&self.centre_mm);
+        let finite = all.all(|number| number.abs() <= crate::base::matrix::FARTHEST_MM);
+        match finite && self.scale_mm > 0.0 && self.scale_mm <= crate::base::matrix::FARTHEST_MM {
+            true => Ok(()),
+            false => Err(VolumeError::new(
+                "a registration holds numbers beyond 1e6, or a scale that is not above 0",
+            )),
+        }
+    }
+
+    /// Least determinant of the Jacobian, 1 for a rigid map, over a box of the volume; an error with the place where it is not positive.
+    ///
+    /// # Errors
+    /// [`VolumeError`] with a point of the world at which the map folds.
+    pub fn least_jacobian(&self, corners: &[Point3<f64>], rigid: &Matrix4<f64>) -> Result<f64, VolumeError> {
+        let back = crate::base::matrix::inverse_rigid(rigid);
+        let [low, high] = bounds(corners.iter().map(|corner| back.transform_point(corner)));
+        let counts = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / CHECK_MM).ceil().clamp(1.0, 200.0) as usize);
+        let mut least = f64::INFINITY;
+        for k in 0..=counts[2] {
+            for j in 0..=counts[1] {
+                for i in 0..=counts[0] {
+                    let at = [i, j, k];
+                    let share = |axis: usize| at[axis] as f64 / counts[axis] as f64;
+                    let point = Point3::from([0, 1, 2].map(|axis| low[axis] + (high[axis] - low[axis]) * share(axis)));
+                    let found = self.jacobian(&point).determinant();
+                    least = least.min(found);
+                    if found <= 0.0 {
+                        let [x, y, z] = [point.x, point.y, point.z];
+                        return Err(VolumeError::new(format!(
+                            "the quadratic map folds the volume at ({x:.0}, {y:.0}, {z:.0}) mm of the world (Jacobian {found:.3}); \
+                             the surface determines it too little there: touch more points on all sides, or state landmarks"
+                        )));
+                    }
+                }
+            }
+        }
+        Ok(least)
+    }
+}
+
+/// Least and largest coordinates of points.
+pub(super) fn bounds(points: impl Iterator<Item = Point3<f64>>) -> [[f64; 3]; 2] {
+    let start = [[f64::INFINITY; 3], [f64::NEG_INFINITY; 3]];
+    points.fold(start, |[low, high], at| {
+        [
+            [0, 1, 2].map(|axis| low[axis].min(at[axis])),
+            [0, 1, 2].map(|axis| high[axis].max(at[axis])),
+        ]
+    })
+}
+
+/// Corners of a volume's box, mm.
+pub fn corners(volume: &LabelVolume) -> Vec<Point3<f64>> {
+    let size = volume.size();
+    let corner = |at: usize| {
+        let index = [0, 1, 2].map(|axis| {
+            if at >> axis & 1 == 0 {
+                -0.5
+            } else {
+                size[axis] as f64 - 0.5
+            }
+        });
+        volume.index_to_world().transform_point(&Point3::from(index))
+    };
+    (0..8).map(corner).collect()
+}
+
+/// Rigid stage of a registration.
+#[derive(Clone, Debug, Serialize)]
+pub struct Rigid {
+    /// Transform from the world to the volume.
+    pub matrix: Rows,
+    /// Root mean square distance of surface points that are no outliers from the skin, mm.
+    pub rms_mm: f64,
+    /// Distance below which 95 % of all surface points lie, mm.
+    pub p95_mm: f64,
+}
+
+/// Quadratic stage of a registration.
+#[derive(Clone, Debug, Serialize)]
+pub struct Fitted {
+    /// The map.
+    #[serde(flatten)]
+    pub map: Quadratic,
+    /// As of the rigid stage.
+    pub rms_mm: f64,
+    /// As of the rigid stage.
+    pub p95_mm: f64,
+    /// Least determinant of the Jacobian on the volume.
+    pub jacobian_min: f64,
+}
+
+/// Distance of a landmark after each stage.
+#[derive(Clone, Debug, Serialize)]
+pub struct LandmarkError {
+    /// Name.
+    pub name: String,
+    /// After the rigid stage, mm.
+    pub rigid_mm: f64,
+    /// After the quadratic stage, which does not use landmarks, mm.
+    pub quadratic_mm: f64,
+}
+
+/// A registration.
+#[derive(Clone, Debug, Serialize)]
+pub struct Registration {
+    /// Rigid stage.
+    pub rigid: Rigid,
+    /// Quadratic stage.
+    pub quadratic: Fitted,
+    /// Distances of the landmarks.
+    pub landmarks_mm: Vec<LandmarkError>,
+    /// Surface points in the volume's frame after the quadratic stage, with their distances from the skin, mm.
+    #[serde(skip)]
+    pub mapped: Vec<(Point3<f64>, f64)>,
+}
+
+/// Registers surface points (world, mm) to the skin of a volume with the given corners.
+///
+/// # Errors
+/// [`VolumeError`] for too few points or landmarks, or where the quadratic map folds the volume.
+pub fn register(
+    surface: &[Point3<f64>],
+    skin: &Skin,
+    corners: &[Point3<f64>],
+    landmarks: &[Landmark],
+) -> Result<Registration, VolumeError> {
+    if surface.len() < LEAST_POINTS {
+        let text = format!(
+            "{} surface points; expected at least {LEAST_POINTS}, spread over the surface",
+            surface.len()
+        );
+        return Err(VolumeError::new(text));
+    }
+    let thinned: Vec<Point3<f64>> = surface
+        .iter()
+        .step_by(1 + surface.len() / MOST_POINTS)
+        .copied()
+        .collect();
+    let starts = match landmarks {
+        [] => starts(&thinned, skin),
+        _ => vec![kabsch(landmarks)?],
+    };
+    let trials = starts
+        .into_iter()
+        .map(|start| rigid(&thinned, skin, start, TRIAL_STEPS));
+    let best = trials.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(matrix, _)| matrix);
+    let (matrix, _) = rigid(&thinned, skin, best.unwrap_or_else(Matrix4::identity), RIGID_STEPS);
+    let map = quadratic(&thinned, skin, &matrix);
+    let jacobian_min = map.least_jacobian(corners, &matrix)?;
+    let distances = |points: &mut dyn Iterator<Item = Point3<f64>>| -> Vec<f64> {
+        points.map(|at| skin.distance(&at).abs()).collect()
+    };
+    let rigidly = distances(&mut surface.iter().map(|at| matrix.transform_point(at)));
+    let mapped: Vec<Point3<f64>> = surface.iter().map(|at| map.map(at)).collect();
+    let finally = distances(&mut mapped.iter().copied());
+    let landmarks_mm = landmarks.iter().map(|it| LandmarkError {
+        name: it.name.clone(),
+        rigid_mm: (matrix.transform_point(&it.surface_mm) - it.volume_mm).norm(),
+        quadratic_mm: (map.map(&it.surface_mm) - it.volume_mm).norm(),
+    });
+    let ([rigid_rms, rigid_p95], [rms_mm, p95_mm]) = (spread(&rigidly), spread(&finally));
+    Ok(Registration {
+        rigid: Rigid {
+            matrix: Rows(matrix),
+            rms_mm: rigid_rms,
+            p95_mm: rigid_p95,
+        },
+        landmarks_mm: landmarks_mm.collect(),
+        quadratic: Fitted {
+            map,
+            rms_mm,
+            p95_mm,
+            jacobian_min,
+        },
+        mapped: mapped.into_iter().zip(finally).collect(),
+    })
+}
+
+/// RMS without outliers, and 95th percentile, of distances.
+fn spread(distances: &[f64]) -> [f64; 2] {
+    let mut sorted = distances.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let limit = BIWEIGHT * scale(&sorted);
+    let kept: Vec<f64> = sorted.iter().copied().filter(|distance| *distance <= limit).collect();
+    let rms = (kept.iter().map(|d| d * d).sum::<f64>() / kept.len().max(1) as f64).sqrt();
+    [rms, sorted[(sorted.len() * 19 / 20).min(sorted.len() - 1)]]
+}
+
+/// Standard deviation of residuals from the median of their ascending absolute values.
+fn scale(ascending: &[f64]) -> f64 {
+    (1.4826 * ascending[ascending.len() / 2]).max(LEAST_SPREAD_MM)
+}
+
+/// Rigid transform between landmarks (W. Kabsch, Acta Crystallographica A 32, 1976).
+fn kabsch(landmarks: &[Landmark]) -> Result<Matrix4<f64>, VolumeError> {
+    let n = landmarks.len() as f64;
+    let mean = |of: fn(&Landmark) -> Point3<f64>| landmarks.iter().map(|it| of(it).coords).sum::<Vector3<f64>>() / n;
+    let (from, to) = (mean(|it| it.surface_mm), mean(|it| it.volume_mm));
+    let mut covariance = Matrix3::zeros();
+    for it in landmarks {
+        covariance += (it.volume_mm.coords - to) * (it.surface_mm.coords - from).transpose();
+    }
+    let svd = covariance.svd(true, true);
+    let mut values: Vec<f64> = svd.singular_values.iter().copied().collect();
+    values.sort_by(|a, b| b.total_cmp(a));
+    let (Some(u), Some(v_t), true) = (svd.u, svd.v_t, landmarks.len() >= 3 && values[1] > 1.0) else {
+        let text = format!(
+            "{} landmarks; expected at least 3 that do not lie on a line",
+            landmarks.len()
+        );
+        return Err(VolumeError::new(text));
+    };
+    let mut flip = Matrix3::identity();
+    // The smallest singular value takes the sign that makes a rotation.
+    let least = svd.singular_values.imin();
+    flip[(least, least)] = (u * v_t).determinant().signum();
+    let rotation = u * flip * v_t;
+    Ok(placed(rotation, from, to))
+}
+
+fn placed(rotation: Matrix3<f64>, from: Vector3<f64>, to: Vector3<f64>) -> Matrix4<f64> {
+    let mut matrix = rotation.to_homogeneous();
+    matrix.fixed_view_mut::<3, 1>(0, 3).copy_from(&(to - rotation * from));
+    matrix
+}
+
+/// Starts of the rigid stage: the axes of both frames, and the four ways in which the principal axes match.
+fn starts(surface: &[Point3<f64>], skin: &Skin) -> Vec<Matrix4<f64>> {
+    let axes = |points: &[Point3<f64>]| {
+        let mean = points.iter().map(|at| at.coords).sum::<Vector3<f64>>() / points.len() as f64;
+        let covariance: Matrix3<f64> = points
+            .iter()
+            .map(|at| (at.coords - mean) * (at.coords - mean).transpose())
+            .sum();
+        let eigen = covariance.symmetric_eigen();
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+        let [x, y] = [order[2], order[1]].map(|at| eigen.eigenvectors.column(at).into_owned());
+        (mean, Matrix3::from_columns(&[x, y, x.cross(&y)]))
+    };
+    let ((from, own), (to, other)) = (axes(surface), axes(skin.points()));
+    let signs = [[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]];
+    let poses = signs.map(|[x, y]| other * Matrix3::from_diagonal(&Vector3::new(x, y, x * y)) * own.transpose());
+    let all = std::iter::once(Matrix3::identity()).chain(poses);
+    all.map(|rotation| placed(rotation, from, to)).collect()
+}
+
+/// Trimmed point-to-plane iteration; the transform with the mean square of the kept distances.
+fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize) -> (Matrix4<f64>, f64) {
+    let mut matrix = start;
+    let kept = (KEPT * surface.len() as f64) as usize;
+    let mut error = f64::INFINITY;
+    for _ in 0..steps {
+        let mut pairs: Vec<(Point3<f64>, Vector3<f64>, f64)> = surface
+            .iter()
+            .map(|at| {
+                let at = matrix.transform_point(at);
+                let (place, normal) = skin.nearest(&at);
+                (at, normal, normal.dot(&(at - place)))
+            })
+            .collect();
+        pairs.sort_by(|a, b| a.2.abs().total_cmp(&b.2.abs()));
+        pairs.truncate(kept);
+        error = pairs.iter().map(|pair| pair.2 * pair.2).sum::<f64>() / kept as f64;
+        let centre = pairs.iter().map(|pair| pair.0.coords).sum::<Vector3<f64>>() / kept as f64;
+        let (mut normal, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+        for (at, n, off) in &pairs {
+            let turn = (at.coords - centre).cross(n);
+            let row = Vector6::new(turn.x, turn.y, turn.z, n.x, n.y, n.z);
+            normal += row * row.transpose();
+            gradient += row * *off;
+        }
+        // A surface of revolution leaves a turn open: the least change is taken.
+        let Ok(step) = normal.svd(true, true).solve(&gradient, 1e-9 * kept as f64) else {
+            break;
+        };
+        let rotation = Rotation3::new(-step.fixed_rows::<3>(0).into_owned());
+        let turned = placed(*rotation.matrix(), centre, centre - step.fixed_rows::<3>(3));
+        matrix = turned * matrix;
+        let reach = pairs
+            .iter()
+            .map(|pair| (pair.0.coords - centre).norm())
+            .fold(0.0, f64::max);
+        if step.fixed_rows::<3>(0).norm() * reach + step.fixed_rows::<3>(3).norm() < SETTLED_MM {
+            break;
+        }
+    }
+    (matrix, error)
+}
+
+/// Robust point-to-plane fit of the quadratic map, its second order and its strain held back by what is expected of bodies, the less the smaller the
+/// residuals.
+fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quadratic {
+    let n = surface.len() as f64;
+    let centre = Point3::from(surface.iter().map(|at| at.coords).sum::<Vector3<f64>>() / n);
+    let radius = surface.iter().map(|at| (at - centre).norm()).fold(1.0, f64::max);
+    let start = Quadratic::rigid(rigid, centre, radius);
+    let mut map = start.clone();
+    let mut held = n;
+    for _ in 0..QUADRATIC_STEPS {
+        let pairs: Vec<_> = surface
+            .iter()
+            .map(|at| {
+                let mapped = map.map(at);
+                let (place, normal) = skin.nearest(&mapped);
+                (terms(&map.scaled(at)), normal, normal.dot(&(mapped - place)))
+            })
+            .collect();
+        let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.2.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let sigma = scale(&sizes);
+        let (mut normal, mut right) = (
+            DMatrix::<f64>::zeros(3 * TERMS, 3 * TERMS),
+            DVector::<f64>::zeros(3 * TERMS),
+        );
+        let mut row = DVector::<f64>::zeros(3 * TERMS);
+        for (q, n, off) in &pairs {
+            let weight = 1.0 - (off / (BIWEIGHT * sigma)).powi(2);
+            if weight <= 0.0 {
+                continue;
+            }
+            for axis in 0..3 {
+                row.fixed_rows_mut::<TERMS>(axis * TERMS).copy_from(&(q * n[axis]));
+            }
+            normal.ger(weight * weight, &row, &row, 1.0);
+            right.axpy(-weight * weight * off, &row, 1.0);
+        }
+        held = (held / 2.0).max((sigma / BEND_MM).powi(2));
+        for axis in 0..3 {
+            for term in 0..TERMS {
+                // Shifts are free.
+                let weight = if term == 0 { 1e-9 } else { held };
+                let at = axis * TERMS + term;
+                normal[(at, at)] += weight;
+                right[at] -= weight * (map.coefficients[axis][term] - start.coefficients[axis][term]);
+            }
+        }
+        let Some(step) = normal.cholesky().map(|factor| factor.solve(&right)) else {
+            break;
+        };
+        for axis in 0..3 {
+            for term in 0..TERMS {
+                map.coefficients[axis][term] += step[axis * TERMS + term];
+            }
+        }
+        if step.norm() < SETTLED_MM && held <= (sigma / BEND_MM).powi(2) {
+            break;
+        }
+    }
+    map
+}

@@ -1,0 +1,117 @@
+//! Resampling of labels through a registration, and its file.
+
+use std::path::Path;
+
+use nalgebra::{Matrix4, Point3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use super::{Quadratic, bounds, corners};
+use crate::anatomy::volume::{LabelVolume, VolumeError};
+use crate::base::read;
+
+/// Maximum number of voxels of a resampled volume.
+const MOST: f64 = 2e9;
+
+/// Volume in the world: the map of a registration applied to all labels, each voxel by the majority of eight points. Voxels are cubes of the same
+/// volume as before.
+///
+/// # Errors
+/// [`VolumeError`] if the map cannot be inverted at a corner, or the result is too large.
+pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, VolumeError> {
+    let folded = || VolumeError::new("the registration cannot be inverted at the corners of the volume");
+    let world: Option<Vec<Point3<f64>>> = corners(volume).iter().map(|corner| map.inverse(corner)).collect();
+    let [low, high] = bounds(world.ok_or_else(folded)?.into_iter());
+    let step = volume.voxel_mm3().cbrt();
+    let size = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / step).ceil().max(1.0));
+    if size.iter().product::<f64>() > MOST {
+        return Err(VolumeError::new(format!(
+            "a resampled volume of {size:?} voxels; expected at most {MOST:e} in all"
+        )));
+    }
+    let size = size.map(|n| n as usize);
+    let mut voxels: Vec<u8> = read::room(size.iter().product(), "the resampled volume")?;
+    voxels.resize(size.iter().product(), 0);
+    voxels
+        .par_chunks_mut(size[0] * size[1])
+        .enumerate()
+        .for_each(|(k, slice)| {
+            for (at, voxel) in slice.iter_mut().enumerate() {
+                let cell = [at % size[0], at / size[0], k];
+                *voxel = vote(|corner| {
+                    let share = |axis: usize| if corner >> axis & 1 == 0 { 0.25 } else { 0.75 };
+                    let point =
+                        Point3::from([0, 1, 2].map(|axis| low[axis] + step * (cell[axis] as f64 + share(axis))));
+                    volume.label_index_at(&map.map(&point)).unwrap_or(0)
+                });
+            }
+        });
+    let mut index_to_world = Matrix4::new_scaling(step);
+    let origin = Vector3::from(low).add_scalar(step / 2.0);
+    index_to_world.fixed_view_mut::<3, 1>(0, 3).copy_from(&origin);
+    let mut resampled = LabelVolume::new(size, voxels, volume.labels().to_vec(), index_to_world)?;
+    if !std::ptr::eq(volume.undivided(), volume) {
+        resampled.set_undivided(resample(volume.undivided(), map)?);
+    }
+    Ok(resampled)
+}
+
+/// The most frequent of eight labels, the lowest of equals.
+fn vote(label: impl Fn(usize) -> u8) -> u8 {
+    let mut labels = [0; 8];
+    labels.iter_mut().enumerate().for_each(|(at, own)| *own = label(at));
+    labels.sort_unstable();
+    let count = |of: u8| labels.iter().filter(|label| **label == of).count();
+    let mut best = labels[0];
+    for &label in &labels {
+        if count(label) > count(best) {
+            best = label;
+        }
+    }
+    best
+}
+
+/// File of a registration.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    version: u32,
+    #[serde(flatten)]
+    map: Quadratic,
+}
+
+impl Quadratic {
+    /// Reads the map of a registration from a TOML file.
+    ///
+    /// # Errors
+    /// [`VolumeError`] if the file cannot be read, or holds something else.
+    pub fn read(path: &Path) -> Result<Self, VolumeError> {
+        let text = read::text(path, read::TOML).map_err(|cause| VolumeError::read(path, cause))?;
+        let wrong = |found: String| VolumeError::new(format!("{}: {found}", path.display()));
+        let file: File =
+            toml::from_str(&text).map_err(|error| wrong(format!("no registration: {}", error.message())))?;
+        if file.version != 1 {
+            return Err(wrong(format!("version {}; expected 1", file.version)));
+        }
+        file.map.check().map_err(|error| wrong(error.to_string()))?;
+        Ok(file.map)
+    }
+
+    /// The map as a TOML file.
+    pub fn toml(&self) -> String {
+        let list = |values: &[f64]| {
+            values
+                .iter()
+                .map(|value| format!("{value:?}"))
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
+        let rows = self.coefficients.map(|row| format!("  [{}],\n", list(&row))).concat();
+        format!(
+            "# Registration by `insonify register`: volume_mm = C q((world_mm - centre_mm) / scale_mm), q = 1, x, y, z, x2, y2, z2, xy, yz, zx\n\
+             version = 1\ncoefficients = [\n{rows}]\ncentre_mm = [{}]\nscale_mm = {:?}\n",
+            list(&self.centre_mm),
+            self.scale_mm
+        )
+    }
+}

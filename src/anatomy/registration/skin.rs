@@ -1,0 +1,164 @@
+//! Skin of a label volume: points with outward normals, and a search for the nearest.
+
+use std::collections::VecDeque;
+
+use nalgebra::{Point3, Vector3};
+use rstar::RTree;
+use rstar::primitives::GeomWithData;
+
+use crate::anatomy::volume::{LabelVolume, VolumeError};
+
+/// Least spacing of the grid on which the surface is found, mm.
+const GRID_MM: f64 = 1.5;
+/// Maximum number of points; more are thinned evenly.
+const MOST: usize = 150_000;
+
+/// A surface as points with normals.
+pub struct Skin {
+    points: Vec<Point3<f64>>,
+    normals: Vec<Vector3<f64>>,
+    tree: RTree<GeomWithData<[f64; 3], usize>>,
+}
+
+impl Skin {
+    /// Makes a surface from points (mm) and outward unit normals.
+    pub fn new(points: Vec<Point3<f64>>, normals: Vec<Vector3<f64>>) -> Self {
+        let items = points
+            .iter()
+            .enumerate()
+            .map(|(at, point)| GeomWithData::new((*point).into(), at));
+        let tree = RTree::bulk_load(items.collect());
+        Self { points, normals, tree }
+    }
+
+    /// Finds the border between the body and what is outside it, where both lie in the volume: cavities and cut faces are left out. The
+    /// share of body in blocks of voxels is interpolated, so that the surface is smooth.
+    ///
+    /// # Errors
+    /// [`VolumeError`] if there is no such border.
+    pub fn of(volume: &LabelVolume, is_body: impl Fn(u8) -> bool) -> Result<Self, VolumeError> {
+        let spacing = volume.spacing_mm();
+        let block = spacing.map(|mm| ((GRID_MM / mm).round() as usize).max(1));
+        let size = [0, 1, 2].map(|axis| volume.size()[axis] / block[axis]);
+        if size.iter().any(|n| *n < 3) {
+            return Err(VolumeError::new(format!(
+                "a volume of {:?} voxels is too small for a surface",
+                volume.size()
+            )));
+        }
+        let count = (block[0] * block[1] * block[2]) as f32;
+        let offset = |[i, j, k]: [usize; 3]| i + size[0] * (j + size[1] * k);
+        let mut share = vec![0.0_f32; size.iter().product()];
+        for k in 0..size[2] * block[2] {
+            for j in 0..size[1] * block[1] {
+                for i in 0..size[0] * block[0] {
+                    if is_body(volume.voxels()[volume.offset([i, j, k])]) {
+                        share[offset([i / block[0], j / block[1], k / block[2]])] += 1.0 / count;
+                    }
+                }
+            }
+        }
+        let outside = outside(&share, size);
+        let (mut points, mut normals) = (Vec::new(), Vec::new());
+        let index = |at: [f64; 3]| {
+            // Centre of a block in voxels.
+            let voxel = [0, 1, 2].map(|axis| (at[axis] + 0.5) * block[axis] as f64 - 0.5);
+            volume.index_to_world().transform_point(&Point3::from(voxel))
+        };
+        for k in 1..size[2] - 1 {
+            for j in 1..size[1] - 1 {
+                for i in 1..size[0] - 1 {
+                    let cell = [i, j, k];
+                    for axis in 0..3 {
+                        let mut next = cell;
+                        next[axis] += 1;
+                        if next[axis] + 1 >= size[axis] {
+                            continue;
+                        }
+                        let [a, b] = [offset(cell), offset(next)];
+                        if outside[a] == outside[b] || (share[a] < 0.5) == (share[b] < 0.5) {
+                            continue;
+                        }
+                        let t = f64::from((0.5 - share[a]) / (share[b] - share[a]));
+                        let mut at = cell.map(|n| n as f64);
+                        at[axis] += t;
+                        let slope = |of: [usize; 3], along: usize| {
+                            let (mut low, mut high) = (of, of);
+                            low[along] -= 1;
+                            high[along] += 1;
+                            f64::from(share[offset(high)] - share[offset(low)]) / (block[along] as f64 * spacing[along])
+                        };
+                        let gradient = [0, 1, 2].map(|along| (1.0 - t) * slope(cell, along) + t * slope(next, along));
+                        // Gradients along the index axes, which are perpendicular.
+                        let mut normal = Vector3::zeros();
+                        for along in 0..3 {
+                            normal -=
+                                volume.index_to_world().fixed_view::<3, 1>(0, along) / spacing[along] * gradient[along];
+                        }
+                        if let Some(normal) = normal.try_normalize(1e-9) {
+                            points.push(index(at));
+                            normals.push(normal);
+                        }
+                    }
+                }
+            }
+        }
+        if points.len() < 100 {
+            return Err(VolumeError::new(
+                "the volume shows no skin: the body fills it, or nothing is labelled; leave unlabelled space around the body",
+            ));
+        }
+        let step = 1 + points.len() / MOST;
+        let points = points.into_iter().step_by(step).collect();
+        Ok(Self::new(points, normals.into_iter().step_by(step).collect()))
+    }
+
+    /// Points, mm.
+    pub fn points(&self) -> &[Point3<f64>] {
+        &self.points
+    }
+
+    /// Nearest point and its normal.
+    pub fn nearest(&self, at: &Point3<f64>) -> (Point3<f64>, Vector3<f64>) {
+        let found = self
+            .tree
+            .nearest_neighbor([at.x, at.y, at.z])
+            .map_or(0, |item| item.data);
+        (self.points[found], self.normals[found])
+    }
+
+    /// Signed distance along the normal of the nearest point, mm: positive outside.
+    pub fn distance(&self, at: &Point3<f64>) -> f64 {
+        let (place, normal) = self.nearest(at);
+        normal.dot(&(at - place))
+    }
+}
+
+/// Cells outside the body that are connected with the border of the grid.
+fn outside(share: &[f32], size: [usize; 3]) -> Vec<bool> {
+    let mut found = vec![false; share.len()];
+    let strides = [1, size[0], size[0] * size[1]];
+    let mut queue = VecDeque::new();
+    for at in 0..share.len() {
+        let index = [at % size[0], at / size[0] % size[1], at / strides[2]];
+        let border = (0..3).any(|axis| index[axis] == 0 || index[axis] + 1 == size[axis]);
+        if border && share[at] < 0.5 {
+            found[at] = true;
+            queue.push_back(at);
+        }
+    }
+    while let Some(at) = queue.pop_front() {
+        let index = [at % size[0], at / size[0] % size[1], at / strides[2]];
+        for axis in 0..3 {
+            let lower = (index[axis] > 0).then(|| at - strides[axis]);
+            let upper = (index[axis] + 1 < size[axis]).then(|| at + strides[axis]);
+            for next in [lower, upper].into_iter().flatten() {
+                if !found[next] && share[next] < 0.5 {
+                    found[next] = true;
+                    queue.push_back(next);
+                }
+            }
+        }
+    }
+    found
+}

@@ -1,0 +1,265 @@
+use std::path::Path;
+
+use nalgebra::{Matrix4, Point3, Rotation3, Vector3};
+
+use super::skin::Skin;
+use super::*;
+use crate::anatomy::segmentation;
+use crate::anatomy::volume::complete::{CompleteOptions, complete};
+use crate::anatomy::volume::{Label, LabelVolume};
+use crate::base::random::{hash3, unit};
+
+fn random(item: i32, stream: i32) -> f64 {
+    f64::from(unit(hash3([item, stream, 77], [3, 4])[0]))
+}
+
+fn normal(item: i32, stream: i32) -> f64 {
+    // The sum of twelve uniform numbers.
+    (0..12).map(|at| random(item, 100 * stream + at)).sum::<f64>() - 6.0
+}
+
+/// An uneven body, negative inside.
+fn body(p: &Point3<f64>) -> f64 {
+    let bumps = (p.x / 31.0).sin() * (p.y / 27.0 + 1.0).cos() + (p.z / 37.0).sin() * (p.x / 29.0 - 0.5).cos();
+    (p.x / 150.0).powi(2) + (p.y / 100.0).powi(2) + (p.z / 200.0).powi(2) + 0.12 * bumps + 0.15 * p.x / 150.0 - 1.0
+}
+
+/// Point of its surface on a random ray from the centre, and the normal.
+fn on_body(item: i32, stream: i32) -> (Point3<f64>, Vector3<f64>) {
+    let ray = Vector3::from_fn(|axis, _| normal(item, 3 * stream + axis as i32)).normalize();
+    let (mut low, mut high) = (0.0, 400.0);
+    for _ in 0..60 {
+        let middle = (low + high) / 2.0;
+        if body(&(Point3::origin() + ray * middle)) < 0.0 {
+            low = middle
+        } else {
+            high = middle
+        }
+    }
+    let at = Point3::origin() + ray * low;
+    let slope = Vector3::from_fn(|axis, _| {
+        let step = Vector3::ith(axis, 1e-4);
+        body(&(at + step)) - body(&(at - step))
+    });
+    (at, slope.normalize())
+}
+
+fn skin() -> Skin {
+    let all: Vec<_> = (0..60_000).map(|item| on_body(item, 1)).collect();
+    Skin::new(all.iter().map(|it| it.0).collect(), all.iter().map(|it| it.1).collect())
+}
+
+/// A rigid motion with a bend of up to `bend_mm` at 200 mm.
+fn truth(bend_mm: f64) -> Quadratic {
+    let mut matrix = Rotation3::from_euler_angles(0.1, -0.15, 0.2).to_homogeneous();
+    matrix
+        .fixed_view_mut::<3, 1>(0, 3)
+        .copy_from(&Vector3::new(30.0, -20.0, 10.0));
+    let mut map = Quadratic::rigid(&matrix, Point3::new(5.0, 3.0, -4.0), 200.0);
+    let bends = [
+        [0.5, -0.3, 1.0, 0.4, 0.0, -0.6],
+        [-0.7, 0.2, 0.6, 0.1, 0.5, 0.0],
+        [0.3, 0.4, -0.5, 0.0, 0.2, 0.6],
+    ];
+    for (row, bends) in map.coefficients.iter_mut().zip(bends) {
+        row[4..]
+            .iter_mut()
+            .zip(bends)
+            .for_each(|(c, bend)| *c += bend_mm * bend);
+    }
+    map
+}
+
+/// Surface points in the world, of which some are noisy or outliers.
+fn touched(
+    map: &Quadratic,
+    count: i32,
+    noise_mm: f64,
+    outliers: f64,
+    keep: impl Fn(&Point3<f64>) -> bool,
+) -> Vec<Point3<f64>> {
+    let all = (0..count).map(|item| on_body(item, 2).0).filter(keep);
+    let worlds = all.map(|at| map.inverse(&at).unwrap()).enumerate().map(|(item, at)| {
+        let item = item as i32;
+        let far = if random(item, 9) < outliers { 40.0 } else { noise_mm };
+        at + Vector3::from_fn(|axis, _| far * normal(item, 20 + axis as i32))
+    });
+    worlds.collect()
+}
+
+fn box_of_body() -> Vec<Point3<f64>> {
+    let side = |at: usize, axis: usize, mm: f64| if at >> axis & 1 == 0 { -mm } else { mm };
+    (0..8)
+        .map(|at| Point3::new(side(at, 0, 160.0), side(at, 1, 110.0), side(at, 2, 210.0)))
+        .collect()
+}
+
+/// Mean and largest distance between two maps.
+fn apart(a: &Quadratic, b: &Quadratic, world: &[Point3<f64>]) -> [f64; 2] {
+    let off: Vec<f64> = world.iter().map(|at| (a.map(at) - b.map(at)).norm()).collect();
+    [
+        off.iter().sum::<f64>() / off.len() as f64,
+        off.iter().copied().fold(0.0, f64::max),
+    ]
+}
+
+#[test]
+fn a_known_quadratic_is_found_again() {
+    let (skin, map) = (skin(), truth(10.0));
+    let world = touched(&map, 3000, 0.0, 0.0, |_| true);
+    let found = register(&world, &skin, &box_of_body(), &[]).unwrap();
+    let off = apart(&found.quadratic.map, &map, &world);
+    assert!(off[0] < 0.05, "{off:?} {found}");
+    assert!(
+        found.quadratic.rms_mm < 0.05 && found.rigid.rms_mm > 1.0 && found.quadratic.jacobian_min > 0.5,
+        "{found}"
+    );
+}
+
+#[test]
+fn noise_outliers_and_a_missing_back_are_borne() {
+    let (skin, map) = (skin(), truth(10.0));
+    let front = |at: &Point3<f64>| at.y < 40.0;
+    let world = touched(&map, 4000, 0.5, 0.1, front);
+    let clean = touched(&map, 1000, 0.0, 0.0, front);
+    let mut marks = Vec::new();
+    for (item, at) in clean.iter().step_by(200).enumerate() {
+        let (name, volume_mm, surface_mm) = (format!("mark {item}"), map.map(at), *at);
+        marks.push(Landmark {
+            name,
+            volume_mm,
+            surface_mm,
+        });
+    }
+    let found = register(&world, &skin, &box_of_body(), &marks).unwrap();
+    let off = apart(&found.quadratic.map, &map, &clean);
+    assert!(off[0] < 0.5, "{off:?} {found}");
+    assert!(found.landmarks_mm.iter().all(|it| it.quadratic_mm < 1.5), "{found}");
+}
+
+#[test]
+fn what_cannot_be_registered_is_refused() {
+    let (skin, map) = (skin(), truth(10.0));
+    let refused = |found: Result<Registration, VolumeError>, words: &str| {
+        let error = found.map(drop).unwrap_err().to_string();
+        assert!(error.contains(words), "{error}");
+    };
+    let world = touched(&map, 40, 0.0, 0.0, |_| true);
+    refused(
+        register(&world[..20], &skin, &box_of_body(), &[]),
+        "20 surface points; expected at least 30",
+    );
+    let mark = |x: f64| Landmark {
+        name: format!("{x}"),
+        volume_mm: Point3::new(x, 0.0, 0.0),
+        surface_mm: Point3::new(x, 0.0, 0.0),
+    };
+    refused(
+        register(&world, &skin, &box_of_body(), &[mark(0.0), mark(50.0), mark(90.0)]),
+        "3 landmarks; expected at least 3 that do not lie on a line",
+    );
+    let mut folded = truth(10.0);
+    folded.coefficients[0][4] = -400.0;
+    let error = folded
+        .least_jacobian(&box_of_body(), &Matrix4::identity())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("folds the volume at ("), "{error}");
+}
+
+#[test]
+fn labels_are_resampled_where_the_map_puts_them() {
+    let size = [40, 30, 50];
+    let centre = [20.0, 15.0, 25.0];
+    let index = |at: usize| [at % 40, at / 40 % 30, at / 1200].map(|n| n as f64);
+    let distance = |at: [f64; 3]| (0..3).map(|axis| (at[axis] - centre[axis]).powi(2)).sum::<f64>().sqrt();
+    let voxels: Vec<u8> = (0..60_000).map(|at| u8::from(distance(index(at)) < 10.0)).collect();
+    let labels = [(0, "outside"), (5, "ball")]
+        .map(|(value, name)| Label {
+            value,
+            name: Some(name.to_owned()),
+            voxels: 0,
+        })
+        .to_vec();
+    let volume = LabelVolume::new(size, voxels, labels, Matrix4::new_scaling(2.0)).unwrap();
+    let map = truth(2.0);
+    let found = resample(&volume, &map).unwrap();
+    let middle = map.inverse(&Point3::new(40.0, 30.0, 50.0)).unwrap();
+    let ball: Vec<Point3<f64>> = (0..found.voxels().len())
+        .filter(|&at| found.voxels()[at] == 1)
+        .map(|at| {
+            let [w, h, _] = found.size();
+            let index = Point3::from([at % w, at / w % h, at / w / h].map(|n| n as f64));
+            found.index_to_world().transform_point(&index)
+        })
+        .collect();
+    let mean = ball.iter().map(|at| at.coords).sum::<Vector3<f64>>() / ball.len() as f64;
+    assert!((mean - middle.coords).norm() < 0.3, "{mean} {middle}");
+    let volume_mm3 = ball.len() as f64 * found.voxel_mm3();
+    let expected = 4.0 / 3.0 * std::f64::consts::PI * 20_f64.powi(3);
+    assert!((volume_mm3 / expected - 1.0).abs() < 0.03, "{volume_mm3} {expected}");
+    assert_eq!(found.labels()[1].name.as_deref(), Some("ball"));
+}
+
+#[test]
+fn maps_are_written_and_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("fit.toml");
+    let map = truth(10.0);
+    std::fs::write(&path, map.toml()).unwrap();
+    assert_eq!(Quadratic::read(&path).unwrap(), map);
+    for (text, words) in [
+        (
+            "version = 2\n".to_owned() + &map.toml().replace("version = 1\n", ""),
+            "version 2; expected 1",
+        ),
+        (
+            map.toml().replace("scale_mm = 200.0", "scale_mm = 0.0"),
+            "a scale that is not above 0",
+        ),
+        (map.toml() + "more = 1\n", "no registration"),
+        ("volume = 3".to_owned(), "no registration"),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let error = Quadratic::read(&path).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("fit.toml"), "{error}");
+    }
+}
+
+#[test]
+fn a_real_body_deformed_is_fitted_back() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data/volumes/tsd_s0328_labels.nii.gz");
+    if !path.exists() {
+        return;
+    }
+    let volume = segmentation::open(&path, &Default::default()).unwrap().volume;
+    let completed = complete(&volume, &CompleteOptions::default()).unwrap().volume;
+    let skin = Skin::of(&completed, |label| label > 0).unwrap();
+    let centre = completed.centre_mm();
+    let mut map = truth(8.0);
+    map.centre_mm = centre.into();
+    (0..3).for_each(|axis| map.coefficients[axis][0] = centre[axis] + 5.0);
+    let surface: Vec<Point3<f64>> = skin
+        .points()
+        .iter()
+        .step_by(7)
+        .enumerate()
+        .map(|(item, at)| {
+            let noise = Vector3::from_fn(|axis, _| 0.3 * normal(item as i32, 50 + axis as i32));
+            map.inverse(at).unwrap() + noise
+        })
+        .collect();
+    let found = register(&surface, &skin, &corners(&completed), &[]).unwrap();
+    // Points within the body, none of which took part.
+    let inside: Vec<Point3<f64>> = skin
+        .points()
+        .iter()
+        .step_by(501)
+        .map(|at| map.inverse(&(centre + (at - centre) * 0.5)).unwrap())
+        .collect();
+    let off = apart(&found.quadratic.map, &map, &inside);
+    assert!(
+        off[0] < 1.0 && found.quadratic.rms_mm < 0.5 && found.rigid.rms_mm > 1.0,
+        "{off:?} {found}"
+    );
+}

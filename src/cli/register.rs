@@ -1,0 +1,212 @@
+//! `insonify register`: anatomy fitted to a physical surface.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+use nalgebra::Point3;
+
+use crate::anatomy::registration::skin::Skin;
+use crate::anatomy::registration::surface::{landmarks, read};
+use crate::anatomy::registration::{Quadratic, corners, register, resample};
+use crate::anatomy::segmentation;
+use crate::anatomy::volume::complete::{CompleteOptions, complete};
+use crate::anatomy::volume::{LabelVolume, save};
+use crate::base::range::numbers;
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::file::{MeshFileError, ReadOptions, read_mesh, write_vtu_with};
+use crate::tracking::calibrate::poses::Poses;
+use crate::tracking::sequence::Sequence;
+use crate::tracking::world::World;
+
+use super::failure::Failure;
+use super::input::NamesArg;
+use super::output::{self, Force};
+use super::terminal;
+use super::variants::variants;
+
+const TEACHING: &str = "\
+Stage 1 is rigid: by landmarks if given, else from the principal axes; then each surface point is drawn to the skin. Stage 2 adds a quadratic
+deformation. The map leads from the world, the frame of the surface, to the volume.
+
+--surface is a table of touched points (.csv with x_mm,y_mm,z_mm), a scan of the mannequin (.stl, .ply), another segmentation, whose skin is
+taken, or a tracked sequence of a stylus (.igs.mha) with --transform and --tip.
+
+Examples:
+  insonify register ct.nii.gz --surface touched.csv --landmarks marks.csv -o fitted.nrrd --page fit.html
+  insonify register ct.nii.gz --surface mannequin.stl --world ras --fit fit.toml
+  insonify register ct.nii.gz --surface stylus.igs.mha --transform StylusToReference --tip 0.1,-2.3,148.2 --fit fit.toml
+A scene that says `volume.registration = \"fit.toml\"` beside its file applies the registration when it is loaded.";
+
+/// Fits anatomy to a physical surface: rigid, then quadratic
+#[derive(Args)]
+#[command(after_help = TEACHING)]
+pub struct Register {
+    /// Label file (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files
+    #[arg(value_name = "VOLUME")]
+    volume: PathBuf,
+    #[command(flatten)]
+    names: NamesArg,
+    /// Points of the physical surface: .csv, .stl, .ply, a segmentation, or a tracked sequence of a stylus
+    #[arg(long, value_name = "FILE")]
+    surface: PathBuf,
+    /// Points known on both sides: CSV with name,volume_x_mm,volume_y_mm,volume_z_mm,surface_x_mm,surface_y_mm,surface_z_mm
+    #[arg(long, value_name = "FILE.csv")]
+    landmarks: Option<PathBuf>,
+    /// Axes of the surface and of the landmarks' surface_*_mm
+    #[arg(long, value_parser = variants::<World>(), default_value = "lps")]
+    world: World,
+    /// Tracked sequence: transform from the stylus to the reference
+    #[arg(long, value_name = "NAME", requires = "tip")]
+    transform: Option<String>,
+    /// Tracked sequence: tip in the frame of the stylus, mm, from `calibrate pivot`
+    #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
+    tip: Option<[f64; 3]>,
+    /// The labels already fill the body: no body is closed around them
+    #[arg(long)]
+    no_complete: bool,
+    /// Write the labels in the world (.nrrd, .nii.gz, .mha)
+    #[arg(short, long, value_name = "FILE")]
+    output: Option<PathBuf>,
+    /// Write the map for `volume.registration` of a scene
+    #[arg(long, value_name = "FILE.toml")]
+    fit: Option<PathBuf>,
+    /// Tetrahedral mesh in the volume's frame to carry along; needs --mesh-output
+    #[arg(long, value_name = "FILE", requires = "mesh_output")]
+    mesh: Option<PathBuf>,
+    /// Write the mesh in the world (.vtu)
+    #[arg(long, value_name = "FILE.vtu", requires = "mesh")]
+    mesh_output: Option<PathBuf>,
+    /// Write a page with distances and a picture of both surfaces
+    #[arg(long, value_name = "PAGE.html")]
+    page: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON: `rigid`, `quadratic`, `landmarks_mm`
+    #[arg(long)]
+    json: bool,
+}
+
+impl Register {
+    pub fn run(&self) -> Result<(), Failure> {
+        let given = [
+            Some(&self.volume),
+            Some(&self.surface),
+            self.landmarks.as_ref(),
+            self.mesh.as_ref(),
+        ];
+        let inputs: Vec<PathBuf> = given.into_iter().flatten().cloned().collect();
+        let endings = [
+            (&self.page, "html", "pages"),
+            (&self.fit, "toml", "registrations"),
+            (&self.mesh_output, "vtu", "meshes"),
+        ];
+        for (file, ending, what) in endings {
+            if let Some(file) = file {
+                self.force.check_ending(file, ending, what, &inputs)?;
+            }
+        }
+        if let Some(output) = &self.output {
+            self.force.check(&[output.as_path()], &inputs)?;
+        }
+        let volume = self.open(&self.volume)?;
+        let skin = skin_of(&volume)?;
+        let surface = self.points()?;
+        let mut known = self
+            .landmarks
+            .as_deref()
+            .map(landmarks)
+            .transpose()?
+            .unwrap_or_default();
+        known
+            .iter_mut()
+            .for_each(|it| it.surface_mm = self.in_lps(&it.surface_mm));
+        let found = register(&surface, &skin, &corners(&volume), &known)?;
+        let map = &found.quadratic.map;
+        if let Some(output) = &self.output {
+            save(&resample(&volume, map)?, output)?;
+        }
+        if let Some(fit) = &self.fit {
+            output::text(fit, &map.toml())?;
+        }
+        if let (Some(mesh), Some(output)) = (&self.mesh, &self.mesh_output) {
+            carry(mesh, output, map)?;
+        }
+        if let Some(page) = &self.page {
+            output::text(page, &found.page(&skin)?)?;
+        }
+        match self.json {
+            true => terminal::emit_json(&found),
+            false => terminal::emit(&found.to_string()),
+        }
+    }
+
+    /// Reads a label volume, and closes the body around it unless told not to.
+    fn open(&self, path: &Path) -> Result<LabelVolume, Failure> {
+        let opened = segmentation::open(path, &self.names.naming()?)?;
+        opened.notes.iter().for_each(terminal::note);
+        opened.warnings.iter().for_each(terminal::warn);
+        if self.no_complete {
+            return Ok(opened.volume);
+        }
+        let completed = complete(&opened.volume, &CompleteOptions::default())?;
+        terminal::note(completed.note);
+        completed.warning.iter().for_each(terminal::warn);
+        Ok(completed.volume.undivided().clone())
+    }
+
+    fn in_lps(&self, point: &Point3<f64>) -> Point3<f64> {
+        self.world.vector((*point).into()).into()
+    }
+
+    /// Points of the surface, LPS, mm.
+    fn points(&self) -> Result<Vec<Point3<f64>>, Failure> {
+        if let Some(tip) = self.tip {
+            let sequence = Sequence::read_poses(&self.surface)?;
+            let poses = Poses::from_sequence(&sequence, &self.surface, self.transform.as_deref(), &Default::default())?;
+            if poses.skipped > 0 {
+                terminal::note(format_args!(
+                    "{} frames without a valid pose are left out",
+                    poses.skipped
+                ));
+            }
+            let touched = poses
+                .poses
+                .iter()
+                .map(|pose| Point3::from(pose.rotation * nalgebra::Vector3::from(tip) + pose.position));
+            return Ok(touched.map(|at| self.in_lps(&at)).collect());
+        }
+        if segmentation::stem(&self.surface).is_some() || self.surface.is_dir() {
+            let skin = skin_of(&self.open(&self.surface)?)?;
+            return Ok(skin.points().to_vec());
+        }
+        Ok(read(&self.surface)?.iter().map(|at| self.in_lps(at)).collect())
+    }
+}
+
+fn skin_of(volume: &LabelVolume) -> Result<Skin, Failure> {
+    Ok(Skin::of(volume, |label| label > 0)?)
+}
+
+/// Writes a mesh of the volume's frame in the world.
+fn carry(path: &Path, output: &Path, map: &Quadratic) -> Result<(), Failure> {
+    let file = read_mesh(path, &ReadOptions::default())?;
+    let nodes: Option<Vec<[f64; 3]>> = file
+        .mesh
+        .nodes()
+        .iter()
+        .map(|node| map.inverse(&Point3::from(*node)).map(Into::into))
+        .collect();
+    let Some(nodes) = nodes else {
+        let found = format!(
+            "{}: the registration cannot be inverted at all of its nodes",
+            path.display()
+        );
+        return Err(Failure::usage(found, "carry a mesh of the registered volume"));
+    };
+    let moved = TetMesh::new(nodes, file.mesh.elements().to_vec(), file.mesh.regions().to_vec());
+    let moved = moved.map_err(|source| MeshFileError::Mesh {
+        path: path.to_owned(),
+        source,
+    })?;
+    Ok(write_vtu_with(output, &moved, &file.region_names, &[], &[])?)
+}
