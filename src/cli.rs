@@ -30,6 +30,7 @@ mod solve;
 mod stability;
 mod study;
 mod terminal;
+mod texture;
 mod tradeoff;
 mod variants;
 
@@ -52,6 +53,7 @@ Examples:
   insonify match real.png --depth-mm 160 -o my.toml  probe and effects from a real frame
   insonify calibrate pivot tip.igs.mha             tip of a tracked needle; its shaft, the plane of a probe's image
   insonify register ct.nii.gz --surface touched.csv --fit fit.toml   anatomy fitted to a mannequin
+  insonify texture liver.png --region 200,150,180,180 -o liver.nrrd   a solid texture from an image
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify score out                               how well a needle was guided: ten metrics
@@ -88,6 +90,7 @@ enum Command {
     Info(info::Info),
     Calibrate(calibrate::Calibrate),
     Register(Box<register::Register>),
+    Texture(Box<texture::TextureArgs>),
     Insert(insert::Insert),
     Score(score::ScoreArgs),
     Exercise(exercise::Exercise),
@@ -124,6 +127,7 @@ impl Cli {
             Command::Info(info) => info.run(),
             Command::Calibrate(calibrate) => calibrate.run(),
             Command::Register(register) => register.run(),
+            Command::Texture(texture) => texture.run(),
             Command::Insert(insert) => insert.run(),
             Command::Score(score) => score.run(),
             Command::Exercise(exercise) => exercise.run(),

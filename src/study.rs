@@ -31,6 +31,7 @@ pub mod stability;
 pub mod step_costs;
 #[cfg(test)]
 pub(crate) mod testing;
+pub mod texture;
 pub mod tradeoff;
 
 pub use error::StudyError;

@@ -196,7 +196,7 @@ fn labels_are_resampled_where_the_map_puts_them() {
     let mean = ball.iter().map(|at| at.coords).sum::<Vector3<f64>>() / ball.len() as f64;
     assert!((mean - middle.coords).norm() < 0.3, "{mean} {middle}");
     let volume_mm3 = ball.len() as f64 * found.voxel_mm3();
-    let expected = 4.0 / 3.0 * std::f64::consts::PI * 20_f64.powi(3);
+    let expected = 4.0 / 3.0 * std::f64::consts::PI * 20_f64.powi(3) / map.jacobian(&middle).determinant();
     assert!((volume_mm3 / expected - 1.0).abs() < 0.03, "{volume_mm3} {expected}");
     assert_eq!(found.labels()[1].name.as_deref(), Some("ball"));
 }

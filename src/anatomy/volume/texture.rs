@@ -2,6 +2,8 @@
 //!
 //! A texture's mean square is 1, so that a tissue's echogenicity is its mean echo power whatever its texture.
 
+pub mod synthesis;
+
 use bytemuck::{Pod, Zeroable};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -1,0 +1,366 @@
+//! Solid textures from two-dimensional examples (J. Kopf et al., "Solid texture synthesis from 2D exemplars", ACM Transactions on
+//! Graphics 26(3), 2007).
+//!
+//! Every square neighbourhood in the planes of the solid that have an exemplar is to look like some neighbourhood of it. Two steps alternate on
+//! three resolutions: each neighbourhood finds its match, and each voxel becomes the mean of what all matches around it say, weighted by their
+//! likeness to the power of r - 2 and against values that the solid has too many of. Matches are found by propagation and random search
+//! (C. Barnes et al., "PatchMatch", ACM Transactions on Graphics 28(3), 2009) in place of a tree: neighbours are read from the round before, so
+//! that the result does not depend on the number of threads. The solid is a torus: it repeats without a seam.
+
+use rayon::prelude::*;
+
+use crate::anatomy::volume::VolumeError;
+use crate::base::random::{hash3, seed_words, unit};
+
+/// Side of a neighbourhood, voxels.
+const SIDE: usize = 8;
+const PATCH: usize = SIDE * SIDE;
+/// Exponent of the distance between neighbourhoods.
+const EXPONENT: f64 = 0.8;
+/// Number of resolutions, each twice the one before.
+const LEVELS: usize = 3;
+/// Rounds of matching and averaging on each resolution, coarsest first.
+const ROUNDS: [usize; LEVELS] = [24, 16, 10];
+/// Bins of the histograms.
+const BINS: usize = 32;
+/// Random candidates of a neighbourhood in a round, each from half the range of the one before.
+const RANDOM: usize = 6;
+/// Least side of an exemplar, pixels: four neighbourhoods at the coarsest resolution.
+pub const LEAST: usize = 4 * SIDE << (LEVELS - 1);
+
+/// Example of a texture: values in rows.
+#[derive(Clone, Debug)]
+pub struct Exemplar {
+    /// Columns and rows.
+    pub size: [usize; 2],
+    /// Values row by row.
+    pub values: Vec<f32>,
+}
+
+/// Exemplars of the planes of a solid; rows run along the second axis of each.
+#[derive(Clone, Debug)]
+pub struct Exemplars {
+    /// Columns along x, rows along y.
+    pub xy: Exemplar,
+    /// Columns along z, rows along y.
+    pub zy: Exemplar,
+    /// Columns along x, rows along z, if that plane has one.
+    pub xz: Option<Exemplar>,
+}
+
+impl Exemplar {
+    fn halved(&self) -> Self {
+        let size = self.size.map(|n| n / 2);
+        let value = |at: usize| {
+            let [column, row] = [2 * (at % size[0]), 2 * (at / size[0])];
+            let part = |dx: usize, dy: usize| self.values[(row + dy) * self.size[0] + column + dx];
+            (part(0, 0) + part(1, 0) + part(0, 1) + part(1, 1)) / 4.0
+        };
+        Self {
+            size,
+            values: (0..size[0] * size[1]).map(value).collect(),
+        }
+    }
+}
+
+/// Axes of the three planes: that of the columns and that of the rows.
+const PLANES: [[usize; 2]; 3] = [[0, 1], [2, 1], [0, 2]];
+
+/// Solid on one resolution.
+struct Solid<'a> {
+    side: usize,
+    values: Vec<f32>,
+    /// Exemplars by plane.
+    exemplars: [Option<&'a Exemplar>; 3],
+    /// Upper left corner of the match of the neighbourhood of each voxel, by plane.
+    matches: [Vec<[u16; 2]>; 3],
+    /// Distance of each match, as a weight.
+    weights: [Vec<f32>; 3],
+    seed: [u32; 2],
+}
+
+/// Makes a solid of `side`^3 values, x fastest. `progress` receives the completed share.
+///
+/// # Errors
+/// [`VolumeError`] for an exemplar that is too small or not finite, or a side that is not a multiple of 4 from 32 to 256.
+pub fn synthesise(
+    exemplars: &Exemplars,
+    side: usize,
+    seed: u64,
+    mut progress: impl FnMut(f64),
+) -> Result<Vec<f32>, VolumeError> {
+    if !(32..=256).contains(&side) || side % (1 << (LEVELS - 1)) != 0 {
+        return Err(VolumeError::option(
+            "size",
+            format!("size {side}: expected a multiple of 4 from 32 to 256"),
+        ));
+    }
+    let planes = [Some(&exemplars.xy), Some(&exemplars.zy), exemplars.xz.as_ref()];
+    for exemplar in planes.into_iter().flatten() {
+        let [width, height] = exemplar.size;
+        if width < LEAST || height < LEAST || exemplar.values.len() != width * height {
+            return Err(VolumeError::new(format!(
+                "an exemplar of {width} x {height}; expected at least {LEAST} x {LEAST}"
+            )));
+        }
+        if !exemplar.values.iter().all(|value| value.is_finite()) {
+            return Err(VolumeError::new("an exemplar holds values that are not finite"));
+        }
+    }
+    let mut pyramid: Vec<[Option<Exemplar>; 3]> = vec![planes.map(|plane| plane.cloned())];
+    for level in 1..LEVELS {
+        let finer = &pyramid[level - 1];
+        pyramid.push([0, 1, 2].map(|plane| finer[plane].as_ref().map(Exemplar::halved)));
+    }
+    // A round costs eight times more on each finer resolution.
+    let cost = |level: usize| (ROUNDS[level] << (3 * level)) as f64;
+    let total: f64 = (0..LEVELS).map(cost).sum();
+    let mut done = 0.0;
+    let mut coarser: Option<Solid<'_>> = None;
+    for (level, planes) in pyramid.iter().rev().enumerate() {
+        let own = side >> (LEVELS - 1 - level);
+        let exemplars = [0, 1, 2].map(|plane| planes[plane].as_ref());
+        let mut solid = match &coarser {
+            None => Solid::random(own, exemplars, seed_words(seed)),
+            Some(coarser) => Solid::refined(coarser, own, exemplars),
+        };
+        for round in 0..ROUNDS[level] {
+            solid.search(round, level);
+            solid.average();
+            done += (1 << (3 * level)) as f64;
+            progress(done / total);
+        }
+        coarser = Some(solid);
+    }
+    Ok(coarser.map(|solid| solid.values).unwrap_or_default())
+}
+
+impl<'a> Solid<'a> {
+    fn random(side: usize, exemplars: [Option<&'a Exemplar>; 3], seed: [u32; 2]) -> Self {
+        let count = side * side * side;
+        let matches = [0, 1, 2].map(|plane: usize| match exemplars[plane] {
+            None => Vec::new(),
+            Some(exemplar) => (0..count)
+                .map(|at| anywhere(exemplar, at, plane as i32, seed))
+                .collect(),
+        });
+        let mut solid = Self {
+            side,
+            values: vec![0.0; count],
+            exemplars,
+            weights: [0, 1, 2].map(|plane: usize| vec![1.0; matches[plane].len()]),
+            matches,
+            seed,
+        };
+        solid.average();
+        solid
+    }
+
+    fn refined(coarser: &Solid<'_>, side: usize, exemplars: [Option<&'a Exemplar>; 3]) -> Self {
+        let count = side * side * side;
+        let parent = |at: usize| {
+            let [x, y, z] = [at % side, at / side % side, at / side / side].map(|n| n / 2);
+            x + coarser.side * (y + coarser.side * z)
+        };
+        let matches = [0, 1, 2].map(|plane: usize| match exemplars[plane] {
+            None => Vec::new(),
+            Some(exemplar) => (0..count)
+                .map(|at| {
+                    let own = [at % side, at / side % side, at / side / side];
+                    let corner = coarser.matches[plane][parent(at)];
+                    [0, 1].map(|axis| {
+                        // The neighbourhood of half the extent in the middle of the coarser one.
+                        let fine = 2 * usize::from(corner[axis]) + SIDE / 2 + own[PLANES[plane][axis]] % 2;
+                        fine.min(exemplar.size[axis] - SIDE) as u16
+                    })
+                })
+                .collect(),
+        });
+        let mut solid = Self {
+            side,
+            values: (0..count).map(|at| coarser.values[parent(at)]).collect(),
+            exemplars,
+            weights: [0, 1, 2].map(|plane: usize| vec![1.0; matches[plane].len()]),
+            matches,
+            seed: coarser.seed,
+        };
+        solid.average();
+        solid
+    }
+
+    /// Strides of the axes.
+    fn strides(&self) -> [usize; 3] {
+        [1, self.side, self.side * self.side]
+    }
+
+    /// Offset of a voxel moved along an axis of the torus.
+    #[inline]
+    fn moved(&self, at: usize, axis: usize, by: isize) -> usize {
+        let stride = self.strides()[axis];
+        let index = at / stride % self.side;
+        let next = (index as isize + by).rem_euclid(self.side as isize) as usize;
+        at - index * stride + next * stride
+    }
+
+    /// Values of the neighbourhood whose upper left corner is a voxel.
+    fn patch(&self, at: usize, [columns, rows]: [usize; 2]) -> [f32; PATCH] {
+        let mut patch = [0.0; PATCH];
+        let mut row_start = at;
+        for row in 0..SIDE {
+            let mut voxel = row_start;
+            for column in 0..SIDE {
+                patch[row * SIDE + column] = self.values[voxel];
+                voxel = self.moved(voxel, columns, 1);
+            }
+            row_start = self.moved(row_start, rows, 1);
+        }
+        patch
+    }
+
+    /// Improves the match of every neighbourhood.
+    fn search(&mut self, round: usize, level: usize) {
+        for plane in 0..3 {
+            let Some(exemplar) = self.exemplars[plane] else {
+                continue;
+            };
+            let old = &self.matches[plane];
+            let found: Vec<([u16; 2], f32)> = (0..old.len())
+                .into_par_iter()
+                .map(|at| self.best(at, plane, exemplar, [round as i32, level as i32]))
+                .collect();
+            let weight = |square: f32| (f64::from(square) + 1e-6).powf(EXPONENT / 2.0 - 1.0) as f32;
+            self.weights[plane] = found.iter().map(|(_, square)| weight(*square)).collect();
+            self.matches[plane] = found.into_iter().map(|(corner, _)| corner).collect();
+        }
+    }
+
+    fn best(&self, at: usize, plane: usize, exemplar: &Exemplar, [round, level]: [i32; 2]) -> ([u16; 2], f32) {
+        let axes = PLANES[plane];
+        let patch = self.patch(at, axes);
+        let old = &self.matches[plane];
+        let last = exemplar.size.map(|n| n - SIDE);
+        let mut best = old[at];
+        let mut least = distance(&patch, exemplar, best, f32::INFINITY);
+        let mut consider = |corner: [isize; 2]| {
+            let corner = [0, 1].map(|axis| corner[axis].clamp(0, last[axis] as isize) as u16);
+            if corner != best {
+                let found = distance(&patch, exemplar, corner, least);
+                if found < least {
+                    (best, least) = (corner, found);
+                }
+            }
+        };
+        let of = |voxel: usize| old[voxel].map(|n| n as isize);
+        for axis in 0..2 {
+            for by in [-1, 1] {
+                let mut corner = of(self.moved(at, axes[axis], by));
+                corner[axis] -= by;
+                consider(corner);
+            }
+        }
+        let across = 3 - axes[0] - axes[1];
+        for by in [-1, 1] {
+            consider(of(self.moved(at, across, by)));
+        }
+        let own = old[at].map(|n| n as isize);
+        let mut reach = last[0].max(last[1]) as f64;
+        for draw in 0..RANDOM {
+            let word = hash3(
+                [at as i32, round * 8 + draw as i32, plane as i32 * 4 + level],
+                self.seed,
+            );
+            let step = [0, 1].map(|axis| ((f64::from(unit(word[axis])) * 2.0 - 1.0) * reach) as isize);
+            consider([own[0] + step[0], own[1] + step[1]]);
+            reach /= 2.0;
+        }
+        (best, least)
+    }
+
+    /// Sets every voxel to the weighted mean of what the matches around it say.
+    fn average(&mut self) {
+        let all = || {
+            self.exemplars
+                .into_iter()
+                .flatten()
+                .flat_map(|exemplar| exemplar.values.iter().copied())
+        };
+        let low = all().fold(f32::INFINITY, f32::min);
+        let width = ((all().fold(f32::NEG_INFINITY, f32::max) - low) / BINS as f32).max(1e-9);
+        let bin = |value: f32| (((value - low) / width) as usize).min(BINS - 1);
+        let histogram = |values: &mut dyn Iterator<Item = f32>| {
+            let (mut counts, mut total) = ([0.0_f32; BINS], 0.0_f32);
+            for value in values {
+                counts[bin(value)] += 1.0;
+                total += 1.0;
+            }
+            counts.map(|count| count / total.max(1.0))
+        };
+        let wanted = histogram(&mut all());
+        let present = histogram(&mut self.values.iter().copied());
+        // Values of which there are too many count less.
+        let mut held = [0.0_f32; BINS];
+        for at in 0..BINS {
+            let surplus = (present[at] / wanted[at].max(1e-4) - 1.0).max(0.0);
+            held[at] = 1.0 / (1.0 + surplus);
+        }
+        let values: Vec<f32> = (0..self.values.len())
+            .into_par_iter()
+            .map(|at| {
+                let (mut sum, mut total) = (0.0_f32, 0.0_f32);
+                for plane in 0..3 {
+                    let Some(exemplar) = self.exemplars[plane] else {
+                        continue;
+                    };
+                    let [columns, rows] = PLANES[plane];
+                    let mut row_start = at;
+                    for row in 0..SIDE {
+                        let mut corner = row_start;
+                        for column in 0..SIDE {
+                            let [x, y] = self.matches[plane][corner].map(usize::from);
+                            let value = exemplar.values[(y + row) * exemplar.size[0] + x + column];
+                            let weight = self.weights[plane][corner] * held[bin(value)];
+                            sum += weight * value;
+                            total += weight;
+                            corner = self.moved(corner, columns, -1);
+                        }
+                        row_start = self.moved(row_start, rows, -1);
+                    }
+                }
+                sum / total
+            })
+            .collect();
+        self.values = values;
+    }
+}
+
+fn anywhere(exemplar: &Exemplar, at: usize, stream: i32, seed: [u32; 2]) -> [u16; 2] {
+    let word = hash3([at as i32, -1, stream], seed);
+    [0, 1].map(|axis| (f64::from(unit(word[axis])) * (exemplar.size[axis] - SIDE + 1) as f64) as u16)
+}
+
+/// Squared distance between a neighbourhood and one of an exemplar; at least `limit` where it exceeds that.
+#[inline]
+fn distance(patch: &[f32; PATCH], exemplar: &Exemplar, [x, y]: [u16; 2], limit: f32) -> f32 {
+    let mut sum = 0.0;
+    for (row, own) in patch.chunks_exact(SIDE).enumerate() {
+        let start = (usize::from(y) + row) * exemplar.size[0] + usize::from(x);
+        let other = &exemplar.values[start..start + SIDE];
+        sum += own.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
+        if sum >= limit {
+            return sum;
+        }
+    }
+    sum
+}
+
+/// Replaces values by those of the same rank among `like`, so that both have the same histogram.
+pub fn match_histogram(values: &mut [f32], like: &[f32]) {
+    let mut sorted = like.to_vec();
+    sorted.sort_by(f32::total_cmp);
+    let mut order: Vec<u32> = (0..values.len() as u32).collect();
+    order.par_sort_by(|&a, &b| values[a as usize].total_cmp(&values[b as usize]).then(a.cmp(&b)));
+    let count = values.len();
+    for (rank, at) in order.into_iter().enumerate() {
+        values[at as usize] = sorted[(rank * sorted.len() + sorted.len() / 2) / count];
+    }
+}

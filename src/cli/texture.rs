@@ -1,0 +1,184 @@
+//! `insonify texture`: solid textures from images.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use crate::anatomy::volume::VolumeError;
+use crate::anatomy::volume::texture::synthesis::Exemplars;
+use crate::base::range::numbers;
+use crate::study::realism::picture::{Picture, read};
+use crate::study::texture::{Content, Preparation, Prepared, Region, make};
+
+use super::failure::Failure;
+use super::output::{self, Force};
+use super::realism::pixel;
+use super::terminal;
+
+const TEACHING: &str = "\
+An exemplar is a region of even tissue in a B-mode image, without writing, calipers or edges of organs. Its columns run along x of the solid and its
+rows (depth) along y; it counts for the x-y and the z-y plane unless --zy gives another, and for the x-z plane only with --isotropic or --xz.
+
+  structure  only what is coarser than the speckle cell; the scene adds its own speckle (default)
+  keep       all of it with its speckle; take `effects.speckle` out of the scene, or it is speckled twice
+
+Examples:
+  insonify texture liver.png --region 200,150,180,180 --mm-per-pixel 0.3 -o liver.nrrd --page liver.html
+  insonify texture muscle-long.png --region 40,60,300,200 --zy muscle-cross.png --zy-region 50,60,200,200 --mm-per-pixel 0.1 -o muscle.nrrd
+  insonify texture prostate.igs.mha --region 200,200,160,160 --content keep --size 128 -o prostate.nrrd
+
+The output is periodic. Convert DICOM to PNG first. docs/training.md shows the way from images to a scene.";
+
+/// Makes a solid texture from regions of ultrasound images
+#[derive(Args)]
+#[command(after_help = TEACHING)]
+pub struct TextureArgs {
+    /// Image of the x-y plane: PNG, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
+    #[arg(value_name = "IMAGE")]
+    image: PathBuf,
+    /// Region of even tissue: left column, upper row, columns, rows
+    #[arg(long, value_name = "X,Y,W,H", value_parser = numbers::<4>)]
+    region: [f64; 4],
+    /// Image of the z-y plane, for tissue with a direction [default: IMAGE]
+    #[arg(long, value_name = "IMAGE", requires = "zy_region")]
+    zy: Option<PathBuf>,
+    /// Region of the z-y image
+    #[arg(long, value_name = "X,Y,W,H", value_parser = numbers::<4>, requires = "zy")]
+    zy_region: Option<[f64; 4]>,
+    /// Image of the x-z plane
+    #[arg(long, value_name = "IMAGE", requires = "xz_region", conflicts_with = "isotropic")]
+    xz: Option<PathBuf>,
+    /// Region of the x-z image
+    #[arg(long, value_name = "X,Y,W,H", value_parser = numbers::<4>, requires = "xz")]
+    xz_region: Option<[f64; 4]>,
+    /// The first image counts for all planes
+    #[arg(long)]
+    isotropic: bool,
+    /// Curved array: column and row of the virtual apex, at which the scanlines meet; regions are resampled to beam space
+    #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
+    apex: Option<[f64; 2]>,
+    /// Side of a pixel, if the image does not state it
+    #[arg(long, value_name = "MM", value_parser = pixel)]
+    mm_per_pixel: Option<f64>,
+    /// Dynamic range of the image: decibels from black to white
+    #[arg(long, value_name = "DB", default_value_t = 60.0)]
+    range_db: f64,
+    /// What the texture holds
+    #[arg(long, value_enum, default_value_t = Kind::Structure)]
+    content: Kind,
+    /// Voxels along each side: a multiple of 4 from 32 to 256
+    #[arg(long, value_name = "N", default_value_t = 64)]
+    size: usize,
+    /// Side of a voxel [default: the side of a pixel; of `structure` half a speckle cell]
+    #[arg(long, value_name = "MM", value_parser = pixel)]
+    voxel_mm: Option<f64>,
+    /// Seed
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// File to write
+    #[arg(short, long, value_name = "FILE.nrrd")]
+    output: PathBuf,
+    /// Write a page that compares the texture with the image
+    #[arg(long, value_name = "PAGE.html")]
+    page: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON: the figures of the comparison
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Only what is coarser than the speckle cell
+    Structure,
+    /// All of it, with its speckle
+    Keep,
+}
+
+impl TextureArgs {
+    pub fn run(&self) -> Result<(), Failure> {
+        let inputs: Vec<PathBuf> = [Some(&self.image), self.zy.as_ref(), self.xz.as_ref()]
+            .into_iter()
+            .flatten()
+            .cloned()
+            .collect();
+        self.force.check_ending(&self.output, "nrrd", "textures", &inputs)?;
+        if let Some(page) = &self.page {
+            self.force.check_ending(page, "html", "pages", &inputs)?;
+        }
+        if !(10.0..=200.0).contains(&self.range_db) {
+            return Err(Failure::usage(
+                format!("--range-db {}", self.range_db),
+                "give 10 to 200 dB",
+            ));
+        }
+        let first = self.prepared(&self.image, self.region, self.voxel_mm)?;
+        let other = |image: &Option<PathBuf>, region: Option<[f64; 4]>| match (image, region) {
+            (Some(image), Some(region)) => self.prepared(image, region, Some(first.voxel_mm)).map(Some),
+            _ => Ok(None),
+        };
+        let (zy, xz) = (other(&self.zy, self.zy_region)?, other(&self.xz, self.xz_region)?);
+        let own = |prepared: Prepared| prepared.exemplar;
+        let exemplars = Exemplars {
+            zy: zy.map_or_else(|| first.exemplar.clone(), own),
+            xz: xz.map(own).or_else(|| self.isotropic.then(|| first.exemplar.clone())),
+            xy: first.exemplar.clone(),
+        };
+        let bar = terminal::share();
+        bar.set_message("synthesis");
+        let made = make(&first, exemplars, self.size, self.seed, |share| {
+            bar.set_position((share * terminal::SHARES as f64) as u64);
+        });
+        bar.finish_and_clear();
+        let made = made?;
+        made.write(&self.output)?;
+        let name = self
+            .output
+            .file_stem()
+            .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+        let lines = format!(
+            "[[texture]]\nname = {:?}\nfile = {:?}\nseam = \"periodic\"\n",
+            name,
+            self.output.display().to_string()
+        );
+        if let Some(page) = &self.page {
+            output::text(page, &made.page(&lines)?)?;
+        }
+        match self.json {
+            true => terminal::emit_json(&made.figures),
+            false => terminal::emit(&format!("{}\n{lines}", made.figures)),
+        }
+    }
+
+    fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<Prepared, Failure> {
+        let pictures = read(std::slice::from_ref(image), 1, self.mm_per_pixel)?;
+        let picture: &Picture = pictures.first().ok_or_else(|| {
+            Failure::usage(
+                format!("{}: no image", image.display()),
+                "name a PNG file or a sequence",
+            )
+        })?;
+        let Some(pixel_mm) = picture.mm else {
+            let found = format!("{}: the size of a pixel is not stated", image.display());
+            return Err(Failure::usage(found, "give --mm-per-pixel"));
+        };
+        if region.iter().any(|side| *side < 0.0 || side.fract() != 0.0) {
+            return Err(VolumeError::new(format!("region {region:?}; expected whole numbers from 0")).into());
+        }
+        let preparation = Preparation {
+            pixel_mm,
+            range_db: self.range_db,
+            content: match self.content {
+                Kind::Structure => Content::Structure,
+                Kind::Keep => Content::Keep,
+            },
+            voxel_mm,
+        };
+        let region = Region {
+            window: region.map(|side| side as usize),
+            apex_px: self.apex,
+        };
+        Ok(preparation.of(picture, &region)?)
+    }
+}

@@ -1,0 +1,437 @@
+//! Solid textures from ultrasound images: preparation of exemplars, synthesis, and comparison of the result with them.
+
+mod report;
+#[cfg(test)]
+mod tests;
+
+use std::io::Write;
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use crate::anatomy::volume::VolumeError;
+use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, LEAST, match_histogram, synthesise};
+use crate::base::output::{OutputError, atomic};
+use crate::base::report::statistics::full_width;
+use crate::study::realism::picture::Picture;
+
+/// Standard deviation of the trend that counts as gain, share of the smaller side of a region.
+const TREND: f64 = 0.25;
+/// Standard deviation of the low-pass of `structure`, speckle cells (full widths at half maximum of the autocorrelation).
+const LOWPASS: f64 = 1.0;
+/// Full width at half maximum of a Gaussian in standard deviations.
+const FWHM: f64 = 2.354_820_045;
+/// Largest lag of autocorrelations, voxels.
+const LAGS: usize = 32;
+
+/// What a texture holds of an image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Content {
+    /// Only what is coarser than the speckle cell: the scene adds its own speckle.
+    #[default]
+    Structure,
+    /// All of it, with its speckle: for scenes without `effects.speckle`.
+    Keep,
+}
+
+/// Region of an image: column, row, columns, rows; and the pixel of the virtual apex of a curved array.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Region {
+    /// Left column, upper row, columns, rows.
+    pub window: [usize; 4],
+    /// Column and row at which the scanlines meet; `None` for a linear array.
+    pub apex_px: Option<[f64; 2]>,
+}
+
+/// Preparation of exemplars.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Preparation {
+    /// Width and height of a pixel, mm.
+    pub pixel_mm: [f64; 2],
+    /// Decibels of the 255 grey levels.
+    pub range_db: f64,
+    /// What is kept.
+    pub content: Content,
+    /// Side of a voxel, mm; by default the smaller side of a pixel, of `structure` half a speckle cell.
+    pub voxel_mm: Option<f64>,
+}
+
+/// Grid of numbers in rows.
+#[derive(Clone, Debug)]
+struct Image {
+    size: [usize; 2],
+    values: Vec<f64>,
+}
+
+impl Image {
+    fn at(&self, x: f64, y: f64) -> f64 {
+        let place = |at: f64, n: usize| {
+            let at = at.clamp(0.0, n as f64 - 1.0);
+            let low = (at as usize).min(n.saturating_sub(2));
+            (low, at - low as f64, (low + 1).min(n - 1))
+        };
+        let ((x0, u, x1), (y0, v, y1)) = (place(x, self.size[0]), place(y, self.size[1]));
+        let value = |x: usize, y: usize| self.values[y * self.size[0] + x];
+        let row = |y: usize| value(x0, y) * (1.0 - u) + value(x1, y) * u;
+        row(y0) * (1.0 - v) + row(y1) * v
+    }
+
+    fn map(&self, of: impl Fn(f64) -> f64) -> Self {
+        Self {
+            size: self.size,
+            values: self.values.iter().map(|value| of(*value)).collect(),
+        }
+    }
+
+    /// Gaussian smoothing by standard deviations in pixels; the weights are renormalised at the borders.
+    fn smoothed(&self, sigma: [f64; 2]) -> Self {
+        let mut image = self.clone();
+        for axis in 0..2 {
+            if sigma[axis] < 1e-6 {
+                continue;
+            }
+            let reach = (3.0 * sigma[axis]).ceil() as isize;
+            let kernel: Vec<f64> = (-reach..=reach)
+                .map(|at| (-0.5 * (at as f64 / sigma[axis]).powi(2)).exp())
+                .collect();
+            let (n, stride) = (self.size[axis] as isize, if axis == 0 { 1 } else { self.size[0] });
+            let before = image.values.clone();
+            for (at, value) in image.values.iter_mut().enumerate() {
+                let place = (at / stride % n as usize) as isize;
+                let (mut sum, mut total) = (0.0, 0.0);
+                for (step, weight) in (-reach..=reach).zip(&kernel) {
+                    if (0..n).contains(&(place + step)) {
+                        sum += weight * before[(at as isize + step * stride as isize) as usize];
+                        total += weight;
+                    }
+                }
+                *value = sum / total;
+            }
+        }
+        image
+    }
+
+    /// Autocorrelation at lags along the columns (0) or rows (1) of an image.
+    fn correlations(&self, axis: usize) -> Vec<f64> {
+        let n = self.values.len() as f64;
+        let mean = self.values.iter().sum::<f64>() / n;
+        let variance = self.values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
+        let [width, height] = self.size;
+        let most = LAGS.min(self.size[axis] - 1);
+        let stride = if axis == 0 { 1 } else { width };
+        let lag = |lag: usize| {
+            let [columns, rows] = if axis == 0 {
+                [width - lag, height]
+            } else {
+                [width, height - lag]
+            };
+            let products = (0..rows).flat_map(|row| (0..columns).map(move |column| row * width + column));
+            let sum: f64 = products
+                .map(|at| (self.values[at] - mean) * (self.values[at + lag * stride] - mean))
+                .sum();
+            sum / (columns * rows) as f64 / variance
+        };
+        (0..=most).map(lag).collect()
+    }
+}
+
+/// An exemplar with the side of its pixels.
+#[derive(Clone, Debug)]
+pub struct Prepared {
+    /// Values in decibels about 0.
+    pub exemplar: Exemplar,
+    /// Side of a pixel, mm.
+    pub voxel_mm: f64,
+    /// Speckle cell along columns and rows (full widths at half maximum of the autocorrelation of the amplitude), mm.
+    pub cell_mm: [f64; 2],
+}
+
+impl Preparation {
+    /// Prepares a region of an image: sector regions are resampled to beam space, compression is undone, the slow trend of the gain removed, and of
+    /// `structure` the speckle averaged out.
+    ///
+    /// # Errors
+    /// [`VolumeError`] if the region leaves the image, holds coloured pixels or a single grey level, or gives too few voxels.
+    pub fn of(&self, picture: &Picture, region: &Region) -> Result<Prepared, VolumeError> {
+        let wrong = |text: String| VolumeError::new(format!("{}: {text}", picture.name));
+        let [x, y, width, height] = region.window;
+        if width < 16 || height < 16 || x + width > picture.width || y + height > picture.height {
+            let size = format!("{} x {}", picture.width, picture.height);
+            return Err(wrong(format!(
+                "region {x},{y},{width},{height}; expected at least 16 x 16 pixels within the image of {size}"
+            )));
+        }
+        let inside = (y..y + height).flat_map(|row| (x..x + width).map(move |column| row * picture.width + column));
+        let coloured = inside
+            .clone()
+            .filter(|&at| picture.overlay.get(at).is_some_and(|is| *is))
+            .count();
+        if coloured > 0 {
+            return Err(wrong(format!(
+                "{coloured} coloured pixels in the region; expected grey tissue without writing"
+            )));
+        }
+        let cut = Image {
+            size: [width, height],
+            values: inside.map(|at| picture.grey[at]).collect(),
+        };
+        let saturated = cut.values.iter().filter(|grey| **grey >= 254.5 || **grey < 0.5).count();
+        if 2 * saturated > cut.values.len() {
+            return Err(wrong(
+                "more than half of the region is black or white; expected tissue in between".to_owned(),
+            ));
+        }
+        let (grey, pixel_mm) = match region.apex_px {
+            Some(apex) => self.beam_space(&cut, [x as f64, y as f64], apex).map_err(wrong)?,
+            None => (cut, self.pixel_mm),
+        };
+        let amplitude = grey.map(|grey| 10_f64.powf(grey * self.range_db / (255.0 * 20.0)));
+        let trend = |image: &Image| {
+            let side = image.size[0] as f64 * pixel_mm[0];
+            let sigma_mm = TREND * side.min(image.size[1] as f64 * pixel_mm[1]);
+            image.smoothed(pixel_mm.map(|mm| sigma_mm / mm))
+        };
+        // The trend in decibels, as a gain.
+        let level = amplitude.map(|a| 20.0 * a.log10());
+        let slow = trend(&level);
+        let flat = Image {
+            size: level.size,
+            values: level
+                .values
+                .iter()
+                .zip(&slow.values)
+                .map(|(level, slow)| 10_f64.powf((level - slow) / 20.0))
+                .collect(),
+        };
+        let cell_mm = [0, 1]
+            .map(|axis| full_width(&flat.correlations(axis), pixel_mm[axis]).unwrap_or(LAGS as f64 * pixel_mm[axis]));
+        let kept = match self.content {
+            Content::Keep => flat,
+            Content::Structure => {
+                let power = flat.map(|a| a * a);
+                power
+                    .smoothed([0, 1].map(|axis| LOWPASS * cell_mm[axis] / pixel_mm[axis]))
+                    .map(f64::sqrt)
+            }
+        };
+        let finest = pixel_mm[0].min(pixel_mm[1]);
+        let usual = match self.content {
+            Content::Keep => finest,
+            Content::Structure => (cell_mm[0].min(cell_mm[1]) / 2.0).max(finest),
+        };
+        let voxel_mm = self.voxel_mm.unwrap_or(usual);
+        let level = kept.map(|a| 20.0 * a.log10());
+        // Pixels smaller than voxels are averaged first.
+        let level = level.smoothed(pixel_mm.map(|mm| ((voxel_mm / mm).powi(2) - 1.0).max(0.0).sqrt() / FWHM));
+        let size = [0, 1].map(|axis| ((level.size[axis] as f64 - 1.0) * pixel_mm[axis] / voxel_mm) as usize + 1);
+        if size.iter().any(|n| *n < LEAST) {
+            return Err(wrong(format!(
+                "the region gives {} x {} voxels of {voxel_mm:.3} mm; expected at least {LEAST} x {LEAST}: take a larger region or smaller voxels",
+                size[0], size[1]
+            )));
+        }
+        let scale = pixel_mm.map(|mm| voxel_mm / mm);
+        let mut values: Vec<f32> = (0..size[0] * size[1])
+            .map(|at| level.at((at % size[0]) as f64 * scale[0], (at / size[0]) as f64 * scale[1]) as f32)
+            .collect();
+        let mean = values.iter().sum::<f32>() / values.len() as f32;
+        values.iter_mut().for_each(|value| *value -= mean);
+        if values.iter().all(|value| value.abs() < 1e-3) {
+            return Err(wrong("the region has a single grey level; expected tissue".to_owned()));
+        }
+        Ok(Prepared {
+            exemplar: Exemplar { size, values },
+            voxel_mm,
+            cell_mm,
+        })
+    }
+
+    /// The largest rectangle of angle and depth within a region below an apex, with the width of its pixels at half depth.
+    fn beam_space(&self, cut: &Image, corner: [f64; 2], apex: [f64; 2]) -> Result<(Image, [f64; 2]), String> {
+        let mm = self.pixel_mm;
+        // Region relative to the apex, mm: y down.
+        let left = (corner[0] - apex[0]) * mm[0];
+        let right = left + (cut.size[0] as f64 - 1.0) * mm[0];
+        let top = (corner[1] - apex[1]) * mm[1];
+        let bottom = top + (cut.size[1] as f64 - 1.0) * mm[1];
+        if top <= 0.0 {
+            return Err(format!("the apex ({}, {}) is not above the region", apex[0], apex[1]));
+        }
+        // Angles whose arcs stay within the sides and the top at all depths kept.
+        let [from, to] = [left.atan2(bottom), right.atan2(bottom)];
+        let widest = from.abs().max(to.abs());
+        let near = top / widest.cos();
+        let far = bottom
+            .min(left.abs().max(1e-9) / from.sin().abs().max(1e-9))
+            .min(right.abs().max(1e-9) / to.sin().abs().max(1e-9));
+        if far - near < 16.0 * mm[1] || to <= from {
+            return Err("the region leaves no rectangle of angle and depth below the apex".to_owned());
+        }
+        let middle = (near + far) / 2.0;
+        let step = mm[0] / middle;
+        let size = [((to - from) / step) as usize + 1, ((far - near) / mm[1]) as usize + 1];
+        let value = |at: usize| {
+            let (angle, radius) = (
+                from + (at % size[0]) as f64 * step,
+                near + (at / size[0]) as f64 * mm[1],
+            );
+            cut.at(
+                (radius * angle.sin() - left) / mm[0],
+                (radius * angle.cos() - top) / mm[1],
+            )
+        };
+        Ok((
+            Image {
+                size,
+                values: (0..size[0] * size[1]).map(value).collect(),
+            },
+            mm,
+        ))
+    }
+}
+
+/// Synthesised texture beside its exemplars.
+pub struct Made {
+    /// Voxels along each side.
+    pub side: usize,
+    /// Side of a voxel, mm.
+    pub voxel_mm: f64,
+    /// Values in decibels, x fastest.
+    level: Vec<f32>,
+    exemplars: Exemplars,
+    /// Figures of the comparison.
+    pub figures: Figures,
+}
+
+/// Comparison of a texture with its exemplars.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Figures {
+    /// Voxels along each side.
+    pub size: usize,
+    /// Side of a voxel, mm.
+    pub voxel_mm: f64,
+    /// Speckle cell of the first exemplar, mm.
+    pub cell_mm: [f64; 2],
+    /// Mean distance between the quantiles of the solid before the last match of histograms and of the exemplars, dB.
+    pub histogram_db: f64,
+    /// Full width at half maximum of the autocorrelation along x, y, z of the solid, mm; null beyond the largest lag.
+    pub correlation_mm: [Option<f64>; 3],
+    /// The same of the exemplars.
+    pub exemplar_correlation_mm: [Option<f64>; 3],
+    /// Mean step across the seam over that between other neighbours, along x, y, z.
+    pub seam: [f64; 3],
+}
+
+/// Makes a texture from prepared exemplars.
+///
+/// # Errors
+/// The errors of [`synthesise`].
+pub fn make(
+    first: &Prepared,
+    exemplars: Exemplars,
+    side: usize,
+    seed: u64,
+    progress: impl FnMut(f64),
+) -> Result<Made, VolumeError> {
+    let mut level = synthesise(&exemplars, side, seed, progress)?;
+    let all: Vec<f32> = [Some(&exemplars.xy), Some(&exemplars.zy), exemplars.xz.as_ref()]
+        .into_iter()
+        .flatten()
+        .flat_map(|exemplar| exemplar.values.iter().copied())
+        .collect();
+    let before = level.clone();
+    match_histogram(&mut level, &all);
+    let moved: f64 = before.iter().zip(&level).map(|(a, b)| f64::from((a - b).abs())).sum();
+    let voxel_mm = first.voxel_mm;
+    let along = |axis: usize| full_width(&solid_correlations(&level, side, axis), voxel_mm);
+    let of = |exemplar: &Exemplar, axis: usize| full_width(&image(exemplar).correlations(axis), voxel_mm);
+    let mean = |a: Option<f64>, b: Option<f64>| Some((a? + b?) / 2.0);
+    let figures = Figures {
+        size: side,
+        voxel_mm,
+        cell_mm: first.cell_mm,
+        histogram_db: moved / level.len() as f64,
+        correlation_mm: [0, 1, 2].map(along),
+        exemplar_correlation_mm: [
+            of(&exemplars.xy, 0),
+            mean(of(&exemplars.xy, 1), of(&exemplars.zy, 1)),
+            of(&exemplars.zy, 0),
+        ],
+        seam: [0, 1, 2].map(|axis| seam(&level, side, axis)),
+    };
+    Ok(Made {
+        side,
+        voxel_mm,
+        level,
+        exemplars,
+        figures,
+    })
+}
+
+fn image(exemplar: &Exemplar) -> Image {
+    Image {
+        size: exemplar.size,
+        values: exemplar.values.iter().map(|value| f64::from(*value)).collect(),
+    }
+}
+
+/// Autocorrelation at lags along an axis of a periodic solid.
+fn solid_correlations(level: &[f32], side: usize, axis: usize) -> Vec<f64> {
+    let n = level.len() as f64;
+    let mean = level.iter().map(|value| f64::from(*value)).sum::<f64>() / n;
+    let variance = level
+        .iter()
+        .map(|value| (f64::from(*value) - mean).powi(2))
+        .sum::<f64>()
+        / n;
+    let stride = side.pow(axis as u32);
+    let lag = |lag: usize| {
+        let product = |at: usize| {
+            let index = at / stride % side;
+            let other = at - index * stride + (index + lag) % side * stride;
+            (f64::from(level[at]) - mean) * (f64::from(level[other]) - mean)
+        };
+        (0..level.len()).map(product).sum::<f64>() / n / variance
+    };
+    (0..=LAGS.min(side / 2)).map(lag).collect()
+}
+
+/// Mean step across the seam of an axis over that between other neighbours.
+fn seam(level: &[f32], side: usize, axis: usize) -> f64 {
+    let stride = side.pow(axis as u32);
+    let (mut across, mut within) = ([0.0, 0.0], [0.0, 0.0]);
+    for at in 0..level.len() {
+        let index = at / stride % side;
+        let other = at - index * stride + (index + 1) % side * stride;
+        let step = f64::from((level[at] - level[other]).abs());
+        let sums = if index + 1 == side { &mut across } else { &mut within };
+        sums[0] += step;
+        sums[1] += 1.0;
+    }
+    across[0] / across[1] / (within[0] / within[1])
+}
+
+impl Made {
+    /// Echo amplitudes, x fastest.
+    pub fn amplitudes(&self) -> Vec<f32> {
+        self.level.iter().map(|level| 10_f32.powf(level / 20.0)).collect()
+    }
+
+    /// Writes the texture as a NRRD file of 32-bit amplitudes.
+    ///
+    /// # Errors
+    /// [`OutputError`].
+    pub fn write(&self, path: &Path) -> Result<(), OutputError> {
+        let (side, mm) = (self.side, self.voxel_mm);
+        atomic::write(path, |file| {
+            write!(
+                file,
+                "NRRD0004\n# periodic texture of echo amplitudes\ntype: float\ndimension: 3\nsizes: {side} {side} {side}\n\
+                 spacings: {mm} {mm} {mm}\nunits: \"mm\" \"mm\" \"mm\"\nendian: little\nencoding: raw\n\n"
+            )?;
+            let bytes: Vec<u8> = self.amplitudes().iter().flat_map(|value| value.to_le_bytes()).collect();
+            file.write_all(&bytes)
+        })
+    }
+}
