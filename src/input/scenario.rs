@@ -71,6 +71,7 @@ pub use trial::Trial;
 /// Built-in scenarios, by name.
 pub const EXAMPLES: &[(&str, &str)] = &[
     ("liver-biopsy", include_str!("../../assets/liver-biopsy.toml")),
+    ("liver-training", include_str!("../../assets/liver-training.toml")),
     ("liver-puncture", include_str!("../../assets/liver-puncture.toml")),
     (
         "prostate-brachytherapy",

@@ -23,6 +23,8 @@ const OUTLIER: f64 = 2.5;
 const PER_MAD: f64 = 1.4826;
 /// Variance of normally distributed errors that the limit for outliers leaves of the whole: 0.953 in three directions, 0.927 in two.
 const TRUNCATED: f64 = 0.94;
+/// Least spread of residuals, mm: that of rounding in files.
+const ROUNDING: f64 = 1e-6;
 /// Maximum number of trimming passes; they settle within a few.
 const PASSES: usize = 20;
 /// Least rotation of a pivot calibration across any axis, degrees RMS: ten times the noise of optical trackers.
@@ -131,7 +133,7 @@ fn trimmed<T>(
     for _ in 0..PASSES {
         let middle = median(residuals.clone());
         let spread = PER_MAD * median(residuals.iter().map(|r| (r - middle).abs()).collect());
-        let limit = middle + OUTLIER * spread;
+        let limit = middle + OUTLIER * spread.max(ROUNDING);
         let next: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
         if next == used {
             break;

@@ -39,6 +39,8 @@ mod testing;
 #[cfg(test)]
 mod tests;
 
+use std::sync::Arc;
+
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::imager::NetworkImager;
@@ -70,6 +72,8 @@ pub struct MassSpring {
     /// The straight needle as measured at its base, its bevel included.
     measured: CentreLine,
     skin_nodes: usize,
+    /// Elements of the mesh, then of the cap before the skin.
+    imaged: Arc<[[u32; 4]]>,
     least_dihedral_deg: f64,
     /// Length of the shortest edge at home, mm.
     spacing_mm: f64,
@@ -87,6 +91,7 @@ impl MassSpring {
     ) -> Result<MassSpring, InvalidSetup> {
         let cylinder = Cylinder::new(&parameters)?;
         let (skin_nodes, least_dihedral_deg) = (cylinder.skin_nodes, cylinder.least_dihedral_deg);
+        let imaged = [cylinder.mesh.elements(), &cylinder.cap].concat().into();
         let network = Network::new(cylinder, &parameters);
         let most = 4 * parameters.layers;
         Ok(MassSpring {
@@ -102,8 +107,16 @@ impl MassSpring {
             loads: Vec::with_capacity(most + 1),
             measured: CentreLine::default(),
             skin_nodes,
+            imaged,
             least_dihedral_deg,
         })
+    }
+
+    /// Nodes of the cap before the skin, mm.
+    fn cap(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
+        let before = self.frame.rotation * Vector3::z() * self.parameters.radius_mm;
+        let skin = &self.network.home[..self.skin_nodes];
+        skin.iter().map(move |node| (node - before).into())
     }
 
     /// Returns the least angle between two faces of an element at home, degrees.
@@ -265,6 +278,8 @@ impl Model for MassSpring {
         into.moved.clear();
         let reference = (0..).zip(&self.network.reference);
         into.moved.extend(reference.map(|(node, at)| (node, (*at).into())));
+        let count = self.network.reference.len() as u32;
+        into.moved.extend((count..).zip(self.cap()));
         let mut field = match std::mem::take(&mut into.field) {
             Field::Displacement(field) => field,
             Field::BaseForces(_) => Vec::new(),
@@ -276,8 +291,14 @@ impl Model for MassSpring {
 
     fn imager(&self) -> Box<dyn Imager> {
         Box::new(NetworkImager {
-            elements: self.network.elements.clone(),
-            first: self.network.home.iter().map(|&node| node.into()).collect(),
+            elements: Arc::clone(&self.imaged),
+            first: self
+                .network
+                .home
+                .iter()
+                .map(|&node| node.into())
+                .chain(self.cap())
+                .collect(),
         })
     }
 

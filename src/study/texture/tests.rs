@@ -1,1 +1,252 @@
+use super::*;
+use crate::base::random::{hash3, unit};
 
+fn random(at: usize, stream: i32) -> f64 {
+    f64::from(unit(hash3([at as i32, stream, 5], [6, 7])[0]))
+}
+
+/// Normally distributed image smoothed by standard deviations in pixels, of variance 1.
+fn noise(size: [usize; 2], sigma: [f64; 2], stream: i32) -> Image {
+    let values = (0..size[0] * size[1]).map(|at| (0..6).map(|part| random(at, 10 * stream + part)).sum::<f64>() - 3.0);
+    let smooth = Image {
+        size,
+        values: values.collect(),
+    }
+    .smoothed(sigma);
+    let mean = smooth.values.iter().sum::<f64>() / smooth.values.len() as f64;
+    let spread = smooth.values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / smooth.values.len() as f64;
+    smooth.map(|value| (value - mean) / spread.sqrt())
+}
+
+fn exemplar(sigma: [f64; 2], stream: i32) -> Exemplar {
+    let image = noise([160, 160], sigma, stream);
+    Exemplar {
+        size: image.size,
+        values: image.values.iter().map(|value| 4.0 * *value as f32).collect(),
+    }
+}
+
+fn made(exemplars: Exemplars, seed: u64) -> Made {
+    let first = Prepared {
+        exemplar: exemplars.xy.clone(),
+        voxel_mm: 0.5,
+        cell_mm: [1.0, 1.0],
+    };
+    make(&first, exemplars, 48, seed, |_| ()).unwrap()
+}
+
+#[test]
+fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
+    let one = exemplar([3.0, 1.5], 1);
+    let found = made(
+        Exemplars {
+            xy: one.clone(),
+            zy: one.clone(),
+            xz: None,
+        },
+        0,
+    );
+    let figures = &found.figures;
+    for axis in 0..3 {
+        let (own, other) = (
+            figures.correlation_mm[axis].unwrap(),
+            figures.exemplar_correlation_mm[axis].unwrap(),
+        );
+        assert!((0.9..=1.1).contains(&(own / other)), "axis {axis}: {figures}");
+        assert!((0.9..=1.1).contains(&figures.seam[axis]), "{figures}");
+    }
+    assert!(figures.histogram_db < 0.8, "{figures}");
+    // The histogram is that of the exemplar.
+    let mut values: Vec<f32> = found.level.clone();
+    let mut like = one.values.clone();
+    values.sort_by(f32::total_cmp);
+    like.sort_by(f32::total_cmp);
+    for share in [0.05, 0.5, 0.95] {
+        let quantile = |sorted: &[f32]| sorted[(share * sorted.len() as f64) as usize];
+        assert!((quantile(&values) - quantile(&like)).abs() < 0.1);
+    }
+}
+
+#[test]
+fn a_solid_is_the_same_at_any_number_of_threads_and_another_for_another_seed() {
+    let exemplars = || Exemplars {
+        xy: exemplar([2.0, 2.0], 1),
+        zy: exemplar([1.5, 2.0], 2),
+        xz: Some(exemplar([2.0, 1.5], 3)),
+    };
+    let with = |threads: usize, seed: u64| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| synthesise(&exemplars(), 32, seed, |_| ()).unwrap())
+    };
+    let one = with(1, 5);
+    assert_eq!(one, with(3, 5));
+    assert_ne!(one, with(1, 6));
+}
+
+/// A picture of 8-bit greys from levels in dB about the middle of a range of 60 dB.
+fn picture(level: &Image) -> Picture {
+    let grey = level.map(|db| (127.5 + db * 255.0 / 60.0).clamp(0.0, 255.0).round());
+    let [width, height] = level.size;
+    Picture {
+        name: "liver.png".to_owned(),
+        width,
+        height,
+        grey: grey.values,
+        mm: Some([0.2; 2]),
+        ..Picture::default()
+    }
+}
+
+const PREPARATION: Preparation = Preparation {
+    pixel_mm: [0.2; 2],
+    range_db: 60.0,
+    content: Content::Keep,
+    voxel_mm: None,
+};
+
+fn region(size: [usize; 2]) -> Region {
+    Region {
+        window: [0, 0, size[0], size[1]],
+        apex_px: None,
+    }
+}
+
+#[test]
+fn compression_and_trend_are_undone() {
+    let texture = noise([200, 180], [2.0, 2.0], 4);
+    let values = texture.values.iter().enumerate();
+    // A gain that falls by 20 dB down the picture.
+    let sloped = values.map(|(at, value)| 3.0 * value - 20.0 * (at / 200) as f64 / 180.0);
+    let image = Image {
+        size: [200, 180],
+        values: sloped.collect(),
+    };
+    let found = PREPARATION.of(&picture(&image), &region([200, 180])).unwrap();
+    assert_eq!((found.exemplar.size, found.voxel_mm), ([200, 180], 0.2));
+    let rows = |from: usize| {
+        let part = &found.exemplar.values[from * 200..(from + 40) * 200];
+        part.iter().map(|value| f64::from(*value)).sum::<f64>() / part.len() as f64
+    };
+    assert!((rows(10) - rows(130)).abs() < 2.0, "{} {}", rows(10), rows(130));
+    let n = found.exemplar.values.len() as f64;
+    let spread = (found
+        .exemplar
+        .values
+        .iter()
+        .map(|value| f64::from(value * value))
+        .sum::<f64>()
+        / n)
+        .sqrt();
+    assert!((spread / 3.0 - 1.0).abs() < 0.1, "{spread}");
+}
+
+#[test]
+fn structure_leaves_out_what_is_as_fine_as_the_speckle() {
+    // Speckle of 6 dB and structure of 3 dB, ten times as coarse.
+    let (speckle, structure) = (noise([400, 400], [1.5, 1.0], 5), noise([400, 400], [12.0, 12.0], 6));
+    let both = speckle
+        .values
+        .iter()
+        .zip(&structure.values)
+        .map(|(fine, coarse)| 5.0 * fine + 3.0 * coarse);
+    let image = picture(&Image {
+        size: [400, 400],
+        values: both.collect(),
+    });
+    let preparation = Preparation {
+        content: Content::Structure,
+        ..PREPARATION
+    };
+    let found = preparation.of(&image, &region([400, 400])).unwrap();
+    assert!(
+        found.cell_mm[0] > found.cell_mm[1] && found.cell_mm[1] > 0.3,
+        "{:?}",
+        found.cell_mm
+    );
+    let kept = super::image(&found.exemplar);
+    let fine = full_width(&kept.correlations(0), found.voxel_mm).unwrap();
+    assert!(fine > 3.0 * found.cell_mm[0], "{fine} {:?}", found.cell_mm);
+}
+
+#[test]
+fn sectors_are_resampled_along_their_scanlines() {
+    // Rings about an apex: levels depend on the distance alone.
+    let apex = [150.0, -100.0];
+    let value = |at: usize| ((at % 300) as f64 - apex[0]).hypot((at / 300) as f64 - apex[1]) / 6.0;
+    let rings = Image {
+        size: [300, 300],
+        values: (0..90_000).map(|at| 6.0 * value(at).sin()).collect(),
+    };
+    let sector = Region {
+        window: [50, 60, 200, 220],
+        apex_px: Some(apex),
+    };
+    let preparation = Preparation {
+        voxel_mm: Some(0.2),
+        ..PREPARATION
+    };
+    let found = preparation.of(&picture(&rings), &sector).unwrap();
+    let [width, height] = found.exemplar.size;
+    let at = |x: usize, y: usize| found.exemplar.values[y * width + x];
+    for row in (20..height - 20).step_by(10) {
+        let off = (at(5, row) - at(width / 2, row)).abs();
+        assert!(off < 1.5, "row {row}: {off}");
+    }
+    let below = Region {
+        apex_px: Some([150.0, 100.0]),
+        ..sector
+    };
+    assert!(
+        preparation
+            .of(&picture(&rings), &below)
+            .unwrap_err()
+            .to_string()
+            .contains("not above the region")
+    );
+}
+
+#[test]
+fn regions_without_a_texture_are_refused() {
+    let image = picture(&noise([200, 200], [2.0, 2.0], 7));
+    let refused = |image: &Picture, region: Region, words: &str| {
+        let error = PREPARATION.of(image, &region).map(drop).unwrap_err().to_string();
+        assert!(error.contains(words) && error.contains("liver.png"), "{error}");
+    };
+    refused(&image, region([201, 200]), "within the image of 200 x 200");
+    refused(
+        &image,
+        region([60, 60]),
+        "gives 60 x 60 voxels of 0.200 mm; expected at least 128 x 128",
+    );
+    let white = Picture {
+        grey: vec![255.0; 40_000],
+        ..image.clone()
+    };
+    refused(&white, region([200, 200]), "black or white");
+    let even = Picture {
+        grey: vec![100.0; 40_000],
+        ..image.clone()
+    };
+    refused(&even, region([200, 200]), "single grey level");
+    let mut overlay = vec![false; 40_000];
+    overlay[500] = true;
+    refused(
+        &Picture {
+            overlay,
+            ..image.clone()
+        },
+        region([200, 200]),
+        "1 coloured pixels",
+    );
+    let small = Exemplars {
+        xy: exemplar([2.0; 2], 1),
+        zy: exemplar([2.0; 2], 1),
+        xz: None,
+    };
+    assert!(
+        synthesise(&small, 30, 0, |_| ())
+            .unwrap_err()
+            .to_string()
+            .contains("size 30")
+    );
+}

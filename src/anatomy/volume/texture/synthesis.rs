@@ -25,8 +25,8 @@ const ROUNDS: [usize; LEVELS] = [24, 16, 10];
 const BINS: usize = 32;
 /// Random candidates of a neighbourhood in a round, each from half the range of the one before.
 const RANDOM: usize = 6;
-/// Least side of an exemplar, pixels: four neighbourhoods at the coarsest resolution.
-pub const LEAST: usize = 4 * SIDE << (LEVELS - 1);
+/// Least side of an exemplar, pixels: two neighbourhoods at the coarsest resolution.
+pub const LEAST: usize = 2 * SIDE << (LEVELS - 1);
 
 /// Example of a texture: values in rows.
 #[derive(Clone, Debug)]

@@ -115,6 +115,9 @@ pub(super) struct Cylinder {
     pub fixed: Vec<bool>,
     /// Number of nodes in the skin, which come first.
     pub skin_nodes: usize,
+    /// Cap before the skin: elements from it to a second disc, one radius before, whose nodes follow those of the mesh in the same order. It
+    /// carries the displacements of images on to rest where the skin of the body is oblique to the needle, and no force.
+    pub cap: Vec<[u32; 4]>,
     pub least_dihedral_deg: f64,
 }
 
@@ -144,6 +147,20 @@ impl Cylinder {
                 elements.extend([[a, b, c, f], [a, b, e, f], [a, d, e, f]].map(|corners| upright(corners, &nodes)));
             }
         }
+        let before: Vec<[f64; 3]> = nodes[..disc]
+            .iter()
+            .map(|[x, y, _]| [*x, *y, -parameters.radius_mm])
+            .collect();
+        let all = [&nodes[..], &before].concat();
+        let after = nodes.len() as u32;
+        let mut cap = Vec::with_capacity(3 * triangles.len());
+        for triangle in &triangles {
+            let mut skin = triangle.map(|corner| corner as u32);
+            skin.sort_unstable();
+            let [a, b, c] = skin;
+            let [d, e, f] = skin.map(|corner| corner + after);
+            cap.extend([[a, b, c, f], [a, b, e, f], [a, d, e, f]].map(|corners| upright(corners, &all)));
+        }
         let thin = InvalidSetup::Thin { found_deg: 0.0 };
         let regions = vec![0; elements.len()];
         let mesh = TetMesh::new(nodes, elements, regions).map_err(|_| thin)?;
@@ -157,6 +174,7 @@ impl Cylinder {
                 mesh,
                 fixed,
                 skin_nodes: disc,
+                cap,
                 least_dihedral_deg: found_deg,
             })
         } else {

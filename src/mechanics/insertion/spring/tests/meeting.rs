@@ -1,6 +1,6 @@
 //! Skin, layers and bone.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::super::testing::*;
 use super::super::*;
@@ -184,13 +184,79 @@ fn the_image_gets_nodes() {
     imager.tissue(&snapshot, &mut tissue);
     let count = imager.elements().iter().flatten().max().map(|&most| most as usize + 1);
     assert_eq!(Some(tissue.current.len()), count);
-    for (node, current) in tissue.current.iter().enumerate() {
+    for (node, current) in tissue.current.iter().enumerate().take(it.network.reference.len()) {
         assert_eq!(Vector3::from(*current), it.network.now(node as u32));
         assert_eq!(Vector3::from(tissue.reference[node]), it.network.reference[node]);
     }
     // Skin at z = 0.
     assert!((tissue.reference[1][2]).abs() < 1e-9);
     assert_eq!((snapshot.step, snapshot.line.tip()), (901, it.outcome.tip_mm));
+}
+
+/// Shares of a point in an element; `None` outside.
+fn shares(corners: &[u32; 4], nodes: &[[f64; 3]], at: &Vector3<f64>) -> Option<[f64; 4]> {
+    let [a, b, c, d] = corners.map(|corner| Vector3::from(nodes[corner as usize]));
+    let [u, v, w]: [f64; 3] = (Matrix3::from_columns(&[b - a, c - a, d - a]).try_inverse()? * (at - a)).into();
+    let all = [1.0 - u - v - w, u, v, w];
+    all.iter().all(|share| *share > -1e-9).then_some(all)
+}
+
+/// Displacement in the image of a point at rest; `None` where no element is.
+fn imaged(elements: &[[u32; 4]], tissue: &Tissue, at: &Vector3<f64>) -> Option<Vector3<f64>> {
+    elements.iter().find_map(|corners| {
+        let shares = shares(corners, &tissue.reference, at)?;
+        let moved = |(corner, share): (&u32, f64)| {
+            let [now, rest] = [&tissue.current, &tissue.reference].map(|nodes| Vector3::from(nodes[*corner as usize]));
+            (now - rest) * share
+        };
+        Some(corners.iter().zip(shares).map(moved).sum())
+    })
+}
+
+/// At an oblique entry all tissue beside the needle lies in an element, and its displacement has no step at the disc.
+#[test]
+fn an_oblique_entry_does_not_tear_the_image() {
+    let parameters = coarse();
+    let mut it = model(
+        parameters,
+        Layers::one(Interaction {
+            cutting_n: 5.0,
+            ..soft()
+        }),
+    );
+    let along = Vector3::new(1.0, 0.0, 1.0).normalize();
+    let turn = UnitQuaternion::rotation_between(&Vector3::z(), &along).unwrap();
+    for step in 0..600 {
+        let tip = along * (0.05 * f64::from(step) - 5.0);
+        let base = Isometry3::from_parts((tip - along * 150.0).into(), turn);
+        let instruments = Instruments {
+            base,
+            ..tip_at(0.0, 0.0, 0.0)
+        };
+        it.step(&instruments, 1e-3).unwrap();
+    }
+    let mut imager = it.imager();
+    let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
+    it.snapshot(&mut snapshot);
+    imager.tissue(&snapshot, &mut tissue);
+    let elements = imager.elements();
+    let aside = Vector3::new(-1.0, 0.0, 1.0).normalize();
+    let mut largest: f64 = 0.0;
+    for step in 1..18 {
+        // On the side on which the skin rises before the disc.
+        let on_disc = aside * f64::from(step);
+        let at = |before: f64| imaged(elements, &tissue, &(on_disc - along * before));
+        for before in [0.1, 0.5 * f64::from(step), 0.98 * f64::from(step)] {
+            assert!(
+                at(before).is_some(),
+                "no tissue {before} mm before the disc, {step} mm aside"
+            );
+        }
+        let [before, after] = [1e-3, -1e-3].map(|before| at(before).unwrap());
+        assert!((before - after).norm() < 1e-3, "{before} {after}");
+        largest = largest.max(after.norm());
+    }
+    assert!(largest > 0.2, "the tissue did not move: {largest}");
 }
 
 #[test]
