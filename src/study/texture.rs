@@ -10,10 +10,11 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::anatomy::volume::VolumeError;
-use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, LEAST, match_histogram, synthesise};
+use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, LEAST, synthesise};
 use crate::base::output::{OutputError, atomic};
 use crate::base::report::statistics::full_width;
 use crate::study::realism::picture::Picture;
+use crate::study::realism::texture::Patch;
 
 /// Standard deviation of the trend that counts as gain, share of the smaller side of a region.
 const TREND: f64 = 0.25;
@@ -187,14 +188,20 @@ impl Preparation {
             None => (cut, self.pixel_mm),
         };
         let amplitude = grey.map(|grey| 10_f64.powf(grey * self.range_db / (255.0 * 20.0)));
-        let trend = |image: &Image| {
-            let side = image.size[0] as f64 * pixel_mm[0];
-            let sigma_mm = TREND * side.min(image.size[1] as f64 * pixel_mm[1]);
-            image.smoothed(pixel_mm.map(|mm| sigma_mm / mm))
-        };
-        // The trend in decibels, as a gain.
+        // The trend in decibels: a quadratic surface, and what is wide beyond it.
         let level = amplitude.map(|a| 20.0 * a.log10());
-        let slow = trend(&level);
+        let surface = Patch {
+            width: level.size[0],
+            height: level.size[1],
+            values: level.values,
+        };
+        let size = [surface.width, surface.height];
+        let level = Image {
+            size,
+            values: surface.detrended().values,
+        };
+        let sigma_mm = TREND * (level.size[0] as f64 * pixel_mm[0]).min(level.size[1] as f64 * pixel_mm[1]);
+        let slow = level.smoothed(pixel_mm.map(|mm| sigma_mm / mm));
         let flat = Image {
             size: level.size,
             values: level
@@ -313,7 +320,7 @@ pub struct Figures {
     pub voxel_mm: f64,
     /// Speckle cell of the first exemplar, mm.
     pub cell_mm: [f64; 2],
-    /// Mean distance between the quantiles of the solid before the last match of histograms and of the exemplars, dB.
+    /// Mean distance between the quantiles of the solid and of the first exemplar, dB.
     pub histogram_db: f64,
     /// Full width at half maximum of the autocorrelation along x, y, z of the solid, mm; null beyond the largest lag.
     pub correlation_mm: [Option<f64>; 3],
@@ -334,15 +341,7 @@ pub fn make(
     seed: u64,
     progress: impl FnMut(f64),
 ) -> Result<Made, VolumeError> {
-    let mut level = synthesise(&exemplars, side, seed, progress)?;
-    let all: Vec<f32> = [Some(&exemplars.xy), Some(&exemplars.zy), exemplars.xz.as_ref()]
-        .into_iter()
-        .flatten()
-        .flat_map(|exemplar| exemplar.values.iter().copied())
-        .collect();
-    let before = level.clone();
-    match_histogram(&mut level, &all);
-    let moved: f64 = before.iter().zip(&level).map(|(a, b)| f64::from((a - b).abs())).sum();
+    let level = synthesise(&exemplars, side, seed, progress)?;
     let voxel_mm = first.voxel_mm;
     let along = |axis: usize| full_width(&solid_correlations(&level, side, axis), voxel_mm);
     let of = |exemplar: &Exemplar, axis: usize| full_width(&image(exemplar).correlations(axis), voxel_mm);
@@ -351,7 +350,7 @@ pub fn make(
         size: side,
         voxel_mm,
         cell_mm: first.cell_mm,
-        histogram_db: moved / level.len() as f64,
+        histogram_db: histogram_distance(&level, &exemplars.xy.values),
         correlation_mm: [0, 1, 2].map(along),
         exemplar_correlation_mm: [
             of(&exemplars.xy, 0),
@@ -374,6 +373,20 @@ fn image(exemplar: &Exemplar) -> Image {
         size: exemplar.size,
         values: exemplar.values.iter().map(|value| f64::from(*value)).collect(),
     }
+}
+
+/// Mean distance between the quantiles of two samples.
+fn histogram_distance(a: &[f32], b: &[f32]) -> f64 {
+    const QUANTILES: usize = 1000;
+    let sorted = |values: &[f32]| {
+        let mut values = values.to_vec();
+        values.sort_by(f32::total_cmp);
+        (0..QUANTILES)
+            .map(|at| values[(2 * at + 1) * values.len() / (2 * QUANTILES)])
+            .collect::<Vec<_>>()
+    };
+    let pairs = sorted(a).into_iter().zip(sorted(b));
+    pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / QUANTILES as f64
 }
 
 /// Autocorrelation at lags along an axis of a periodic solid.

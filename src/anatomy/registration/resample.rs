@@ -38,12 +38,13 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
         .for_each(|(k, slice)| {
             for (at, voxel) in slice.iter_mut().enumerate() {
                 let cell = [at % size[0], at / size[0], k];
-                *voxel = vote(|corner| {
-                    let share = |axis: usize| if corner >> axis & 1 == 0 { 0.25 } else { 0.75 };
-                    let point =
-                        Point3::from([0, 1, 2].map(|axis| low[axis] + step * (cell[axis] as f64 + share(axis))));
-                    volume.label_index_at(&map.map(&point)).unwrap_or(0)
-                });
+                let label = |share: [f64; 3]| {
+                    let at = [0, 1, 2].map(|axis| low[axis] + step * (cell[axis] as f64 + share[axis]));
+                    volume.label_index_at(&map.map(&Point3::from(at))).unwrap_or(0)
+                };
+                let corner = |at: usize| [0, 1, 2].map(|axis| if at >> axis & 1 == 0 { 0.25 } else { 0.75 });
+                let labels = [0, 1, 2, 3, 4, 5, 6, 7].map(|at| label(corner(at)));
+                *voxel = vote(labels, || label([0.5; 3]));
             }
         });
     let mut index_to_world = Matrix4::new_scaling(step);
@@ -56,19 +57,15 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
     Ok(resampled)
 }
 
-/// The most frequent of eight labels, the lowest of equals.
-fn vote(label: impl Fn(usize) -> u8) -> u8 {
-    let mut labels = [0; 8];
-    labels.iter_mut().enumerate().for_each(|(at, own)| *own = label(at));
-    labels.sort_unstable();
+/// The most frequent of eight labels; of several the one in the middle.
+fn vote(labels: [u8; 8], middle: impl Fn() -> u8) -> u8 {
     let count = |of: u8| labels.iter().filter(|label| **label == of).count();
-    let mut best = labels[0];
-    for &label in &labels {
-        if count(label) > count(best) {
-            best = label;
-        }
+    let most = labels.iter().map(|label| count(*label)).max().unwrap_or(0);
+    let mut leading = labels.iter().filter(|label| count(**label) == most);
+    match leading.next() {
+        Some(first) if leading.all(|other| other == first) => *first,
+        _ => middle(),
     }
-    best
 }
 
 /// File of a registration.

@@ -53,9 +53,10 @@ fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
             figures.exemplar_correlation_mm[axis].unwrap(),
         );
         assert!((0.9..=1.1).contains(&(own / other)), "axis {axis}: {figures}");
-        assert!((0.9..=1.1).contains(&figures.seam[axis]), "{figures}");
+        // A border has some fifty independent pairs.
+        assert!((0.75..=1.33).contains(&figures.seam[axis]), "{figures}");
     }
-    assert!(figures.histogram_db < 0.8, "{figures}");
+    assert!(figures.histogram_db < 0.05, "{figures}");
     // The histogram is that of the exemplar.
     let mut values: Vec<f32> = found.level.clone();
     let mut like = one.values.clone();
@@ -216,7 +217,7 @@ fn regions_without_a_texture_are_refused() {
     refused(
         &image,
         region([60, 60]),
-        "gives 60 x 60 voxels of 0.200 mm; expected at least 128 x 128",
+        "gives 60 x 60 voxels of 0.200 mm; expected at least 64 x 64",
     );
     let white = Picture {
         grey: vec![255.0; 40_000],
