@@ -198,7 +198,9 @@ impl Score {
                 reason,
             });
         };
-        let nearest = samples.iter().min_by(|a, b| a.to_target(1).total_cmp(&b.to_target(1)));
+        let nearest = samples
+            .iter()
+            .min_by(|a, b| a.target_distance(1).total_cmp(&b.target_distance(1)));
         let clearances = samples.iter().filter_map(|sample| sample.clearance_mm);
         let inside = samples.iter().map(|sample| sample.clearance_mm == Some(0.0));
         let entries = inside.fold((0, false), |(count, was), is| (count + usize::from(is && !was), is));
@@ -299,7 +301,7 @@ impl Sample {
         })
     }
 
-    fn to_target(&self, state: usize) -> f64 {
+    fn target_distance(&self, state: usize) -> f64 {
         (self.tip - self.target[state]).norm()
     }
 
@@ -320,7 +322,7 @@ impl Sample {
             self.measured_direction.angle(&self.direction).to_degrees(),
             100.0 * f64::from(u8::from(self.shown)),
             out(&target),
-            self.to_target(state),
+            self.target_distance(state),
         ]
     }
 }

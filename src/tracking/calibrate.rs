@@ -268,8 +268,7 @@ pub fn between(hub: &Pivot, tip: &Pivot) -> Result<Direction, TrackingError> {
     let apart = (to - from).norm();
     let variance = |pivot: &Pivot| Vector3::from(pivot.std_mm).norm_squared() / 3.0;
     let rms_deg = ((variance(hub) + variance(tip)).sqrt() * 2_f64.sqrt() / apart).to_degrees();
-    // Not a number where the points coincide.
-    if !(rms_deg <= DIRECTION_DEG) {
+    if rms_deg.is_nan() || rms_deg > DIRECTION_DEG {
         return Err(TrackingError::new(format!(
             "the two points are {apart:.2} mm apart, too close for a direction at their accuracy; expected points far apart on the shaft"
         )));

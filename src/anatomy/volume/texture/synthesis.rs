@@ -37,7 +37,7 @@ const BINS: usize = 32;
 /// Random candidates of a neighbourhood in a round, each from half the range of the one before.
 const RANDOM: usize = 6;
 /// Least side of an exemplar, pixels: two neighbourhoods at the coarsest resolution.
-pub const LEAST: usize = 2 * SIDE << (LEVELS - 1);
+pub const LEAST: usize = (2 * SIDE) << (LEVELS - 1);
 
 /// Example of a texture: values in rows.
 #[derive(Clone, Debug)]
@@ -120,7 +120,7 @@ pub fn synthesise(
     seed: u64,
     mut progress: impl FnMut(f64),
 ) -> Result<Vec<f32>, VolumeError> {
-    if !(32..=256).contains(&side) || side % (1 << (LEVELS - 1)) != 0 {
+    if !(32..=256).contains(&side) || !side.is_multiple_of(1 << (LEVELS - 1)) {
         return Err(VolumeError::option(
             "size",
             format!("size {side}: expected a multiple of 4 from 32 to 256"),
