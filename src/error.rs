@@ -5,11 +5,11 @@ use std::fmt;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use crate::anatomy::volume::VolumeError;
+use crate::base::csv::CsvError;
 use crate::base::output::OutputError;
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
 use crate::input::InputError;
-use crate::input::beam_case::points::PointsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
@@ -29,9 +29,9 @@ pub enum Error {
     /// The shape of a needle in tissue cannot be computed in a study.
     #[error(transparent)]
     Beam(#[from] BeamError),
-    /// Measured points cannot be read or fitted.
+    /// A table cannot be read or used.
     #[error(transparent)]
-    Points(#[from] PointsError),
+    Csv(#[from] CsvError),
     /// An image file cannot be read or written.
     #[error(transparent)]
     Volume(#[from] VolumeError),
@@ -68,7 +68,7 @@ impl Error {
     pub fn is_machine(&self) -> bool {
         match self {
             Self::Input(error) => error.is_machine(),
-            Self::Points(error) => error.is_machine(),
+            Self::Csv(error) => error.is_machine(),
             Self::Volume(error) => error.is_machine(),
             Self::Generate(error) => error.is_machine(),
             Self::Mesh(error) => error.is_machine(),

@@ -1,5 +1,5 @@
 //! Registration of a label volume to a physical surface: a rigid and then a quadratic map from the world, the surface's frame, to the
-//! volume's (D. R. Magee et al. 2007 warp the anatomy to a mannequin by a quadratic).
+//! volume's (Zhu et al. 2007, section 2.1, fit CT to a mannequin so).
 //!
 //! Both stages minimise the distances of mapped surface points from the skin of the volume along its normals (Y. Chen and G. Medioni,
 //! Image and Vision Computing 10, 1992). The map leads from the world to the volume, so that slicing needs no inverse.

@@ -34,6 +34,14 @@ pub enum CsvError {
         /// Text expected.
         expected: String,
     },
+    /// The numbers cannot be used.
+    #[error("{}: {text}", path.display())]
+    Contents {
+        /// Path of the file.
+        path: PathBuf,
+        /// Reason.
+        text: String,
+    },
 }
 
 impl CsvError {

@@ -4,12 +4,12 @@ use std::fmt;
 use std::io;
 
 use crate::anatomy::volume::VolumeError;
+use crate::base::csv::CsvError;
 use crate::base::output::OutputError;
 use crate::error::{INPUT, MACHINE};
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
 use crate::input::InputError;
-use crate::input::beam_case::points::PointsError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
@@ -124,11 +124,11 @@ from_library!(
     crate::error::Error,
     InputError,
     BeamError,
+    CsvError,
     GenerateError,
     GpuError,
     MeshFileError,
     OutputError,
-    PointsError,
     StepError,
     SynthError,
     TrackingError,

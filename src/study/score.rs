@@ -1,4 +1,4 @@
-//! Score of an insertion: ten metrics over the period in which the needle is in the body (Zhu et al. 2006 as used by Magee et al. 2007;
+//! Score of an insertion: ten metrics over the period in which the needle is in the body (Zhu et al. 2007, table 1;
 //! definitions in docs/metrics.md), from the table of steps of a run.
 
 pub mod exercise;

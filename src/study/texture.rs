@@ -156,61 +156,13 @@ impl Preparation {
     /// [`VolumeError`] if the region leaves the image, holds coloured pixels or a single grey level, or gives too few voxels.
     pub fn of(&self, picture: &Picture, region: &Region) -> Result<Prepared, VolumeError> {
         let wrong = |text: String| VolumeError::new(format!("{}: {text}", picture.name));
-        let [x, y, width, height] = region.window;
-        if width < 16 || height < 16 || x + width > picture.width || y + height > picture.height {
-            let size = format!("{} x {}", picture.width, picture.height);
-            return Err(wrong(format!(
-                "region {x},{y},{width},{height}; expected at least 16 x 16 pixels within the image of {size}"
-            )));
-        }
-        let inside = (y..y + height).flat_map(|row| (x..x + width).map(move |column| row * picture.width + column));
-        let coloured = inside
-            .clone()
-            .filter(|&at| picture.overlay.get(at).is_some_and(|is| *is))
-            .count();
-        if coloured > 0 {
-            return Err(wrong(format!(
-                "{coloured} coloured pixels in the region; expected grey tissue without writing"
-            )));
-        }
-        let cut = Image {
-            size: [width, height],
-            values: inside.map(|at| picture.grey[at]).collect(),
-        };
-        let saturated = cut.values.iter().filter(|grey| **grey >= 254.5 || **grey < 0.5).count();
-        if 2 * saturated > cut.values.len() {
-            return Err(wrong(
-                "more than half of the region is black or white; expected tissue in between".to_owned(),
-            ));
-        }
+        let cut = cut(picture, region).map_err(wrong)?;
+        let corner = [region.window[0] as f64, region.window[1] as f64];
         let (grey, pixel_mm) = match region.apex_px {
-            Some(apex) => self.beam_space(&cut, [x as f64, y as f64], apex).map_err(wrong)?,
+            Some(apex) => self.beam_space(&cut, corner, apex).map_err(wrong)?,
             None => (cut, self.pixel_mm),
         };
-        let amplitude = grey.map(|grey| 10_f64.powf(grey * self.range_db / (255.0 * 20.0)));
-        // The trend in decibels: a quadratic surface, and what is wide beyond it.
-        let level = amplitude.map(|a| 20.0 * a.log10());
-        let surface = Patch {
-            width: level.size[0],
-            height: level.size[1],
-            values: level.values,
-        };
-        let size = [surface.width, surface.height];
-        let level = Image {
-            size,
-            values: surface.detrended().values,
-        };
-        let sigma_mm = TREND * (level.size[0] as f64 * pixel_mm[0]).min(level.size[1] as f64 * pixel_mm[1]);
-        let slow = level.smoothed(pixel_mm.map(|mm| sigma_mm / mm));
-        let flat = Image {
-            size: level.size,
-            values: level
-                .values
-                .iter()
-                .zip(&slow.values)
-                .map(|(level, slow)| 10_f64.powf((level - slow) / 20.0))
-                .collect(),
-        };
+        let flat = self.flattened(&grey, pixel_mm);
         let cell_mm = [0, 1]
             .map(|axis| full_width(&flat.correlations(axis), pixel_mm[axis]).unwrap_or(LAGS as f64 * pixel_mm[axis]));
         let kept = match self.content {
@@ -252,6 +204,24 @@ impl Preparation {
             voxel_mm,
             cell_mm,
         })
+    }
+
+    /// Amplitudes of grey levels without the trend in decibels: a quadratic surface, and what is wide beyond it.
+    fn flattened(&self, grey: &Image, pixel_mm: [f64; 2]) -> Image {
+        let [width, height] = grey.size;
+        let values = grey.map(|grey| grey * self.range_db / 255.0).values;
+        let surface = Patch { width, height, values };
+        let level = Image {
+            size: grey.size,
+            values: surface.detrended().values,
+        };
+        let sigma_mm = TREND * (width as f64 * pixel_mm[0]).min(height as f64 * pixel_mm[1]);
+        let slow = level.smoothed(pixel_mm.map(|mm| sigma_mm / mm));
+        let both = level.values.iter().zip(&slow.values);
+        Image {
+            size: grey.size,
+            values: both.map(|(level, slow)| 10_f64.powf((level - slow) / 20.0)).collect(),
+        }
     }
 
     /// The largest rectangle of angle and depth within a region below an apex, with the width of its pixels at half depth.
@@ -296,6 +266,36 @@ impl Preparation {
             mm,
         ))
     }
+}
+
+/// Grey levels of a region; the error says why it has no texture.
+fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
+    let [x, y, width, height] = region.window;
+    if width < 16 || height < 16 || x + width > picture.width || y + height > picture.height {
+        let size = format!("{} x {}", picture.width, picture.height);
+        return Err(format!(
+            "region {x},{y},{width},{height}; expected at least 16 x 16 pixels within the image of {size}"
+        ));
+    }
+    let inside = (y..y + height).flat_map(|row| (x..x + width).map(move |column| row * picture.width + column));
+    let coloured = inside
+        .clone()
+        .filter(|&at| picture.overlay.get(at).is_some_and(|is| *is))
+        .count();
+    if coloured > 0 {
+        return Err(format!(
+            "{coloured} coloured pixels in the region; expected grey tissue without writing"
+        ));
+    }
+    let cut = Image {
+        size: [width, height],
+        values: inside.map(|at| picture.grey[at]).collect(),
+    };
+    let saturated = cut.values.iter().filter(|grey| **grey >= 254.5 || **grey < 0.5).count();
+    if 2 * saturated > cut.values.len() {
+        return Err("more than half of the region is black or white; expected tissue in between".to_owned());
+    }
+    Ok(cut)
 }
 
 /// Synthesised texture beside its exemplars.

@@ -3,8 +3,9 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use crate::base::csv::CsvError;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
-use crate::input::beam_case::points::{self, PointsError};
+use crate::input::beam_case::points;
 use crate::mechanics::needle::beam::Compression;
 use crate::mechanics::needle::beam::fit::{self, PARTED, Sample};
 use crate::mechanics::needle::beam::material::Law;
@@ -81,9 +82,9 @@ impl Fit {
             CompressionArg::CTru => Compression::CTru,
         };
         let samples = points::read(&self.points)?;
-        let fit = fit::Fit::new(&samples, compression).map_err(|cause| PointsError::Fit {
+        let fit = fit::Fit::new(&samples, compression).map_err(|cause| CsvError::Contents {
             path: self.points.clone(),
-            cause,
+            text: cause.to_string(),
         })?;
         let warnings = warnings(&fit);
         warnings.iter().for_each(terminal::warn);

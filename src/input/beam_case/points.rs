@@ -1,11 +1,11 @@
 //! Measured stretch-stress points from a CSV file.
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
+use crate::base::csv::CsvError;
 use crate::base::read;
 use crate::base::text::clipped;
-use crate::mechanics::needle::beam::fit::{FitError, Sample};
+use crate::mechanics::needle::beam::fit::Sample;
 
 /// Maximum number of columns of a cell quoted in a message.
 const QUOTED: usize = 60;
@@ -18,52 +18,12 @@ const STRETCHES: [f64; 2] = [1e-3, 1e3];
 /// Largest stress, kPa.
 const STRONGEST: f64 = 1e9;
 
-/// Why points cannot be read or fitted.
-#[derive(Debug, thiserror::Error)]
-pub enum PointsError {
-    /// The file cannot be read.
-    #[error("{}: cannot be read: {cause}", path.display())]
-    Read {
-        /// Path of the file.
-        path: PathBuf,
-        /// Error of the operating system.
-        cause: io::Error,
-    },
-    /// A line is not a valid point.
-    #[error("{}, line {line}: found {found}; expected {expected}", path.display())]
-    Line {
-        /// Path of the file.
-        path: PathBuf,
-        /// Line number from 1.
-        line: u64,
-        /// Text found.
-        found: String,
-        /// Text expected.
-        expected: &'static str,
-    },
-    /// The points cannot be fitted.
-    #[error("{}: {cause}", path.display())]
-    Fit {
-        /// Path of the file.
-        path: PathBuf,
-        /// Cause of the failed fit.
-        cause: FitError,
-    },
-}
-
-impl PointsError {
-    /// Whether the machine is at fault rather than the input: an existing file cannot be read.
-    pub fn is_machine(&self) -> bool {
-        matches!(self, Self::Read { cause, .. } if read::is_machine(cause))
-    }
-}
-
 /// Reads a file of points (see [`parse`]).
 ///
 /// # Errors
-/// [`PointsError`] as in [`parse`], or if the file cannot be read.
-pub fn read(path: &Path) -> Result<Vec<Sample>, PointsError> {
-    let bytes = read::whole(path, read::CSV).map_err(|cause| PointsError::Read {
+/// [`CsvError`] as in [`parse`], or if the file cannot be read.
+pub fn read(path: &Path) -> Result<Vec<Sample>, CsvError> {
+    let bytes = read::whole(path, read::CSV).map_err(|cause| CsvError::Read {
         path: path.to_owned(),
         cause,
     })?;
@@ -74,13 +34,13 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, PointsError> {
 /// lines that begin with `#` are ignored. `path` is the file name shown in errors.
 ///
 /// # Errors
-/// [`PointsError`] if a line is invalid.
-pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, PointsError> {
-    let wrong = |line: u64, found: String, expected| PointsError::Line {
+/// [`CsvError`] if a line is invalid.
+pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
+    let wrong = |line: u64, found: String, expected: &str| CsvError::Line {
         path: path.to_owned(),
         line,
         found: clipped(&found, QUOTED),
-        expected,
+        expected: expected.to_owned(),
     };
     let mut reader = csv::ReaderBuilder::new()
         .has_headers(false)

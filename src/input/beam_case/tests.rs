@@ -1,8 +1,8 @@
 use std::path::Path;
 
-use super::points::PointsError;
 use super::resolve::Case;
 use super::*;
+use crate::base::csv::CsvError;
 use crate::input::InputError;
 use crate::mechanics::needle::beam::Base;
 use crate::mechanics::needle::beam::inverse::Wanted;
@@ -132,7 +132,7 @@ fn points_come_with_or_without_a_header() {
     ] {
         let error = points::parse(text.as_bytes(), path).expect_err(text);
         assert!(
-            matches!(error, PointsError::Line { line: found, .. } if found == line),
+            matches!(error, CsvError::Line { line: found, .. } if found == line),
             "{error}"
         );
         assert!(error.to_string().contains(words) && !error.is_machine(), "{error}");

@@ -241,14 +241,13 @@ impl ScenarioFile {
         let needle = self.needle_settings()?;
         self.mover()?;
         let mut targets = self.targets()?;
-        let (mut scene, moving, aim) = self.scene_with(&needle, base_dir)?;
+        let (mut scene, Moving { deposits, guides, .. }, aim) = self.scene_with(&needle, base_dir)?;
         let file = aim.as_ref().map_or_else(|| self.clone(), |aim| self.boxed(aim));
         targets.extend(aim.map(|super::aim::Aim { name, tip: at_mm, .. }| Target {
             name,
             at_mm,
             radius_mm: 0.0,
         }));
-        let Moving { deposits, guides, .. } = moving;
         let path = scene
             .needle_path()
             .cloned()

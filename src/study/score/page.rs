@@ -305,7 +305,7 @@ impl Comparison {
 /// Notes of the page of a study of simulated hands.
 pub fn study_notes(tasks: usize, people: usize, seed: u64) -> Vec<String> {
     vec![format!(
-        "Simulated hands, not people: {} groups of {people}, {tasks} tasks each, seed {seed}. Magee et al. 2007 compared 8 consultants, 8 \
+        "Simulated hands, not people: {} groups of {people}, {tasks} tasks each, seed {seed}. Zhu et al. 2007 compared 8 consultants, 8 \
              registrars and 8 students in 24 sessions each; the errors of the hands here are choices, so that the numbers are of this program \
              and not comparable with theirs.",
         GROUPS.len()
