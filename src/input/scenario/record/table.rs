@@ -32,7 +32,7 @@ const GUIDANCE: &str = "tip_dx,tip_dy,tip_dz,measured_tip_x_mm,measured_tip_y_mm
 pub(super) fn head(probe: Option<&ProbeContact>) -> String {
     let driven = probe.and_then(|probe| probe.driven_at_mm);
     let driven = if driven.is_some() { DRIVEN } else { "" };
-    format!("{NUMBERS},{POSE},{driven}{COUNTS},{GUIDANCE}")
+    format!("{NUMBERS},{POSE},{GUIDANCE},{driven}{COUNTS}")
 }
 
 pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
@@ -62,10 +62,11 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
         ",{},{},{},{},{},{},{}",
         place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w
     )?;
+    guidance(&step.guidance, out)?;
     for force in step.driven.iter().flatten() {
         write!(out, ",{},{},{}", force.x, force.y, force.z)?;
     }
-    write!(
+    writeln!(
         out,
         ",{},{},{},{},{},{},{},{},{:.4}",
         outcome.contacts,
@@ -77,8 +78,7 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
         u8::from(outcome.converged),
         outcome.crushed,
         step.ms
-    )?;
-    guidance(&step.guidance, out)
+    )
 }
 
 fn guidance(found: &Guidance, out: &mut impl Write) -> io::Result<()> {
@@ -100,7 +100,7 @@ fn guidance(found: &Guidance, out: &mut impl Write) -> io::Result<()> {
     }
     write!(out, ",{}", u8::from(found.shown))?;
     match found.clearance_mm {
-        Some(clearance) => writeln!(out, ",{clearance:.3}"),
-        None => writeln!(out, ","),
+        Some(clearance) => write!(out, ",{clearance:.3}"),
+        None => write!(out, ","),
     }
 }

@@ -187,8 +187,20 @@ fn mass_spring(parameters: Parameters) -> Result<MassSpring, StudyError> {
     Ok(MassSpring::new(parameters, Box::new(HalfSpace), block::rigid()?)?)
 }
 
-/// Returns the cylinder of the mass-spring model as placed when the needle reaches the skin.
+/// Returns the cylinder of the mass-spring model as placed when the needle reaches the skin, without the cap before it.
 fn cylinder(parameters: Parameters) -> Result<TetMesh, StudyError> {
+    let capped = capped(parameters)?;
+    let count = parameters.nodes();
+    let elements = capped.elements().iter().copied();
+    let elements: Vec<[u32; 4]> = elements
+        .filter(|corners| corners.iter().all(|node| (*node as usize) < count))
+        .collect();
+    let regions = vec![0; elements.len()];
+    Ok(TetMesh::new(capped.nodes()[..count].to_vec(), elements, regions)?)
+}
+
+/// Returns the cylinder with its cap, as it is imaged.
+fn capped(parameters: Parameters) -> Result<TetMesh, StudyError> {
     let mut model = mass_spring(parameters)?;
     model.step(&block::tip_at([0.0; 3]), super::STEP_S)?;
     let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
@@ -209,7 +221,7 @@ fn springs(grid: [usize; 2]) -> Result<Contender, StudyError> {
     let parameters = parameters(grid);
     let choices = choices(SPRINGS, "no ratio to choose", &parameters);
     let model = Box::new(mass_spring(parameters)?);
-    Ok(Contender::new(choices, &cylinder(parameters)?, model))
+    Ok(Contender::new(choices, &capped(parameters)?, model))
 }
 
 fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, StudyError> {
