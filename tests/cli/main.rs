@@ -29,3 +29,4 @@ mod stability;
 mod support;
 mod tissue;
 mod tradeoff;
+mod training;
