@@ -153,7 +153,7 @@ at_mm = [0, 0, -35]
 fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
     let plain = resolved(&with_probe()).expect("a scenario");
     let driven = resolved(&(with_probe() + "driven_at_mm = [30, 90]\n")).expect("a scenario");
-    for (scenario, columns) in [(&plain, 43), (&driven, 49)] {
+    for (scenario, columns) in [(&plain, 69), (&driven, 75)] {
         let mut written = Written {
             record: Record::new(scenario),
             csv: Vec::new(),
@@ -166,7 +166,7 @@ fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
         assert_eq!(lines[0].last(), Some(&"step_ms"));
         let of = |name: &str| lines[0].iter().position(|column| *column == name);
         let force = |name: &str| of(name).map(|at| lines[1][at].parse::<f64>().expect("a number"));
-        assert_eq!(force("driven_1_force_y_n").is_some(), columns == 49);
+        assert_eq!(force("driven_1_force_y_n").is_some(), columns == 75);
         let pose = scenario.instruments(1).probe.expect("a probe");
         let place = ["probe_x_mm", "probe_y_mm", "probe_z_mm"].map(|name| force(name).expect("a place"));
         assert_eq!(place, <[f64; 3]>::from(pose.translation.vector));
