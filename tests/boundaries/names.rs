@@ -217,6 +217,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "the public interface has the parameters of each",
     ),
     (
+        "input/scenario/guidance.rs",
+        &["shadow", "thickness"],
+        "whether an image would show a target, without making one",
+    ),
+    (
         "imaging/effects/point_spread.rs",
         &["speckle"],
         "the point spread is stated with the speckle",
