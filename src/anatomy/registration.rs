@@ -34,7 +34,7 @@ const SETTLED_MM: f64 = 0.001;
 /// Iterations with which each start of the rigid stage is tried.
 const TRIAL_STEPS: usize = 15;
 /// Expected size of second-order coefficients, mm: a point on the surface of the body moves by so much.
-const BEND_MM: f64 = 15.0;
+const BEND_MM: f64 = 5.0;
 /// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6, 1977).
 const BIWEIGHT: f64 = 4.685;
 /// Least standard deviation of residuals, mm, far below that of any tracker.

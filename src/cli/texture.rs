@@ -17,10 +17,10 @@ use super::terminal;
 
 const TEACHING: &str = "\
 An exemplar is a region of even tissue in a B-mode image, without writing, calipers or edges of organs. Its columns run along x of the solid and its
-rows (depth) along y; it counts for the x-y and the z-y plane unless --zy gives another, and for the x-z plane only with --isotropic or --xz.
+rows (depth) along y; it counts for all planes, stretched in the x-z plane so that lengths along z are those along x; --zy and --xz give others.
 
   structure  only what is coarser than the speckle cell; the scene adds its own speckle (default)
-  keep       all of it with its speckle; take `effects.speckle` out of the scene, or it is speckled twice
+  keep       all of it with its speckle; leave the speckle effect out of the scene, or it is speckled twice
 
 Examples:
   insonify texture liver.png --region 200,150,180,180 --mm-per-pixel 0.3 -o liver.nrrd --page liver.html
@@ -46,14 +46,11 @@ pub struct TextureArgs {
     #[arg(long, value_name = "X,Y,W,H", value_parser = numbers::<4>, requires = "zy")]
     zy_region: Option<[f64; 4]>,
     /// Image of the x-z plane
-    #[arg(long, value_name = "IMAGE", requires = "xz_region", conflicts_with = "isotropic")]
+    #[arg(long, value_name = "IMAGE", requires = "xz_region")]
     xz: Option<PathBuf>,
     /// Region of the x-z image
     #[arg(long, value_name = "X,Y,W,H", value_parser = numbers::<4>, requires = "xz")]
     xz_region: Option<[f64; 4]>,
-    /// The first image counts for all planes
-    #[arg(long)]
-    isotropic: bool,
     /// Curved array: column and row of the virtual apex, at which the scanlines meet; regions are resampled to beam space
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     apex: Option<[f64; 2]>,
@@ -120,11 +117,7 @@ impl TextureArgs {
         };
         let (zy, xz) = (other(&self.zy, self.zy_region)?, other(&self.xz, self.xz_region)?);
         let own = |prepared: Prepared| prepared.exemplar;
-        let exemplars = Exemplars {
-            zy: zy.map_or_else(|| first.exemplar.clone(), own),
-            xz: xz.map(own).or_else(|| self.isotropic.then(|| first.exemplar.clone())),
-            xy: first.exemplar.clone(),
-        };
+        let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(own), xz.map(own));
         let bar = terminal::share();
         bar.set_message("synthesis");
         let made = make(&first, exemplars, self.size, self.seed, |share| {
@@ -132,6 +125,18 @@ impl TextureArgs {
         });
         bar.finish_and_clear();
         let made = made?;
+        let extent_mm = made.side as f64 * made.voxel_mm;
+        let longest = made
+            .figures
+            .exemplar_correlation_mm
+            .into_iter()
+            .map(|mm| mm.unwrap_or(extent_mm));
+        let longest = longest.fold(0.0, f64::max);
+        if 4.0 * longest > extent_mm {
+            terminal::warn(format_args!(
+                "the solid is {extent_mm:.1} mm wide, and the structure of the image {longest:.1} mm: it repeats visibly; take a larger --size or --voxel-mm"
+            ));
+        }
         made.write(&self.output)?;
         let name = self
             .output

@@ -38,14 +38,7 @@ fn made(exemplars: Exemplars, seed: u64) -> Made {
 #[test]
 fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
     let one = exemplar([3.0, 1.5], 1);
-    let found = made(
-        Exemplars {
-            xy: one.clone(),
-            zy: one.clone(),
-            xz: None,
-        },
-        0,
-    );
+    let found = made(Exemplars::of(one.clone(), None, None), 0);
     let figures = &found.figures;
     for axis in 0..3 {
         let (own, other) = (
@@ -57,6 +50,17 @@ fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
         assert!((0.75..=1.33).contains(&figures.seam[axis]), "{figures}");
     }
     assert!(figures.histogram_db < 0.05, "{figures}");
+    // The solid has no preferred direction in the plane across the rows: x + z and x - z are alike.
+    let n = found.side;
+    let along = |sign: usize| {
+        let value = |x: usize, y: usize, z: usize| f64::from(found.level[x % n + n * (y + n * (z % n))]);
+        let lag = 3;
+        let all = (0..n * n * n).map(|at| [at % n, at / n % n, at / n / n]);
+        all.map(|[x, y, z]| value(x, y, z) * value(x + lag, y, z + sign * lag + n * lag))
+            .sum::<f64>()
+    };
+    let [plus, minus] = [along(1), along(n - 1)];
+    assert!((0.5..=2.0).contains(&(plus / minus)), "{plus} {minus}");
     // The histogram is that of the exemplar.
     let mut values: Vec<f32> = found.level.clone();
     let mut like = one.values.clone();
@@ -70,10 +74,12 @@ fn a_solid_has_the_statistics_of_its_exemplars_along_each_axis() {
 
 #[test]
 fn a_solid_is_the_same_at_any_number_of_threads_and_another_for_another_seed() {
-    let exemplars = || Exemplars {
-        xy: exemplar([2.0, 2.0], 1),
-        zy: exemplar([1.5, 2.0], 2),
-        xz: Some(exemplar([2.0, 1.5], 3)),
+    let exemplars = || {
+        Exemplars::of(
+            exemplar([2.0, 2.0], 1),
+            Some(exemplar([1.5, 2.0], 2)),
+            Some(exemplar([2.0, 1.5], 3)),
+        )
     };
     let with = |threads: usize, seed: u64| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -239,11 +245,7 @@ fn regions_without_a_texture_are_refused() {
         region([200, 200]),
         "1 coloured pixels",
     );
-    let small = Exemplars {
-        xy: exemplar([2.0; 2], 1),
-        zy: exemplar([2.0; 2], 1),
-        xz: None,
-    };
+    let small = Exemplars::of(exemplar([2.0; 2], 1), None, None);
     assert!(
         synthesise(&small, 30, 0, |_| ())
             .unwrap_err()

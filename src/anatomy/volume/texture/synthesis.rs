@@ -23,11 +23,15 @@ const PATCH: usize = SIDE * SIDE;
 /// Exponent r of the distance between neighbourhoods. Kopf et al. take 0.8; steeper weights keep more of the contrast (3.7 for 3.0 of 4 dB of
 /// filtered noise).
 const EXPONENT: f64 = -1.0;
+/// Least distance that counts, share of the variance of the exemplars: perfect matches in two planes do not outweigh the third.
+const FLOOR: f64 = 0.05;
+/// Largest factor by which the rows of an exemplar are stretched.
+const STRETCH: f64 = 8.0;
 /// Searches for matches before each averaging.
 const SEARCHES: usize = 2;
 /// Turns of matching spectra and histogram, and the largest gain of a frequency in one.
-const TURNS: usize = 6;
-const GAIN: f64 = 3.0;
+const TURNS: usize = 4;
+const GAIN: f64 = 1.3;
 /// Number of resolutions, each twice the one before.
 const LEVELS: usize = 3;
 /// Rounds of matching and averaging on each resolution, coarsest first.
@@ -55,11 +59,51 @@ pub struct Exemplars {
     pub xy: Exemplar,
     /// Columns along z, rows along y.
     pub zy: Exemplar,
-    /// Columns along x, rows along z, if that plane has one.
-    pub xz: Option<Exemplar>,
+    /// Columns along x, rows along z.
+    pub xz: Exemplar,
 }
 
 impl Exemplar {
+    /// The exemplar with its rows in reverse.
+    fn reversed(&self) -> Self {
+        let values = self.values.chunks(self.size[0]).rev().flatten().copied();
+        Self {
+            size: self.size,
+            values: values.collect(),
+        }
+    }
+
+    /// The exemplar with its rows stretched by a factor, as far as enough of them remain.
+    fn stretched(&self, factor: f64) -> Self {
+        let [width, height] = self.size;
+        let factor = factor.clamp(1.0 / STRETCH, STRETCH).max(LEAST as f64 / height as f64);
+        let rows = ((height - 1) as f64 * factor) as usize + 1;
+        let value = |at: usize| {
+            let row = ((at / width) as f64 / factor).min((height - 1) as f64);
+            let low = (row as usize).min(height - 2);
+            let share = (row - low as f64) as f32;
+            let of = |row: usize| self.values[row * width + at % width];
+            of(low) * (1.0 - share) + of(low + 1) * share
+        };
+        Self {
+            size: [width, rows],
+            values: (0..width * rows).map(value).collect(),
+        }
+    }
+
+    fn variance(&self) -> f64 {
+        self.covariance(0, 0)[0]
+    }
+
+    /// Half width at half maximum of the autocorrelation along the columns (0) or rows (1), pixels.
+    fn width(&self, axis: usize) -> f64 {
+        let covariance = self.covariance(axis, self.size[axis] / 2);
+        let after = covariance.iter().position(|value| *value < 0.5 * covariance[0]);
+        let after = after.unwrap_or(covariance.len() - 1).max(1);
+        let (high, low) = (covariance[after - 1], covariance[after]);
+        after as f64 - 1.0 + ((high - 0.5 * covariance[0]) / (high - low)).clamp(0.0, 1.0)
+    }
+
     /// Autocovariance along the columns (0) or rows (1) up to a lag, 0 beyond its extent.
     fn covariance(&self, axis: usize, most: usize) -> Vec<f64> {
         let [width, height] = self.size;
@@ -102,7 +146,7 @@ struct Solid<'a> {
     side: usize,
     values: Vec<f32>,
     /// Exemplars by plane.
-    exemplars: [Option<&'a Exemplar>; 3],
+    exemplars: [&'a Exemplar; 3],
     /// Upper left corner of the match of the neighbourhood of each voxel, by plane.
     matches: [Vec<[u16; 2]>; 3],
     /// Distance of each match, as a weight.
@@ -126,8 +170,8 @@ pub fn synthesise(
             format!("size {side}: expected a multiple of 4 from 32 to 256"),
         ));
     }
-    let planes = [Some(&exemplars.xy), Some(&exemplars.zy), exemplars.xz.as_ref()];
-    for exemplar in planes.into_iter().flatten() {
+    let planes = [&exemplars.xy, &exemplars.zy, &exemplars.xz];
+    for exemplar in planes {
         let [width, height] = exemplar.size;
         if width < LEAST || height < LEAST || exemplar.values.len() != width * height {
             return Err(VolumeError::new(format!(
@@ -138,10 +182,10 @@ pub fn synthesise(
             return Err(VolumeError::new("an exemplar holds values that are not finite"));
         }
     }
-    let mut pyramid: Vec<[Option<Exemplar>; 3]> = vec![planes.map(|plane| plane.cloned())];
+    let mut pyramid: Vec<[Exemplar; 3]> = vec![planes.map(Exemplar::clone)];
     for level in 1..LEVELS {
         let finer = &pyramid[level - 1];
-        pyramid.push([0, 1, 2].map(|plane| finer[plane].as_ref().map(Exemplar::halved)));
+        pyramid.push([0, 1, 2].map(|plane| finer[plane].halved()));
     }
     // A round costs eight times more on each finer resolution.
     let cost = |level: usize| (ROUNDS[level] << (3 * level)) as f64;
@@ -150,7 +194,7 @@ pub fn synthesise(
     let mut coarser: Option<Solid<'_>> = None;
     for (level, planes) in pyramid.iter().rev().enumerate() {
         let own = side >> (LEVELS - 1 - level);
-        let exemplars = [0, 1, 2].map(|plane| planes[plane].as_ref());
+        let exemplars = planes.each_ref();
         let mut solid = match &coarser {
             None => Solid::random(own, exemplars, seed_words(seed)),
             Some(coarser) => Solid::refined(coarser, own, exemplars),
@@ -171,11 +215,19 @@ pub fn synthesise(
 }
 
 impl Exemplars {
+    /// Exemplars of all planes. Without one of its own the z-y plane takes the first, its rows in reverse, and the x-z plane the first with its
+    /// rows stretched to the correlation length of the columns of the z-y plane: the same exemplar as it is in two planes would be met by a
+    /// solid that only depends on x + z and y.
+    pub fn of(xy: Exemplar, zy: Option<Exemplar>, xz: Option<Exemplar>) -> Self {
+        let zy = zy.unwrap_or_else(|| xy.reversed());
+        let xz = xz.unwrap_or_else(|| xy.stretched(zy.width(0) / xy.width(1)));
+        Self { xy, zy, xz }
+    }
+
     /// All values of the exemplars.
     fn values(&self) -> Vec<f32> {
-        let all = [Some(&self.xy), Some(&self.zy), self.xz.as_ref()];
+        let all = [&self.xy, &self.zy, &self.xz];
         all.into_iter()
-            .flatten()
             .flat_map(|exemplar| exemplar.values.iter().copied())
             .collect()
     }
@@ -183,10 +235,10 @@ impl Exemplars {
     /// Matches the autocorrelation along each axis, and the histogram.
     fn match_statistics(&self, values: &mut [f32], side: usize) {
         let wanted = [0, 1, 2].map(|axis| {
-            let planes = [Some(&self.xy), Some(&self.zy), self.xz.as_ref()];
+            let planes = [&self.xy, &self.zy, &self.xz];
             let own = planes.iter().zip(PLANES).flat_map(|(exemplar, axes)| {
                 let along = axes.iter().position(|of| *of == axis)?;
-                Some(exemplar.as_ref()?.covariance(along, side / 2))
+                Some(exemplar.covariance(along, side / 2))
             });
             let own: Vec<Vec<f64>> = own.collect();
             let mean = (0..=side / 2).map(|lag| own.iter().map(|it| it[lag]).sum::<f64>() / own.len() as f64);
@@ -262,13 +314,11 @@ fn filter(values: &mut [f32], side: usize, axis: usize, gain: &[f64]) {
 }
 
 impl<'a> Solid<'a> {
-    fn random(side: usize, exemplars: [Option<&'a Exemplar>; 3], seed: [u32; 2]) -> Self {
+    fn random(side: usize, exemplars: [&'a Exemplar; 3], seed: [u32; 2]) -> Self {
         let count = side * side * side;
-        let matches = [0, 1, 2].map(|plane: usize| match exemplars[plane] {
-            None => Vec::new(),
-            Some(exemplar) => (0..count)
-                .map(|at| anywhere(exemplar, at, plane as i32, seed))
-                .collect(),
+        let matches = [0, 1, 2].map(|plane: usize| {
+            let corners = (0..count).map(|at| anywhere(exemplars[plane], at, plane as i32, seed));
+            corners.collect::<Vec<_>>()
         });
         let mut solid = Self {
             side,
@@ -282,25 +332,23 @@ impl<'a> Solid<'a> {
         solid
     }
 
-    fn refined(coarser: &Solid<'_>, side: usize, exemplars: [Option<&'a Exemplar>; 3]) -> Self {
+    fn refined(coarser: &Solid<'_>, side: usize, exemplars: [&'a Exemplar; 3]) -> Self {
         let count = side * side * side;
         let parent = |at: usize| {
             let [x, y, z] = [at % side, at / side % side, at / side / side].map(|n| n / 2);
             x + coarser.side * (y + coarser.side * z)
         };
-        let matches = [0, 1, 2].map(|plane: usize| match exemplars[plane] {
-            None => Vec::new(),
-            Some(exemplar) => (0..count)
-                .map(|at| {
-                    let own = [at % side, at / side % side, at / side / side];
-                    let corner = coarser.matches[plane][parent(at)];
-                    [0, 1].map(|axis| {
-                        // The neighbourhood of half the extent in the middle of the coarser one.
-                        let fine = 2 * usize::from(corner[axis]) + SIDE / 2 + own[PLANES[plane][axis]] % 2;
-                        fine.min(exemplar.size[axis] - SIDE) as u16
-                    })
+        let matches = [0, 1, 2].map(|plane: usize| {
+            let corner = |at: usize| {
+                let own = [at % side, at / side % side, at / side / side];
+                let corner = coarser.matches[plane][parent(at)];
+                [0, 1].map(|axis| {
+                    // The neighbourhood of half the extent in the middle of the coarser one.
+                    let fine = 2 * usize::from(corner[axis]) + SIDE / 2 + own[PLANES[plane][axis]] % 2;
+                    fine.min(exemplars[plane].size[axis] - SIDE) as u16
                 })
-                .collect(),
+            };
+            (0..count).map(corner).collect::<Vec<_>>()
         });
         let mut solid = Self {
             side,
@@ -345,16 +393,15 @@ impl<'a> Solid<'a> {
 
     /// Improves the match of every neighbourhood.
     fn search(&mut self, round: usize, level: usize) {
+        let floor = FLOOR * PATCH as f64 * self.exemplars[0].variance();
         for plane in 0..3 {
-            let Some(exemplar) = self.exemplars[plane] else {
-                continue;
-            };
+            let exemplar = self.exemplars[plane];
             let old = &self.matches[plane];
             let found: Vec<([u16; 2], f32)> = (0..old.len())
                 .into_par_iter()
                 .map(|at| self.best(at, plane, exemplar, [round as i32, level as i32]))
                 .collect();
-            let weight = |square: f32| (f64::from(square) + 1e-6).powf(EXPONENT / 2.0 - 1.0) as f32;
+            let weight = |square: f32| ((f64::from(square) / floor) + 1.0).powf(EXPONENT / 2.0 - 1.0) as f32;
             self.weights[plane] = found.iter().map(|(_, square)| weight(*square)).collect();
             self.matches[plane] = found.into_iter().map(|(corner, _)| corner).collect();
         }
@@ -384,10 +431,6 @@ impl<'a> Solid<'a> {
                 consider(corner);
             }
         }
-        let across = 3 - axes[0] - axes[1];
-        for by in [-1, 1] {
-            consider(of(self.moved(at, across, by)));
-        }
         let own = old[at].map(|n| n as isize);
         let mut reach = last[0].max(last[1]) as f64;
         for draw in 0..RANDOM {
@@ -407,7 +450,6 @@ impl<'a> Solid<'a> {
         let all = || {
             self.exemplars
                 .into_iter()
-                .flatten()
                 .flat_map(|exemplar| exemplar.values.iter().copied())
         };
         let low = all().fold(f32::INFINITY, f32::min);
@@ -434,9 +476,7 @@ impl<'a> Solid<'a> {
             .map(|at| {
                 let (mut sum, mut total) = (0.0_f32, 0.0_f32);
                 for plane in 0..3 {
-                    let Some(exemplar) = self.exemplars[plane] else {
-                        continue;
-                    };
+                    let exemplar = self.exemplars[plane];
                     let [columns, rows] = PLANES[plane];
                     let mut row_start = at;
                     for row in 0..SIDE {
