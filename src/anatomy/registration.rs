@@ -33,8 +33,10 @@ const QUADRATIC_STEPS: usize = 300;
 const SETTLED_MM: f64 = 0.001;
 /// Iterations with which each start of the rigid stage is tried.
 const TRIAL_STEPS: usize = 15;
-/// Expected size of second-order coefficients, mm: a point on the surface of the body moves by so much.
+/// Expected size of the coefficients beyond the rigid map, mm: a point on the surface of the body moves by so much.
 const BEND_MM: f64 = 5.0;
+/// Number of surface points whose errors count as independent: those of neighbours are alike.
+const INDEPENDENT: f64 = 100.0;
 /// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6, 1977).
 const BIWEIGHT: f64 = 4.685;
 /// Least standard deviation of residuals, mm, far below that of any tracker.
@@ -460,7 +462,8 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quad
             normal.ger(weight * weight, &row, &row, 1.0);
             right.axpy(-weight * weight * off, &row, 1.0);
         }
-        held = (held / 2.0).max((sigma / BEND_MM).powi(2));
+        let prior = (sigma / BEND_MM).powi(2) * (n / INDEPENDENT).max(1.0);
+        held = (held / 2.0).max(prior);
         for axis in 0..3 {
             for term in 0..TERMS {
                 // Shifts are free.
@@ -478,7 +481,7 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quad
                 map.coefficients[axis][term] += step[axis * TERMS + term];
             }
         }
-        if step.norm() < SETTLED_MM && held <= (sigma / BEND_MM).powi(2) {
+        if step.norm() < SETTLED_MM && held <= prior {
             break;
         }
     }

@@ -207,7 +207,7 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
             .as_array()
             .unwrap()
             .iter()
-            .all(|it| it["quadratic_mm"].as_f64().unwrap() < 1.5),
+            .all(|it| it["quadratic_mm"].as_f64().unwrap() < 2.0),
         "{json}"
     );
     assert!(bench.text("fit.html").contains("<circle"));
