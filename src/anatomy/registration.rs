@@ -237,6 +237,9 @@ pub struct LandmarkError {
     pub quadratic_mm: f64,
 }
 
+/// Distance from a surface point within which skin counts as covered, mm.
+const COVERED_MM: f64 = 10.0;
+
 /// A registration.
 #[derive(Clone, Debug, Serialize)]
 pub struct Registration {
@@ -244,6 +247,8 @@ pub struct Registration {
     pub rigid: Rigid,
     /// Quadratic stage.
     pub quadratic: Fitted,
+    /// Share of the skin within 10 mm of a surface point, after the quadratic stage.
+    pub covered: f64,
     /// Distances of the landmarks.
     pub landmarks_mm: Vec<LandmarkError>,
     /// Surface points in the volume's frame after the quadratic stage, with their distances from the skin, mm.
@@ -302,6 +307,7 @@ pub fn register(
             rms_mm: rigid_rms,
             p95_mm: rigid_p95,
         },
+        covered: skin.covered(&mapped, COVERED_MM),
         landmarks_mm: landmarks_mm.collect(),
         quadratic: Fitted {
             map,

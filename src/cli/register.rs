@@ -37,6 +37,11 @@ Examples:
   insonify register ct.nii.gz --surface stylus.igs.mha --transform StylusToReference --tip 0.1,-2.3,148.2 --fit fit.toml
 A scene that says `volume.registration = \"fit.toml\"` beside its file applies the registration when it is loaded.";
 
+/// Share of the skin below which a start without landmarks is questioned.
+const LEAST_COVERED: f64 = 0.3;
+/// Least determinant of the Jacobian below which the fit is questioned: people of one build differ by less.
+const LEAST_JACOBIAN: f64 = 0.6;
+
 /// Fits anatomy to a physical surface: rigid, then quadratic
 #[derive(Args)]
 #[command(after_help = TEACHING)]
@@ -81,7 +86,7 @@ pub struct Register {
     page: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `rigid`, `quadratic`, `landmarks_mm`
+    /// Print JSON: `rigid`, `quadratic`, `covered`, `landmarks_mm`
     #[arg(long)]
     json: bool,
 }
@@ -121,6 +126,18 @@ impl Register {
             .iter_mut()
             .for_each(|it| it.surface_mm = self.in_lps(&it.surface_mm));
         let found = register(&surface, &skin, &corners(&volume), &known)?;
+        if found.covered < LEAST_COVERED && known.is_empty() {
+            terminal::warn(format_args!(
+                "the surface covers {:.0} % of the skin, and the start was found from its shape alone: look at the page, and give --landmarks",
+                100.0 * found.covered
+            ));
+        }
+        if found.quadratic.jacobian_min < LEAST_JACOBIAN {
+            terminal::warn(format_args!(
+                "the quadratic map shrinks parts of the volume to {:.2} of their size: is it the surface of this body?",
+                found.quadratic.jacobian_min
+            ));
+        }
         let map = &found.quadratic.map;
         if let Some(output) = &self.output {
             save(&resample(&volume, map)?, output)?;

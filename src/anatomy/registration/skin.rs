@@ -127,6 +127,18 @@ impl Skin {
         (self.points[found], self.normals[found])
     }
 
+    /// Share of the points within a distance (mm) of others.
+    pub fn covered(&self, by: &[Point3<f64>], within_mm: f64) -> f64 {
+        let tree: RTree<[f64; 3]> = RTree::bulk_load(by.iter().map(|at| (*at).into()).collect());
+        let step = 1 + self.points.len() / 5000;
+        let tried = self.points.iter().step_by(step);
+        let near = |at: &&Point3<f64>| {
+            let found = tree.nearest_neighbor([at.x, at.y, at.z]);
+            found.is_some_and(|other| (Point3::from(*other) - **at).norm() <= within_mm)
+        };
+        tried.clone().filter(near).count() as f64 / tried.count() as f64
+    }
+
     /// Signed distance along the normal of the nearest point, mm: positive outside.
     pub fn distance(&self, at: &Point3<f64>) -> f64 {
         let (place, normal) = self.nearest(at);
