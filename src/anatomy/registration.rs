@@ -35,8 +35,6 @@ const SETTLED_MM: f64 = 0.001;
 const TRIAL_STEPS: usize = 15;
 /// Expected size of the coefficients beyond the rigid map, mm: a point on the surface of the body moves by so much.
 const BEND_MM: f64 = 5.0;
-/// Number of surface points whose errors count as independent: those of neighbours are alike.
-const INDEPENDENT: f64 = 100.0;
 /// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6, 1977).
 const BIWEIGHT: f64 = 4.685;
 /// Least standard deviation of residuals, mm, far below that of any tracker.
@@ -468,7 +466,7 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quad
             normal.ger(weight * weight, &row, &row, 1.0);
             right.axpy(-weight * weight * off, &row, 1.0);
         }
-        let prior = (sigma / BEND_MM).powi(2) * (n / INDEPENDENT).max(1.0);
+        let prior = (sigma / BEND_MM).powi(2);
         held = (held / 2.0).max(prior);
         for axis in 0..3 {
             for term in 0..TERMS {
