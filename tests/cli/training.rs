@@ -195,7 +195,8 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
         .run(&format!("{run} --fit fit.toml --page fit.html -o fitted.nrrd --json"))
         .json();
     assert!(
-        json["rigid"]["rms_mm"].as_f64().unwrap() < 0.3 && json["quadratic"]["rms_mm"].as_f64().unwrap() < 0.3,
+        // A third of a voxel.
+        json["rigid"]["rms_mm"].as_f64().unwrap() < 0.6 && json["quadratic"]["rms_mm"].as_f64().unwrap() < 0.6,
         "{json}"
     );
     assert!(
@@ -211,7 +212,7 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
             .as_array()
             .unwrap()
             .iter()
-            .all(|it| it["quadratic_mm"].as_f64().unwrap() < 2.0),
+            .all(|it| it["quadratic_mm"].as_f64().unwrap() < 1.0),
         "{json}"
     );
     assert!(bench.text("fit.html").contains("<circle"));
