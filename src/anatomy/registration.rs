@@ -162,7 +162,7 @@ impl Quadratic {
                         let [x, y, z] = [point.x, point.y, point.z];
                         return Err(VolumeError::new(format!(
                             "the quadratic map folds the volume at ({x:.0}, {y:.0}, {z:.0}) mm of the world (Jacobian {found:.3}); \
-                             the surface determines it too little there: touch more points on all sides, or state landmarks"
+                             the surface determines it too little there: touch more points on all sides, or keep the rigid map"
                         )));
                     }
                 }
@@ -216,9 +216,9 @@ pub struct Fitted {
     /// The map.
     #[serde(flatten)]
     pub map: Quadratic,
-    /// As of the rigid stage.
+    /// Root mean square distance of surface points that are no outliers from the skin, mm.
     pub rms_mm: f64,
-    /// As of the rigid stage.
+    /// Distance below which 95 % of all surface points lie, mm.
     pub p95_mm: f64,
     /// Least determinant of the Jacobian on the volume.
     pub jacobian_min: f64,

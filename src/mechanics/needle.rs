@@ -17,7 +17,7 @@ use std::fmt::Debug;
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 pub use flexible::{ELEMENT_MM, Flexible, LINK_MM, Stiffness};
-pub(in crate::mechanics) use line::across;
+pub(crate) use line::across;
 pub use line::{CentreLine, ShaftPoint};
 pub use rigid::{BendingConstraint, Constrained, Rigid};
 pub use shaft::{BEVEL_MM, Bevel, Shaft};

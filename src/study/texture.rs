@@ -10,7 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::anatomy::volume::VolumeError;
-use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, LEAST, synthesise};
+use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, LEAST, correlations, synthesise};
 use crate::base::output::{OutputError, atomic};
 use crate::base::report::statistics::full_width;
 use crate::study::realism::picture::Picture;
@@ -25,7 +25,7 @@ const FWHM: f64 = 2.354_820_045;
 /// Largest lag of autocorrelations, voxels.
 const LAGS: usize = 32;
 
-/// What a texture holds of an image.
+/// Content of a texture made from an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Content {
@@ -52,7 +52,7 @@ pub struct Preparation {
     pub pixel_mm: [f64; 2],
     /// Decibels of the 255 grey levels.
     pub range_db: f64,
-    /// What is kept.
+    /// Content of the texture.
     pub content: Content,
     /// Side of a voxel, mm; by default the smaller side of a pixel, of `structure` half a speckle cell.
     pub voxel_mm: Option<f64>,
@@ -113,27 +113,11 @@ impl Image {
         image
     }
 
-    /// Autocorrelation at lags along the columns (0) or rows (1) of an image.
-    fn correlations(&self, axis: usize) -> Vec<f64> {
-        let n = self.values.len() as f64;
-        let mean = self.values.iter().sum::<f64>() / n;
-        let variance = self.values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / n;
-        let [width, height] = self.size;
-        let most = LAGS.min(self.size[axis] - 1);
-        let stride = if axis == 0 { 1 } else { width };
-        let lag = |lag: usize| {
-            let [columns, rows] = if axis == 0 {
-                [width - lag, height]
-            } else {
-                [width, height - lag]
-            };
-            let products = (0..rows).flat_map(|row| (0..columns).map(move |column| row * width + column));
-            let sum: f64 = products
-                .map(|at| (self.values[at] - mean) * (self.values[at + lag * stride] - mean))
-                .sum();
-            sum / (columns * rows) as f64 / variance
-        };
-        (0..=most).map(lag).collect()
+    fn exemplar(&self) -> Exemplar {
+        Exemplar {
+            size: self.size,
+            values: self.values.iter().map(|value| *value as f32).collect(),
+        }
     }
 }
 
@@ -163,8 +147,10 @@ impl Preparation {
             None => (cut, self.pixel_mm),
         };
         let flat = self.flattened(&grey, pixel_mm);
-        let cell_mm = [0, 1]
-            .map(|axis| full_width(&flat.correlations(axis), pixel_mm[axis]).unwrap_or(LAGS as f64 * pixel_mm[axis]));
+        let cell_mm = [0, 1].map(|axis| {
+            full_width(&flat.exemplar().correlations(axis, LAGS), pixel_mm[axis])
+                .unwrap_or(LAGS as f64 * pixel_mm[axis])
+        });
         let kept = match self.content {
             Content::Keep => flat,
             Content::Structure => {
@@ -343,8 +329,8 @@ pub fn make(
 ) -> Result<Made, VolumeError> {
     let level = synthesise(&exemplars, side, seed, progress)?;
     let voxel_mm = first.voxel_mm;
-    let along = |axis: usize| full_width(&solid_correlations(&level, side, axis), voxel_mm);
-    let of = |exemplar: &Exemplar, axis: usize| full_width(&image(exemplar).correlations(axis), voxel_mm);
+    let along = |axis: usize| full_width(&correlations(&level, side, axis, LAGS.min(side / 2)), voxel_mm);
+    let of = |exemplar: &Exemplar, axis: usize| full_width(&exemplar.correlations(axis, LAGS), voxel_mm);
     let mean = |a: Option<f64>, b: Option<f64>| Some((a? + b?) / 2.0);
     let figures = Figures {
         size: side,
@@ -368,13 +354,6 @@ pub fn make(
     })
 }
 
-fn image(exemplar: &Exemplar) -> Image {
-    Image {
-        size: exemplar.size,
-        values: exemplar.values.iter().map(|value| f64::from(*value)).collect(),
-    }
-}
-
 /// Mean distance between the quantiles of two samples.
 fn histogram_distance(a: &[f32], b: &[f32]) -> f64 {
     const QUANTILES: usize = 1000;
@@ -387,27 +366,6 @@ fn histogram_distance(a: &[f32], b: &[f32]) -> f64 {
     };
     let pairs = sorted(a).into_iter().zip(sorted(b));
     pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / QUANTILES as f64
-}
-
-/// Autocorrelation at lags along an axis of a periodic solid.
-fn solid_correlations(level: &[f32], side: usize, axis: usize) -> Vec<f64> {
-    let n = level.len() as f64;
-    let mean = level.iter().map(|value| f64::from(*value)).sum::<f64>() / n;
-    let variance = level
-        .iter()
-        .map(|value| (f64::from(*value) - mean).powi(2))
-        .sum::<f64>()
-        / n;
-    let stride = side.pow(axis as u32);
-    let lag = |lag: usize| {
-        let product = |at: usize| {
-            let index = at / stride % side;
-            let other = at - index * stride + (index + lag) % side * stride;
-            (f64::from(level[at]) - mean) * (f64::from(level[other]) - mean)
-        };
-        (0..level.len()).map(product).sum::<f64>() / n / variance
-    };
-    (0..=LAGS.min(side / 2)).map(lag).collect()
 }
 
 /// Mean step across the seam of an axis over that between other neighbours.

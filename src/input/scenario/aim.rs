@@ -193,10 +193,7 @@ impl ScenarioFile {
             return Err(self.wrong_keys("needle.entry", found(""), expected));
         }
         let outward = away.normalize();
-        let is_inside = |mm: f64| {
-            let label = body.volume.label_index_at(&(goal.tip + outward * mm));
-            label.is_some_and(|label| label > 0 && !body.is_outside(label))
-        };
+        let is_inside = |mm: f64| body.label_at(&(goal.tip + outward * mm)).is_some();
         let step = if is_inside(away.norm()) {
             SKIN_STEP_MM
         } else {

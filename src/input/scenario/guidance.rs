@@ -10,8 +10,8 @@ use crate::imaging::effects::thickness::Thickness;
 use crate::mechanics::insertion::{EventKind, Imager, Interaction, Model, Outcome, Tissue};
 use crate::tracking::probe::BeamGrid;
 
-/// Two-ray loss above which a target counts as hidden, dB: more than the dynamic range of an image (60 dB) and the gain for depth of
-/// average soft tissue down to 120 mm at 4 MHz (48 dB), less 8 dB.
+/// Two-way loss above which a target counts as hidden, dB: the dynamic range of an image (60 dB) and the loss in average soft tissue
+/// (0.5 dB/cm/MHz) down to 100 mm at 4 MHz, which the gain for depth restores (40 dB).
 const HIDDEN_DB: f64 = 100.0;
 /// Distance between samples of a ray, mm.
 const RAY_MM: f64 = 0.5;
@@ -33,7 +33,7 @@ pub struct Guidance {
     pub entry: Option<[Point3<f64>; 2]>,
     /// The first target: at rest, and carried by the tissue.
     pub target: Option<[Point3<f64>; 2]>,
-    /// Whether the image shows the target: within the sector and the slice thickness, and not shadowed.
+    /// True if the image shows the target: within the sector and the slice thickness, and not shadowed.
     pub shown: bool,
     /// Distance of the tip from the nearest critical structure at rest, mm; `None` if there is none within 30 mm of the path.
     pub clearance_mm: Option<f64>,
@@ -73,7 +73,7 @@ impl<'a> Guide<'a> {
         }
     }
 
-    /// Whether there is a point that moves with the tissue.
+    /// True if there is a point that moves with the tissue.
     pub fn follows(&self) -> bool {
         self.target.is_some()
     }
@@ -118,7 +118,7 @@ impl<'a> Guide<'a> {
         seen.z.abs() <= self.reach_mm && self.loss_db(rest, probe, line, sample) < HIDDEN_DB
     }
 
-    /// Two-ray loss along a scanline down to a sample, dB, through the anatomy at rest as seen from the probe.
+    /// Two-way loss along a scanline down to a sample, dB, through the anatomy at rest as seen from the probe.
     fn loss_db(&self, rest: &Point3<f64>, probe: &Isometry3<f64>, line: f64, sample: f64) -> f64 {
         let (Some(grid), scene) = (&self.grid, &self.scenario.scene) else {
             return 0.0;

@@ -73,8 +73,7 @@ pub(super) fn unmeshed(scene: &Scene, path: &Trajectory, meshed: &dyn Anatomy, r
                 continue;
             }
             begins_outside |= passed.is_empty();
-            let label = body.volume.label_index_at(&point);
-            if let Some(label) = label.filter(|label| *label > 0 && !body.is_outside(*label)) {
+            if let Some(label) = body.label_at(&point) {
                 *passed.entry(label).or_default() += (to - from).norm() / steps;
             }
         }

@@ -139,6 +139,12 @@ impl Body<'_> {
         matches!(self.tissues.of(label).name.as_ref(), "background" | "air")
     }
 
+    /// Label at a point of the body (world, mm); `None` in air and outside the volume.
+    pub(crate) fn label_at(&self, point: &Point3<f64>) -> Option<u8> {
+        let label = self.volume.label_index_at(point);
+        label.filter(|label| *label > 0 && !self.is_outside(*label))
+    }
+
     fn counts(&self) -> [u64; 256] {
         let mut counts = [0; 256];
         for &label in self.volume.voxels() {

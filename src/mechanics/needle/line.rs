@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Unit, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
 /// Returns two unit vectors perpendicular to a unit vector and to each other.
-pub(in crate::mechanics) fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
+pub(crate) fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let mut aside = Vector3::zeros();
     aside[along.iamin()] = 1.0;
     let across = along.cross(&aside).normalize();

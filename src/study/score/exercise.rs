@@ -9,13 +9,14 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::groups::{Comparison, Session, compare};
-use super::hands::{Draw, Hand, Plan, across, hand};
+use super::hands::{Draw, Hand, Plan, hand};
 use super::{Collector, NAMES, Score};
 use crate::base::random::hash3;
 use crate::base::range::{OutOfRange, check};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::clearance::Surroundings;
 use crate::input::scenario::run::{Requests, run};
+use crate::mechanics::needle::across;
 use crate::study::StudyError;
 use crate::tracking::pose::Pose;
 
@@ -217,10 +218,7 @@ impl Conditions {
 /// First point of the body on a line through a point near its skin.
 fn skin(scenario: &Scenario, near: &Point3<f64>, along: &Vector3<f64>) -> Option<Point3<f64>> {
     let body = scenario.scene.body();
-    let inside = |at: &Point3<f64>| {
-        let label = body.volume.label_index_at(at);
-        label.is_some_and(|label| label > 0 && !body.is_outside(label))
-    };
+    let inside = |at: &Point3<f64>| body.label_at(at).is_some();
     let mut points = (-200..=200).map(|step| near + along * (0.25 * f64::from(step)));
     let outside = points.next().filter(|first| !inside(first));
     outside.and_then(|_| points.find(inside))

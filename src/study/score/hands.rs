@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use crate::base::random::{hash3, seed_words, unit};
 use crate::input::scenario::Scenario;
+use crate::mechanics::needle::across;
 use crate::study::StudyError;
 use crate::tracking::TrackingError;
 use crate::tracking::needle::NeedlePath;
@@ -302,10 +303,7 @@ impl Plan {
             return Err(unscored("has a needle that does not move"));
         };
         let body = scenario.scene.body();
-        let inside = |mm: &f64| {
-            let label = body.volume.label_index_at(&(start + along * *mm));
-            label.is_some_and(|label| label > 0 && !body.is_outside(label))
-        };
+        let inside = |mm: &f64| body.label_at(&(start + along * *mm)).is_some();
         let steps = (deepest / ENTRY_MM) as usize;
         let mut search = (0..steps).map(|at| at as f64 * ENTRY_MM);
         let before_mm = search
@@ -322,12 +320,4 @@ impl Plan {
             along,
         })
     }
-}
-
-/// Two unit vectors across a direction.
-pub(super) fn across(along: &Vector3<f64>) -> [Vector3<f64>; 2] {
-    let mut aside = Vector3::zeros();
-    aside[along.iamin()] = 1.0;
-    let first = along.cross(&aside).normalize();
-    [first, along.cross(&first)]
 }

@@ -7,7 +7,7 @@ use image::GrayImage;
 
 use super::exercise::GROUPS;
 use super::groups::{Comparison, SIGNIFICANT, Spread, quantile};
-use super::{COUNT, MEANINGS, NAMES, Score, UNITS};
+use super::{COUNT, MEANINGS, Metrics, NAMES, Score, UNITS};
 use crate::base::output::OutputError;
 use crate::base::report::number::fixed;
 use crate::base::report::page::Page;
@@ -45,19 +45,17 @@ impl Score {
     }
 
     fn table(&self) -> Table {
-        let head = ["", "as deformed", "at rest"].map(Cell::number);
         let rows = (0..COUNT).map(|at| {
-            let numbers = [&self.metrics, &self.at_rest].map(|metrics| Cell::number(fixed(metrics.values()[at])));
-            let [now, rest] = numbers;
+            let number = |metrics: &Metrics| Cell::number(fixed(metrics.values()[at]));
             [
                 Cell::from(NAMES[at]),
-                now,
-                rest,
+                number(&self.metrics),
+                number(&self.at_rest),
                 Cell::from(UNITS[at]),
                 Cell::from(MEANINGS[at]),
             ]
         });
-        let [_, now, rest] = head;
+        let [now, rest] = ["as deformed", "at rest"].map(Cell::number);
         Table::new([Cell::from(""), now, rest, Cell::from(""), Cell::from("")]).with(rows)
     }
 
@@ -306,8 +304,7 @@ impl Comparison {
 pub fn study_notes(tasks: usize, people: usize, seed: u64) -> Vec<String> {
     vec![format!(
         "Simulated hands, not people: {} groups of {people}, {tasks} tasks each, seed {seed}. Zhu et al. 2007 compared 8 consultants, 8 \
-             registrars and 8 students in 24 sessions each; the errors of the hands here are choices, so that the numbers are of this program \
-             and not comparable with theirs.",
+         registrars and 8 students, 24 sessions a group; the errors of these hands are chosen, so the figures are not comparable with theirs.",
         GROUPS.len()
     )]
 }

@@ -5,7 +5,8 @@ use std::fmt;
 
 use image::GrayImage;
 
-use super::{Figures, Made, image, solid_correlations};
+use super::{Figures, LAGS, Made};
+use crate::anatomy::volume::texture::synthesis::correlations;
 use crate::base::output::OutputError;
 use crate::base::report::page::{Page, escape};
 use crate::base::report::plot::{Axis, Plot, Series};
@@ -125,12 +126,12 @@ impl Made {
                 .map(|(lag, value)| [lag as f64 * self.voxel_mm, value])
                 .collect::<Vec<_>>()
         };
-        let first = image(&self.exemplars.xy);
+        let first = &self.exemplars.xy;
         let mut series = vec![
-            Series::line("exemplar, columns", 0, line(first.correlations(0))),
-            Series::line("exemplar, rows", 1, line(first.correlations(1))),
+            Series::line("exemplar, columns", 0, line(first.correlations(0, LAGS))),
+            Series::line("exemplar, rows", 1, line(first.correlations(1, LAGS))),
         ];
-        let solid = |axis: usize| line(solid_correlations(&self.level, self.side, axis));
+        let solid = |axis: usize| line(correlations(&self.level, self.side, axis, LAGS.min(self.side / 2)));
         series.extend((0..3).map(|axis| Series::line(format!("solid, {}", AXES[axis]), 2 + axis, solid(axis))));
         Plot::new(
             "Autocorrelation",

@@ -86,7 +86,7 @@ pub struct Pixel {
     pub frame: usize,
     /// Column and row in orientation MF.
     pub at: [f64; 2],
-    /// Where it lies.
+    /// Position, mm.
     pub feature: Feature,
 }
 

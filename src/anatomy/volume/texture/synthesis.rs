@@ -16,6 +16,7 @@ use rayon::prelude::*;
 
 use crate::anatomy::volume::VolumeError;
 use crate::base::random::{hash3, seed_words, unit};
+use crate::base::report::statistics::full_width;
 
 /// Side of a neighbourhood, voxels.
 const SIDE: usize = 8;
@@ -97,11 +98,13 @@ impl Exemplar {
 
     /// Half width at half maximum of the autocorrelation along the columns (0) or rows (1), pixels.
     fn width(&self, axis: usize) -> f64 {
-        let covariance = self.covariance(axis, self.size[axis] / 2);
-        let after = covariance.iter().position(|value| *value < 0.5 * covariance[0]);
-        let after = after.unwrap_or(covariance.len() - 1).max(1);
-        let (high, low) = (covariance[after - 1], covariance[after]);
-        after as f64 - 1.0 + ((high - 0.5 * covariance[0]) / (high - low)).clamp(0.0, 1.0)
+        let most = self.size[axis] / 2;
+        full_width(&self.correlations(axis, most), 0.5).unwrap_or(most as f64)
+    }
+
+    /// Autocorrelation along the columns (0) or rows (1) at lags of 0 to `most` pixels.
+    pub fn correlations(&self, axis: usize, most: usize) -> Vec<f64> {
+        normalised(self.covariance(axis, most))
     }
 
     /// Autocovariance along the columns (0) or rows (1) up to a lag, 0 beyond its extent.
@@ -248,7 +251,7 @@ impl Exemplars {
         match_histogram(values, &like);
         for _ in 0..TURNS {
             for (axis, wanted) in wanted.iter().enumerate() {
-                let found = spectrum(&covariance(values, side, axis), side);
+                let found = spectrum(&covariance(values, side, axis, side / 2), side);
                 let most = found.iter().copied().fold(0.0, f64::max);
                 let gain = wanted
                     .iter()
@@ -261,8 +264,17 @@ impl Exemplars {
     }
 }
 
-/// Autocovariance of a periodic solid along an axis, up to half of its side.
-fn covariance(values: &[f32], side: usize, axis: usize) -> Vec<f64> {
+fn normalised(covariance: Vec<f64>) -> Vec<f64> {
+    covariance.iter().map(|value| value / covariance[0]).collect()
+}
+
+/// Autocorrelation of a periodic solid along an axis at lags of 0 to `most` voxels.
+pub fn correlations(values: &[f32], side: usize, axis: usize, most: usize) -> Vec<f64> {
+    normalised(covariance(values, side, axis, most))
+}
+
+/// Autocovariance of a periodic solid along an axis.
+fn covariance(values: &[f32], side: usize, axis: usize, most: usize) -> Vec<f64> {
     let stride = side.pow(axis as u32);
     let mean = values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64;
     let lag = |lag: usize| {
@@ -273,7 +285,7 @@ fn covariance(values: &[f32], side: usize, axis: usize) -> Vec<f64> {
         };
         (0..values.len()).map(product).sum::<f64>() / values.len() as f64
     };
-    (0..=side / 2).into_par_iter().map(lag).collect()
+    (0..=most).into_par_iter().map(lag).collect()
 }
 
 /// Power at frequencies from 0 to half of the sampling rate from an even autocovariance up to half of the period, under a Hann taper.

@@ -58,10 +58,7 @@ pub(super) fn skin(body: &Body<'_>, pose: &Pose, lateral_mm: f64, depth_mm: f64)
     let steps = ((BEFORE_MM + depth_mm) / SKIN_STEP_MM) as usize;
     let at = |step: usize| Point3::new(lateral_mm, step as f64 * SKIN_STEP_MM - BEFORE_MM, 0.0);
     let mut points = (0..steps).map(|step| pose.probe_to_world().transform_point(&at(step)));
-    let is_body = |point: &Point3<f64>| {
-        let label = body.volume.label_index_at(point);
-        label.is_some_and(|label| label > 0 && !body.is_outside(label))
-    };
+    let is_body = |point: &Point3<f64>| body.label_at(point).is_some();
     let first = points.next().filter(|first| !is_body(first));
     first.and_then(|_| points.find(is_body))
 }
