@@ -20,6 +20,11 @@ pub(crate) const PNG: Kind = Kind {
     name: "a PNG file",
     most: 128 << 20,
 };
+/// Limit for DICOM files: some minutes of compressed frames.
+pub(crate) const DICOM: Kind = Kind {
+    name: "a DICOM file",
+    most: 512 << 20,
+};
 /// Limit for scenes, scenarios and problems: a list of a million numbers fits.
 pub(crate) const TOML: Kind = Kind {
     name: "a TOML file",

@@ -18,8 +18,8 @@ counts. Depth runs down the picture. Crop pictures with more than one sector.
   difference  mean of the frames less that of the real ones, in standard deviations of the real ones
   verdict     inside up to 2 standard deviations, else outside; none with a single real frame
 
-Millimetres come from the sidecar (`render --sidecar`) beside a PNG file and from sequences that state them; else from the options.
-Convert DICOM to PNG first.
+Frames are PNG and DICOM files, folders of them, and image sequences. Millimetres come from the sidecar (`render --sidecar`) beside a PNG
+file, from the calibrated regions of a DICOM file and from sequences that state them; else from the options.
 
 Examples:
   insonify realism frame.png --against real/ --real-mm-per-pixel 0.3

@@ -27,13 +27,13 @@ Examples:
   insonify texture muscle-long.png --region 40,60,300,200 --zy muscle-cross.png --zy-region 50,60,200,200 --mm-per-pixel 0.1 -o muscle.nrrd
   insonify texture prostate.igs.mha --region 200,200,160,160 --content keep --size 128 -o prostate.nrrd
 
-The output is periodic. Convert DICOM to PNG first. docs/training.md shows the way from images to a scene.";
+The output is periodic. docs/training.md shows the way from images to a scene.";
 
 /// Makes a solid texture from regions of ultrasound images
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct TextureArgs {
-    /// Image of the x-y plane: PNG, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
+    /// Image of the x-y plane: PNG, DICOM, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
     #[arg(value_name = "IMAGE")]
     image: PathBuf,
     /// Region of even tissue: left column, upper row, columns, rows

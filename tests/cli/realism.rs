@@ -151,14 +151,14 @@ fn what_is_no_frame_is_refused() {
     for (arguments, words) in [
         ("realism --against real", &["FRAMES"][..]),
         ("realism a.png", &["--against"]),
-        ("realism none --against real", &["none, folder", "no PNG file"]),
+        ("realism none --against real", &["none, folder", "no PNG or DICOM file"]),
         ("realism nowhere.png --against real", &["nowhere.png", "cannot be read"]),
         (
             "realism broken.png --against real",
             &["broken.png", "a PNG file, grey or RGB"],
         ),
         ("realism a.png --against cut.png", &["cut.png", "a PNG file"]),
-        ("realism us.dcm --against real", &["us.dcm", "a DICOM file", "PNG"]),
+        ("realism us.dcm --against real", &["us.dcm", "a DICOM file with images"]),
         ("realism flat.png --against real", &["flat.png", "no sector"]),
         (
             "realism small.png --against real",

@@ -1,10 +1,12 @@
-//! Input frames from PNG files, folders of them, and image sequences.
+//! Input frames from PNG and DICOM files, folders of them, and image sequences.
+
+mod dicom;
 
 use std::fs;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
-use image::{ImageFormat, ImageReader, Limits};
+use image::{DynamicImage, ImageFormat, ImageReader, Limits};
 
 use crate::anatomy::volume::{At, VolumeError};
 use crate::base::read;
@@ -16,7 +18,7 @@ use crate::tracking::sequence::Sequence;
 const COLOURED: u8 = 40;
 /// Plausible pixel sizes, mm.
 pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
-/// Largest number of columns and of rows of a PNG file.
+/// Largest number of columns and of rows of a picture.
 const LARGEST: u32 = 8192;
 
 /// Luminance of a frame (Rec. 709), row by row, rows along depth.
@@ -38,9 +40,9 @@ pub struct Picture {
     pub neighbour: Option<Vec<f64>>,
 }
 
-/// Reads frames from PNG files, folders of them (without the layers that this program writes beside its frames), and image sequences, of
-/// which up to `per_sequence` evenly spaced frames are taken. The pixel size comes from the sidecar of a PNG file or from the sequence (its
-/// spacing, or the scale of its transform from `Image`), otherwise from `mm_per_pixel`.
+/// Reads frames from PNG files, folders of PNG and DICOM files (without the layers that this program writes beside its frames), and DICOM files
+/// and image sequences, of which up to `per_sequence` evenly spaced frames are taken. The pixel size comes from the sidecar of a PNG file or from
+/// the sequence (its spacing, or the scale of its transform from `Image`; of DICOM its calibrated regions), otherwise from `mm_per_pixel`.
 ///
 /// # Errors
 /// [`VolumeError`] with the file, the content found and the content expected.
@@ -49,12 +51,10 @@ pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -
     for path in paths {
         if path.is_dir() {
             for file in folder(path)? {
-                pictures.push(png(&file)?);
+                pictures.extend(frames(&file, per_sequence)?);
             }
-        } else if has_ending(path, "png") {
-            pictures.push(png(path)?);
         } else {
-            pictures.extend(sequence(path, per_sequence)?);
+            pictures.extend(frames(path, per_sequence)?);
         }
     }
     for picture in &mut pictures {
@@ -64,11 +64,26 @@ pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -
     Ok(pictures)
 }
 
+/// Reads frames of a file by its kind.
+fn frames(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
+    match path {
+        _ if has_ending(path, "png") => Ok(vec![png(path)?]),
+        _ if is_dicom(path) => dicom::read(path, most),
+        _ => sequence(path, most),
+    }
+}
+
+/// Evenly spaced frame numbers, up to `most`, the first and the last among them.
+fn spread(frames: usize, most: usize) -> impl Iterator<Item = usize> {
+    let count = most.clamp(1, frames.max(1));
+    (0..count).map(move |n| n * (frames - 1) / (count - 1).max(1))
+}
+
 fn has_ending(path: &Path, ending: &str) -> bool {
     path.extension().is_some_and(|found| found.eq_ignore_ascii_case(ending))
 }
 
-/// Lists the PNG files of a folder by name, without layers and overviews.
+/// Lists the PNG and DICOM files of a folder by name, without layers and overviews.
 fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
     let beside: Vec<String> = Layer::ALL
@@ -80,7 +95,8 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
     for entry in fs::read_dir(path).map_err(fail)? {
         let file = entry.map_err(fail)?.path();
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        if has_ending(&file, "png") && !beside.iter().any(|suffix| stem.ends_with(suffix)) {
+        if (has_ending(&file, "png") || has_ending(&file, "dcm")) && !beside.iter().any(|suffix| stem.ends_with(suffix))
+        {
             files.push(file);
         }
     }
@@ -89,8 +105,8 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
         return Err(VolumeError::malformed(
             path,
             At::Folder,
-            "no PNG file",
-            "frames as .png files",
+            "no PNG or DICOM file",
+            "frames as .png or .dcm files",
         ));
     }
     Ok(files)
@@ -105,27 +121,34 @@ fn png(path: &Path) -> Result<Picture, VolumeError> {
     let image = reader
         .decode()
         .map_err(|cause| VolumeError::malformed(path, At::Pixels, cause.to_string(), "a PNG file, grey or RGB"))?;
-    let mut overlay = Vec::new();
-    if image.color().has_color() {
-        let spread = |pixel: &image::Rgb<u8>| {
-            let [r, g, b] = pixel.0;
-            r.max(g).max(b) - r.min(g).min(b)
-        };
-        overlay = image
-            .to_rgb8()
-            .pixels()
-            .map(|pixel| spread(pixel) >= COLOURED)
-            .collect();
+    let mm = pixel_mm(&Sidecar::path_for(path)).map(|mm| [mm; 2]);
+    Ok(Picture::of(image, path.display().to_string(), mm))
+}
+
+impl Picture {
+    fn of(image: DynamicImage, name: String, mm: Option<[f64; 2]>) -> Self {
+        let mut overlay = Vec::new();
+        if image.color().has_color() {
+            let spread = |pixel: &image::Rgb<u8>| {
+                let [r, g, b] = pixel.0;
+                r.max(g).max(b) - r.min(g).min(b)
+            };
+            overlay = image
+                .to_rgb8()
+                .pixels()
+                .map(|pixel| spread(pixel) >= COLOURED)
+                .collect();
+        }
+        Self {
+            name,
+            width: image.width() as usize,
+            height: image.height() as usize,
+            grey: image.into_luma8().iter().map(|&grey| f64::from(grey)).collect(),
+            overlay,
+            mm,
+            neighbour: None,
+        }
     }
-    Ok(Picture {
-        name: path.display().to_string(),
-        width: image.width() as usize,
-        height: image.height() as usize,
-        grey: image.into_luma8().iter().map(|&grey| f64::from(grey)).collect(),
-        overlay,
-        mm: pixel_mm(&Sidecar::path_for(path)).map(|mm| [mm; 2]),
-        neighbour: None,
-    })
 }
 
 /// Reads the pixel size from a sidecar, mm; `None` if there is none.
@@ -137,11 +160,8 @@ fn pixel_mm(sidecar: &Path) -> Option<f64> {
 
 /// Reads evenly spaced frames of a sequence.
 fn sequence(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
-    let expected = "frames as .png files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
-    if is_dicom(path) {
-        let convert = format!("{expected}: convert its frames to PNG, for example with dcmj2pnm of DCMTK");
-        return Err(VolumeError::malformed(path, At::Header, "a DICOM file", convert));
-    }
+    let expected =
+        "frames as .png or .dcm files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
     let sequence = Sequence::read(path)?;
     if let Some(kind) = sequence.image_type.as_ref().filter(|kind| *kind != "BRIGHTNESS") {
         let found = format!("images of type {kind}");
@@ -158,8 +178,7 @@ fn sequence(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
     if shown.is_empty() {
         return Err(VolumeError::malformed(path, At::Pixels, "no valid image", expected));
     }
-    let count = most.clamp(1, shown.len());
-    let chosen = (0..count).map(|n| shown[n * (shown.len() - 1) / (count - 1).max(1)]);
+    let chosen = spread(shown.len(), most).map(|n| shown[n]);
     let grey = |at: usize| -> Option<Vec<f64>> {
         let image = sequence.image(at)?;
         Some(image.pixels.iter().map(|&grey| f64::from(grey)).collect())

@@ -1,0 +1,194 @@
+//! Frames of DICOM files: native, RLE and JPEG pixels, colour palettes (PS3.3 C.7.9), and the pixel size from the calibrated regions
+//! (PS3.3 C.8.5.5) or the pixel spacing.
+
+#[cfg(test)]
+mod tests;
+
+use std::io::Cursor;
+use std::path::Path;
+
+use dicom_dictionary_std::tags;
+use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions, Tag};
+use dicom_pixeldata::{ConvertOptions, DecodedPixelData, PhotometricInterpretation, PixelDecoder, VoiLutOption};
+use image::{DynamicImage, RgbImage};
+
+use super::{LARGEST, Picture};
+use crate::anatomy::volume::{At, VolumeError};
+use crate::base::read;
+
+/// Physical units of a region's pixels: centimetres (PS3.3 C.8.5.5.1.15).
+const CENTIMETRES: u16 = 3;
+/// Descriptor, entries and segmented entries of the palettes of red, green and blue.
+const PALETTES: [[Tag; 3]; 3] = [
+    [
+        tags::RED_PALETTE_COLOR_LOOKUP_TABLE_DESCRIPTOR,
+        tags::RED_PALETTE_COLOR_LOOKUP_TABLE_DATA,
+        tags::SEGMENTED_RED_PALETTE_COLOR_LOOKUP_TABLE_DATA,
+    ],
+    [
+        tags::GREEN_PALETTE_COLOR_LOOKUP_TABLE_DESCRIPTOR,
+        tags::GREEN_PALETTE_COLOR_LOOKUP_TABLE_DATA,
+        tags::SEGMENTED_GREEN_PALETTE_COLOR_LOOKUP_TABLE_DATA,
+    ],
+    [
+        tags::BLUE_PALETTE_COLOR_LOOKUP_TABLE_DESCRIPTOR,
+        tags::BLUE_PALETTE_COLOR_LOOKUP_TABLE_DATA,
+        tags::SEGMENTED_BLUE_PALETTE_COLOR_LOOKUP_TABLE_DATA,
+    ],
+];
+
+/// Reads up to `most` evenly spaced frames.
+pub(super) fn read(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
+    let bytes = read::whole(path, read::DICOM).map_err(|cause| VolumeError::read(path, cause))?;
+    let object = OpenFileOptions::new()
+        .from_reader(Cursor::new(bytes))
+        .map_err(|cause| VolumeError::malformed(path, At::Header, cause.to_string(), "a DICOM file with images"))?;
+    let wrong = |found: String| {
+        let expected = "grey, RGB, YBR or palette images; others can be converted to PNG with dcmj2pnm of DCMTK";
+        VolumeError::malformed(path, At::Pixels, found, expected)
+    };
+    let [rows, columns] = [tags::ROWS, tags::COLUMNS].map(|tag| number(&object, tag).unwrap_or(0.0));
+    if !(1.0..=f64::from(LARGEST)).contains(&rows.min(columns)) || rows.max(columns) > f64::from(LARGEST) {
+        return Err(wrong(format!("images of {columns} x {rows} pixels")));
+    }
+    let frames = number(&object, tags::NUMBER_OF_FRAMES).map_or(1, |count| (count as usize).max(1));
+    let grey = |at: usize| frame(&object, at as u32).map(|image| Picture::of(image, String::new(), None));
+    let mm = pixel_mm(&object);
+    let pictures = super::spread(frames, most).map(|at| {
+        let picture = grey(at).map_err(wrong)?;
+        let beside = if at + 1 < frames {
+            Some(at + 1)
+        } else {
+            at.checked_sub(1)
+        };
+        Ok(Picture {
+            name: match frames {
+                1 => path.display().to_string(),
+                _ => format!("{}, frame {at}", path.display()),
+            },
+            mm,
+            neighbour: beside.and_then(|at| grey(at).ok()).map(|picture| picture.grey),
+            ..picture
+        })
+    });
+    pictures.collect()
+}
+
+fn number(object: &InMemDicomObject, tag: Tag) -> Option<f64> {
+    object.get(tag)?.to_float64().ok()
+}
+
+/// Decodes a frame; the error says what is wrong with it.
+fn frame(object: &DefaultDicomObject, at: u32) -> Result<DynamicImage, String> {
+    let pixels = object
+        .decode_pixel_data_frame(at)
+        .map_err(|cause| format!("frame {at}: {cause}"))?;
+    if *pixels.photometric_interpretation() == PhotometricInterpretation::PaletteColor {
+        return coloured(object, &pixels)
+            .ok_or_else(|| format!("frame {at} with a colour palette that cannot be read"));
+    }
+    // Without a window, levels are as stored; the default would stretch them.
+    let window = match object.get(tags::WINDOW_CENTER) {
+        Some(_) => VoiLutOption::First,
+        None => VoiLutOption::Identity,
+    };
+    pixels
+        .to_dynamic_image_with_options(0, &ConvertOptions::new().with_voi_lut(window).force_8bit())
+        .map_err(|cause| format!("frame {at}: {cause}"))
+}
+
+/// Colours the indices of a frame by the palettes of the file.
+fn coloured(object: &InMemDicomObject, pixels: &DecodedPixelData<'_>) -> Option<DynamicImage> {
+    let data = pixels.frame_data(0).ok()?;
+    let words: Vec<u16> = match pixels.bits_allocated() {
+        8 => data.iter().map(|byte| u16::from(*byte)).collect(),
+        16 => pixels.frame_data_ow(0).ok()?,
+        _ => return None,
+    };
+    let mut palettes = [(0, Vec::new()), (0, Vec::new()), (0, Vec::new())];
+    for (palette, tags) in palettes.iter_mut().zip(PALETTES) {
+        *palette = entries(object, tags)?;
+    }
+    let bytes = words.iter().flat_map(|word| {
+        palettes.each_ref().map(|(first, levels)| {
+            let at = usize::from(word.saturating_sub(*first));
+            levels[at.min(levels.len() - 1)]
+        })
+    });
+    RgbImage::from_raw(pixels.columns(), pixels.rows(), bytes.collect()).map(DynamicImage::from)
+}
+
+/// First index and 8-bit levels of a palette.
+fn entries(object: &InMemDicomObject, [descriptor, plain, segmented]: [Tag; 3]) -> Option<(u16, Vec<u8>)> {
+    let [count, first, bits] = <[i64; 3]>::try_from(object.get(descriptor)?.to_multi_int().ok()?).ok()?;
+    let count = if count == 0 {
+        1 << 16
+    } else {
+        usize::try_from(count).ok()?
+    };
+    let levels: Vec<u16> = match (object.get(plain), object.get(segmented)) {
+        (Some(data), _) => {
+            let bytes = data.to_bytes().ok()?;
+            // Entries of 8 bits may be packed by two.
+            match bits == 8 && bytes.len() < 2 * count {
+                true => bytes.iter().map(|byte| u16::from(*byte)).collect(),
+                false => data.to_multi_int().ok()?,
+            }
+        }
+        (None, Some(data)) => expanded(&data.to_multi_int().ok()?, count)?,
+        (None, None) => return None,
+    };
+    let shift = if bits == 8 { 0 } else { 8 };
+    let levels: Vec<u8> = levels.iter().take(count).map(|level| (level >> shift) as u8).collect();
+    (!levels.is_empty()).then_some((first as u16, levels))
+}
+
+/// Entries of a segmented palette: discrete (0) and linear (1) segments (PS3.3 C.7.9.2); `None` for others, and for more than `most` entries.
+fn expanded(words: &[u16], most: usize) -> Option<Vec<u16>> {
+    let mut levels: Vec<u16> = Vec::new();
+    let mut words = words.iter().copied();
+    while let Some(kind) = words.next() {
+        // A last word may pad the data to even length.
+        let Some(length) = words.next() else { break };
+        let length = usize::from(length);
+        if levels.len() + length > most {
+            return None;
+        }
+        match kind {
+            0 => levels.extend(words.by_ref().take(length)),
+            1 => {
+                let (from, to) = (f64::from(*levels.last()?), f64::from(words.next()?));
+                levels.extend((1..=length).map(|at| (from + (to - from) * at as f64 / length as f64).round() as u16));
+            }
+            _ => return None,
+        }
+    }
+    Some(levels)
+}
+
+/// Pixel size of the largest region calibrated in centimetres, otherwise the pixel spacing, mm: columns, rows.
+fn pixel_mm(object: &InMemDicomObject) -> Option<[f64; 2]> {
+    let regions = object.get(tags::SEQUENCE_OF_ULTRASOUND_REGIONS);
+    let regions = regions.and_then(|element| element.items()).unwrap_or_default();
+    let in_mm = regions.iter().filter_map(|region| {
+        let units = [tags::PHYSICAL_UNITS_X_DIRECTION, tags::PHYSICAL_UNITS_Y_DIRECTION];
+        let in_centimetres = units
+            .iter()
+            .all(|tag| number(region, *tag) == Some(f64::from(CENTIMETRES)));
+        let side = |low: Tag, high: Tag| Some(number(region, high)? - number(region, low)?);
+        let area = side(tags::REGION_LOCATION_MIN_X0, tags::REGION_LOCATION_MAX_X1)?
+            * side(tags::REGION_LOCATION_MIN_Y0, tags::REGION_LOCATION_MAX_Y1)?;
+        let delta = [
+            number(region, tags::PHYSICAL_DELTA_X)?,
+            number(region, tags::PHYSICAL_DELTA_Y)?,
+        ];
+        in_centimetres.then_some((area, delta.map(|cm| 10.0 * cm.abs())))
+    });
+    let largest = in_mm.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, mm)| mm);
+    largest.or_else(|| {
+        let spacing = object.get(tags::PIXEL_SPACING)?.to_multi_float64().ok()?;
+        <[f64; 2]>::try_from(spacing)
+            .ok()
+            .map(|[rows, columns]| [columns, rows])
+    })
+}

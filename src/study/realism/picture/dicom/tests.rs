@@ -1,0 +1,149 @@
+use dicom_core::value::DataSetSequence;
+use dicom_core::{DataElement, PrimitiveValue, VR};
+use dicom_object::FileMetaTableBuilder;
+
+use super::*;
+
+fn put(object: &mut InMemDicomObject, tag: Tag, vr: VR, value: impl Into<PrimitiveValue>) {
+    object.put(DataElement::new(tag, vr, value.into()));
+}
+
+/// A file of `frames` of 8-bit pixels, 4 columns by 2 rows each.
+fn file(kind: &str, frames: &[[u8; 8]], more: impl Fn(&mut InMemDicomObject)) -> Vec<u8> {
+    let mut object = InMemDicomObject::new_empty();
+    for (tag, number) in [
+        (tags::ROWS, 2_u16),
+        (tags::COLUMNS, 4),
+        (tags::SAMPLES_PER_PIXEL, 1),
+        (tags::BITS_ALLOCATED, 8),
+        (tags::BITS_STORED, 8),
+        (tags::HIGH_BIT, 7),
+        (tags::PIXEL_REPRESENTATION, 0),
+    ] {
+        put(&mut object, tag, VR::US, number);
+    }
+    put(&mut object, tags::PHOTOMETRIC_INTERPRETATION, VR::CS, kind);
+    put(&mut object, tags::NUMBER_OF_FRAMES, VR::IS, frames.len().to_string());
+    put(&mut object, tags::PIXEL_DATA, VR::OB, frames.concat());
+    more(&mut object);
+    let meta = FileMetaTableBuilder::new()
+        .transfer_syntax("1.2.840.10008.1.2.1")
+        .media_storage_sop_class_uid("1.2.840.10008.5.1.4.1.1.6.1")
+        .media_storage_sop_instance_uid("2.25.1");
+    let mut bytes = Vec::new();
+    let object = object.with_meta(meta).expect("a meta table");
+    object.write_all(&mut bytes).expect("memory");
+    bytes
+}
+
+fn pictures(bytes: &[u8], most: usize) -> Result<Vec<Picture>, VolumeError> {
+    let folder = tempfile::tempdir().expect("a folder");
+    let path = folder.path().join("us.dcm");
+    std::fs::write(&path, bytes).expect("a file");
+    read(&path, most)
+}
+
+fn region(columns: u32, delta_cm: f64, units: u16) -> InMemDicomObject {
+    let mut region = InMemDicomObject::new_empty();
+    for (tag, number) in [
+        (tags::REGION_LOCATION_MIN_X0, 0),
+        (tags::REGION_LOCATION_MAX_X1, columns),
+        (tags::REGION_LOCATION_MIN_Y0, 0),
+        (tags::REGION_LOCATION_MAX_Y1, 2),
+    ] {
+        put(&mut region, tag, VR::UL, number);
+    }
+    for tag in [tags::PHYSICAL_UNITS_X_DIRECTION, tags::PHYSICAL_UNITS_Y_DIRECTION] {
+        put(&mut region, tag, VR::US, units);
+    }
+    put(&mut region, tags::PHYSICAL_DELTA_X, VR::FD, delta_cm);
+    put(&mut region, tags::PHYSICAL_DELTA_Y, VR::FD, -2.0 * delta_cm);
+    region
+}
+
+#[test]
+fn frames_and_their_neighbours_are_read_with_the_size_of_the_largest_region() {
+    let frames = [[1; 8], [2; 8], [0, 50, 100, 150, 200, 250, 255, 3]];
+    let bytes = file("MONOCHROME2", &frames, |object| {
+        // Seconds (4) across a trace of a Doppler spectrum are no size of pixels.
+        let regions = vec![region(2, 0.01, 3), region(3, 0.02, 3), region(4, 0.5, 4)];
+        let regions = DataSetSequence::from(regions);
+        object.put(DataElement::new(tags::SEQUENCE_OF_ULTRASOUND_REGIONS, VR::SQ, regions));
+    });
+    let found = pictures(&bytes, 2).unwrap();
+    assert_eq!(found.len(), 2);
+    assert_eq!(found[0].grey, [1.0; 8]);
+    assert_eq!(found[0].neighbour.as_deref(), Some(&[2.0; 8][..]));
+    assert_eq!(found[1].grey, frames[2].map(f64::from));
+    assert_eq!(found[1].neighbour.as_deref(), Some(&[2.0; 8][..]));
+    assert_eq!((found[1].width, found[1].height), (4, 2));
+    let mm = found[0].mm.unwrap();
+    assert!((mm[0] - 0.2).abs() < 1e-12 && (mm[1] - 0.4).abs() < 1e-12, "{mm:?}");
+    assert!(found[1].name.ends_with("us.dcm, frame 2") && found[1].overlay.is_empty());
+}
+
+#[test]
+fn palettes_colour_indices() {
+    let indices = [0, 1, 2, 3, 4, 5, 6, 255];
+    let palette = |data: [PrimitiveValue; 3], bits: u16| {
+        move |object: &mut InMemDicomObject| {
+            for ([descriptor, plain, _], data) in PALETTES.into_iter().zip(data.clone()) {
+                let numbers = PrimitiveValue::U16([7, 1, bits].into_iter().collect());
+                put(object, descriptor, VR::US, numbers);
+                put(object, plain, VR::OW, data);
+            }
+        }
+    };
+    // Indices count from 1, and the last entry holds beyond the end.
+    let grey = [10.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0];
+    let words: Vec<u16> = [10, 20, 30, 40, 50, 60, 70].map(|level| level << 8 | 7).to_vec();
+    let words = PrimitiveValue::U16(words.into());
+    let bytes = PrimitiveValue::U8(vec![10, 20, 30, 40, 50, 60, 70, 0].into());
+    for (data, bits) in [(words, 16), (bytes.clone(), 8)] {
+        let all = [data.clone(), data.clone(), data];
+        let found = pictures(&file("PALETTE COLOR", &[indices], palette(all, bits)), 1).unwrap();
+        assert_eq!(found[0].grey, grey);
+        assert!(!found[0].overlay.contains(&true));
+    }
+    let red = PrimitiveValue::U8(vec![10, 200, 30, 40, 50, 60, 70, 0].into());
+    let found = pictures(
+        &file("PALETTE COLOR", &[indices], palette([red, bytes.clone(), bytes], 8)),
+        1,
+    )
+    .unwrap();
+    assert_eq!(found[0].overlay.iter().position(|is| *is), Some(2));
+    let error = pictures(&file("PALETTE COLOR", &[indices], |_| ()), 1)
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("a colour palette that cannot be read"), "{error}");
+}
+
+#[test]
+fn segments_of_palettes_expand() {
+    assert_eq!(
+        expanded(&[0, 2, 10, 20, 1, 4, 60, 0], 6),
+        Some(vec![10, 20, 30, 40, 50, 60])
+    );
+    assert_eq!(expanded(&[0, 1, 9, 1, 3, 0], 4), Some(vec![9, 6, 3, 0]));
+    for bad in [&[1, 2, 9][..], &[2, 1, 0, 0], &[0, 7, 1], &[0, 1, 5, 1, 9]] {
+        assert_eq!(expanded(bad, 6), None, "{bad:?}");
+    }
+}
+
+#[test]
+fn broken_files_are_refused() {
+    let whole = file("MONOCHROME2", &[[9; 8]; 3], |_| ());
+    for at in 0..whole.len() {
+        let mut bytes = whole.clone();
+        bytes[at] ^= 0x55;
+        let _ = pictures(&bytes, 3);
+        let _ = pictures(&whole[..at], 3);
+    }
+    let error = pictures(&whole[..140], 1).unwrap_err().to_string();
+    assert!(error.contains("expected a DICOM file with images"), "{error}");
+    let wide = file("MONOCHROME2", &[[9; 8]], |object| {
+        put(object, tags::COLUMNS, VR::US, 9000_u16)
+    });
+    let error = pictures(&wide, 1).unwrap_err().to_string();
+    assert!(error.contains("images of 9000 x 2 pixels"), "{error}");
+}
