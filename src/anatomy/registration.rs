@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use super::volume::{LabelVolume, VolumeError};
 use crate::base::matrix::Rows;
 pub use resample::resample;
-use skin::Skin;
+use skin::{Foot, Skin};
 
 /// Number of coefficients of each coordinate: 1, x, y, z, x2, y2, z2, xy, yz, zx.
 pub const TERMS: usize = 10;
@@ -247,6 +247,8 @@ pub struct Registration {
     pub quadratic: Fitted,
     /// Share of the skin within 10 mm of a surface point, after the quadratic stage.
     pub covered: f64,
+    /// Number of surface points beyond the end of the skin, such as the legs in a scan of a body that is cut at the hip; not used.
+    pub beyond: usize,
     /// Distances of the landmarks.
     pub landmarks_mm: Vec<LandmarkError>,
     /// Surface points in the volume's frame after the quadratic stage, with their distances from the skin, mm.
@@ -288,7 +290,7 @@ pub fn register(
     let map = quadratic(&thinned, skin, &matrix);
     let jacobian_min = map.least_jacobian(corners, &matrix)?;
     let distances = |points: &mut dyn Iterator<Item = Point3<f64>>| -> Vec<f64> {
-        points.map(|at| skin.distance(&at).abs()).collect()
+        points.map(|at| skin.foot(&at).distance_mm()).collect()
     };
     let rigidly = distances(&mut surface.iter().map(|at| matrix.transform_point(at)));
     let mapped: Vec<Point3<f64>> = surface.iter().map(|at| map.map(at)).collect();
@@ -306,6 +308,7 @@ pub fn register(
             p95_mm: rigid_p95,
         },
         covered: skin.covered(&mapped, COVERED_MM),
+        beyond: mapped.iter().filter(|at| skin.foot(at).beyond).count(),
         landmarks_mm: landmarks_mm.collect(),
         quadratic: Fitted {
             map,
@@ -392,24 +395,24 @@ fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize
     let kept = (KEPT * surface.len() as f64) as usize;
     let mut error = f64::INFINITY;
     for _ in 0..steps {
-        let mut pairs: Vec<(Point3<f64>, Vector3<f64>, f64)> = surface
+        let mut pairs: Vec<(Point3<f64>, Foot)> = surface
             .iter()
             .map(|at| {
                 let at = matrix.transform_point(at);
-                let (place, normal) = skin.nearest(&at);
-                (at, normal, normal.dot(&(at - place)))
+                (at, skin.foot(&at))
             })
             .collect();
-        pairs.sort_by(|a, b| a.2.abs().total_cmp(&b.2.abs()));
+        pairs.sort_by(|a, b| a.1.distance_mm().total_cmp(&b.1.distance_mm()));
         pairs.truncate(kept);
-        error = pairs.iter().map(|pair| pair.2 * pair.2).sum::<f64>() / kept as f64;
+        error = pairs.iter().map(|pair| pair.1.distance_mm().powi(2)).sum::<f64>() / kept as f64;
         let centre = pairs.iter().map(|pair| pair.0.coords).sum::<Vector3<f64>>() / kept as f64;
         let (mut normal, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
-        for (at, n, off) in &pairs {
-            let turn = (at.coords - centre).cross(n);
+        for (at, foot) in &pairs {
+            let n = foot.normal;
+            let turn = (at.coords - centre).cross(&n);
             let row = Vector6::new(turn.x, turn.y, turn.z, n.x, n.y, n.z);
             normal += row * row.transpose();
-            gradient += row * *off;
+            gradient += row * foot.height_mm;
         }
         // A surface of revolution leaves a turn open: the least change is taken.
         let Ok(step) = normal.svd(true, true).solve(&gradient, 1e-9 * kept as f64) else {
@@ -437,25 +440,28 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quad
     let radius = surface.iter().map(|at| (at - centre).norm()).fold(1.0, f64::max);
     let start = Quadratic::rigid(rigid, centre, radius);
     let mut map = start.clone();
-    let mut held = n;
+    let (mut held, mut free) = (n, 0.0);
     for _ in 0..QUADRATIC_STEPS {
         let pairs: Vec<_> = surface
             .iter()
-            .map(|at| {
-                let mapped = map.map(at);
-                let (place, normal) = skin.nearest(&mapped);
-                (terms(&map.scaled(at)), normal, normal.dot(&(mapped - place)))
-            })
+            .map(|at| (terms(&map.scaled(at)), skin.foot(&map.map(at))))
+            .filter(|(_, foot)| !foot.beyond)
             .collect();
-        let mut sizes: Vec<f64> = pairs.iter().map(|pair| pair.2.abs()).collect();
+        let mut sizes: Vec<f64> = pairs.iter().map(|(_, foot)| foot.distance_mm()).collect();
         sizes.sort_by(f64::total_cmp);
-        let sigma = scale(&sizes);
+        if sizes.len() < LEAST_POINTS {
+            break;
+        }
+        // Of n points, n - free remain to estimate the noise.
+        let n = sizes.len() as f64;
+        let sigma = scale(&sizes) * (n / (n - free).max(1.0)).sqrt();
         let (mut normal, mut right) = (
             DMatrix::<f64>::zeros(3 * TERMS, 3 * TERMS),
             DVector::<f64>::zeros(3 * TERMS),
         );
         let mut row = DVector::<f64>::zeros(3 * TERMS);
-        for (q, n, off) in &pairs {
+        for (q, foot) in &pairs {
+            let (n, off) = (foot.normal, foot.height_mm);
             let weight = 1.0 - (off / (BIWEIGHT * sigma)).powi(2);
             if weight <= 0.0 {
                 continue;
@@ -477,9 +483,12 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quad
                 right[at] -= weight * (map.coefficients[axis][term] - start.coefficients[axis][term]);
             }
         }
-        let Some(step) = normal.cholesky().map(|factor| factor.solve(&right)) else {
-            break;
-        };
+        let Some(factor) = normal.cholesky() else { break };
+        let step = factor.solve(&right);
+        // Degrees of freedom that the prior leaves: the trace of the influence matrix.
+        let inverse = factor.inverse();
+        let bound = |at: usize| if at % TERMS == 0 { 0.0 } else { held * inverse[(at, at)] };
+        free = (0..3 * TERMS).map(|at| 1.0 - bound(at)).sum();
         for axis in 0..3 {
             for term in 0..TERMS {
                 map.coefficients[axis][term] += step[axis * TERMS + term];

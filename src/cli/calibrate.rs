@@ -320,12 +320,22 @@ impl PointsArgs {
     }
 }
 
+/// Frame of the marker on the phantom in configurations of PLUS.
+const PHANTOM_MARKER: &str = "Reference";
+
 /// Wires of the phantom in the frame that the poses lead to.
 fn wires(config: Option<&PlusConfig>, tracker: &str) -> Result<Vec<(String, Feature)>, Failure> {
     let Some(config) = config.filter(|config| !config.wires().is_empty()) else {
         return Ok(Vec::new());
     };
     let placed = match config.registration() {
+        // PLUS registers the phantom to the marker on it.
+        Some(_) if tracker != PHANTOM_MARKER => {
+            return Err(Failure::usage(
+                format!("the poses lead to `{tracker}`, and the phantom is registered to `{PHANTOM_MARKER}`"),
+                format!("give a --transform to {PHANTOM_MARKER}, such as ProbeTo{PHANTOM_MARKER}"),
+            ));
+        }
         Some(registration) => *registration,
         None => config.transform("Phantom", tracker)?,
     };

@@ -1,6 +1,6 @@
 //! `insonify exercise`: training tasks, and a study with simulated hands.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
@@ -16,7 +16,7 @@ use super::terminal;
 const EXAMPLES: &str = "\
 Examples:
   insonify exercise make liver-biopsy --organ liver --tasks 3 -o tasks     three random targets in the liver, a scenario each
-  insonify insert tasks/task-1.toml -o run --frames                        the reference run of the first
+  insonify insert tasks/task-1.toml -o run --images                        the reference run of the first
   insonify insert tasks/task-1.toml --hand student --hand-seed 7 -o run    the same task by a simulated student
   insonify score run                                                       its metrics
   insonify exercise study tasks/task-*.toml --people 8 -o study            three groups of eight on all tasks, compared";
@@ -105,7 +105,10 @@ impl Make {
         let scenario = resolve(&file, &base)?;
         let tasks = conditions.tasks(&scenario, usize::from(self.tasks))?;
         for (at, task) in tasks.iter().enumerate() {
-            let text = task.scenario(&text, &conditions, at + 1).map_err(|found| {
+            let text = task
+                .scenario(&text, &conditions, at + 1)
+                .and_then(|text| relocated(&text, &base, &self.output));
+            let text = text.map_err(|found| {
                 let expected = "a scenario whose scene is a table: `insonify insert --example liver-biopsy`";
                 Failure::usage(format!("{}: {found}", self.scenario.display()), expected)
             })?;
@@ -126,6 +129,48 @@ impl Make {
         });
         terminal::emit(&lines.collect::<Vec<_>>().join("\n"))
     }
+}
+
+/// A scenario with the files that it names relative to `base` named relative to `folder`; its leading comment stays.
+fn relocated(text: &str, base: &Path, folder: &Path) -> Result<String, String> {
+    let comment: String = text
+        .lines()
+        .take_while(|line| line.starts_with('#'))
+        .map(|line| format!("{line}\n"))
+        .collect();
+    let mut value: toml::Value = text.parse::<toml::Table>().map_err(|error| error.to_string())?.into();
+    relocate(&mut value, base, folder);
+    let text = toml::to_string(&value).map_err(|error| error.to_string())?;
+    Ok(format!("{comment}\n{text}"))
+}
+
+fn relocate(value: &mut toml::Value, base: &Path, folder: &Path) {
+    match value {
+        toml::Value::Table(table) => table.iter_mut().for_each(|(_, value)| relocate(value, base, folder)),
+        toml::Value::Array(array) => array.iter_mut().for_each(|value| relocate(value, base, folder)),
+        toml::Value::String(name)
+            if !name.is_empty() && base.join(&name).exists() && Path::new(&name).is_relative() =>
+        {
+            if let Some(moved) = relative(&base.join(&name), folder) {
+                *name = moved;
+            }
+        }
+        _ => {}
+    }
+}
+
+/// Path of an existing file as seen from a folder.
+fn relative(file: &Path, folder: &Path) -> Option<String> {
+    let file = std::path::absolute(file).ok()?;
+    let folder = std::path::absolute(folder).ok()?;
+    let shared = file
+        .components()
+        .zip(folder.components())
+        .take_while(|(a, b)| a == b)
+        .count();
+    let up = folder.components().skip(shared).map(|_| Component::ParentDir);
+    let path: PathBuf = up.chain(file.components().skip(shared)).collect();
+    path.to_str().map(str::to_owned)
 }
 
 /// Text of a scenario and the folder of the files that it names.

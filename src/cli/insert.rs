@@ -266,7 +266,7 @@ fn told(summary: &Summary, output: &Path) -> String {
     let targets: String = targets
         .map(|target| {
             format!(
-                ", tip within {:.1} mm of the target ({})",
+                ", tip within {:.1} mm of the target in the tissue at rest ({})",
                 target.nearest_tip_mm, target.name
             )
         })

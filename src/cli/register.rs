@@ -39,6 +39,12 @@ A scene that says `volume.registration = \"fit.toml\"` beside its file applies t
 
 /// Share of the skin below which a start without landmarks is questioned.
 const LEAST_COVERED: f64 = 0.3;
+/// Number of surface points above which the quadratic map is well determined: at 30 of 1 mm noise it errs by more than the rigid one.
+const ENOUGH: usize = 100;
+/// Distance of the surface from the skin above which a fit is doubtful, mm RMS.
+const MOST_RMS_MM: f64 = 3.0;
+/// Distance at which a landmark is doubtful, mm.
+const FAR_MM: f64 = 5.0;
 /// Least determinant of the Jacobian below which the fit is questioned: people of one build differ by less.
 const LEAST_JACOBIAN: f64 = 0.6;
 
@@ -86,7 +92,7 @@ pub struct Register {
     page: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `rigid`, `quadratic`, `covered`, `landmarks_mm`
+    /// Print JSON: `rigid`, `quadratic`, `covered` (share of the skin near surface points), `beyond`, `landmarks_mm`
     #[arg(long)]
     json: bool,
 }
@@ -130,6 +136,31 @@ impl Register {
             terminal::warn(format_args!(
                 "the surface covers {:.0} % of the skin, and the start was found from its shape alone: look at the page, and give --landmarks",
                 100.0 * found.covered
+            ));
+        }
+        if found.beyond > 0 {
+            terminal::note(format_args!(
+                "{} of {} surface points lie beyond the end of the skin and are not used",
+                found.beyond,
+                surface.len()
+            ));
+        }
+        if surface.len() < ENOUGH {
+            terminal::warn(format_args!(
+                "{} surface points determine the quadratic map poorly: touch {ENOUGH} or more on all sides",
+                surface.len()
+            ));
+        }
+        if found.quadratic.rms_mm > MOST_RMS_MM {
+            terminal::warn(format_args!(
+                "the surface remains {:.1} mm (RMS) from the skin: a different body, or a poor start; look at the page, and give --landmarks",
+                found.quadratic.rms_mm
+            ));
+        }
+        for landmark in found.landmarks_mm.iter().filter(|it| it.quadratic_mm > FAR_MM) {
+            terminal::warn(format_args!(
+                "landmark {:?} remains {:.1} mm away",
+                landmark.name, landmark.quadratic_mm
             ));
         }
         if found.quadratic.jacobian_min < LEAST_JACOBIAN {

@@ -15,14 +15,14 @@ use super::terminal;
 
 const TEACHING: &str = "\
 RUN is the folder that `insonify insert` wrote, or its steps.csv. The scenario needs a target: `needle.target`, or `[[plan.target]]`. The metrics
-are means over the time in which the needle is in the body; docs/metrics.md defines them. With --frames at the insertion, the page shows the
+are means over the time in which the needle is in the body; docs/metrics.md defines them. With --images at the insertion, the page shows the
 image at the closest approach.
 
 --groups compares people: a table with the columns group,person,session,m1,...,m10, such as `insonify exercise study` writes. Welch's t and
 Mann-Whitney U tests, two-sided, over sessions and over the means of people, and Holm's correction for the ten metrics.
 
 Examples:
-  insonify insert task-1.toml -o run --frames
+  insonify insert task-1.toml -o run --images
   insonify score run -o score.html
   insonify score run-a run-b --json | jq '.[].m10'
   insonify score --groups sessions.csv -o groups.html";
@@ -67,7 +67,7 @@ impl ScoreArgs {
         if let (Some(output), [score]) = (&self.output, &scores[..]) {
             let shown = picture(&score.run, score.nearest_s, score.end_s);
             if shown.is_none() {
-                terminal::note("the page has no image: the run was made without --frames");
+                terminal::note("the page has no image: the run was made without --images");
             }
             output::text(output, &score.page(shown.as_ref())?)?;
         }

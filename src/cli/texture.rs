@@ -29,6 +29,9 @@ Examples:
 
 The output is periodic. docs/training.md shows the way from images to a scene.";
 
+/// Ratio of lengths of autocorrelation at which a solid is unlike its exemplar.
+const UNLIKE: f64 = 1.5;
+
 /// Makes a solid texture from regions of ultrasound images
 #[derive(Args)]
 #[command(after_help = TEACHING)]
@@ -136,6 +139,17 @@ impl TextureArgs {
             terminal::warn(format_args!(
                 "the solid is {extent_mm:.1} mm wide, and the structure of the image {longest:.1} mm: it repeats visibly; take a larger --size or --voxel-mm"
             ));
+        }
+        let lengths = made
+            .figures
+            .correlation_mm
+            .iter()
+            .zip(made.figures.exemplar_correlation_mm);
+        let lengths = lengths.filter_map(|(own, exemplar)| Some((*own)? / exemplar?));
+        if lengths.clone().any(|ratio| !(1.0 / UNLIKE..UNLIKE).contains(&ratio)) {
+            terminal::warn(
+                "the structure of the solid is not as long as that of the image: look at the page, and take a region of one even tissue",
+            );
         }
         made.write(&self.output)?;
         let name = self

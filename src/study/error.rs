@@ -76,16 +76,22 @@ pub enum StudyError {
         reason: &'static str,
     },
     /// No task fulfils the conditions.
-    #[error("none of {tried} random targets in {organ} fulfils the conditions; {most} were refused because {reason}")]
+    #[error("none of {tried} random targets in {organ} fulfils the conditions: {reasons}")]
     NoTask {
         /// Name of the organ.
         organ: String,
         /// Number of targets tried.
         tried: usize,
-        /// Number refused for the most frequent reason.
-        most: usize,
-        /// Most frequent reason.
-        reason: &'static str,
+        /// Numbers of refused targets and their reasons, the most frequent first.
+        reasons: String,
+    },
+    /// No label or tissue has the name.
+    #[error("no label or tissue is named {organ:?}; expected one of {known}")]
+    NoOrgan {
+        /// The name.
+        organ: String,
+        /// Names of the volume.
+        known: String,
     },
     /// A step of a needle that pushes tissue cannot be solved.
     #[error("at {travel_mm} mm: {cause}")]

@@ -154,6 +154,9 @@ const REQUIRED: [&str; 8] = [
     "target_shown",
 ];
 
+/// Reason for which a run without a target is not scored.
+const NO_TARGET: &str = "has no target: name one in the scenario (`needle.target` or `[[plan.target]]`)";
+
 impl Score {
     /// Scores a run from its folder, or from its table of steps.
     ///
@@ -180,9 +183,7 @@ impl Score {
                 continue;
             }
             if row.text("target_x_mm").is_empty() {
-                return Err(unscored(
-                    "has no target: name one in the scenario (`needle.target` or `[[plan.target]]`)",
-                ));
+                return Err(unscored(NO_TARGET));
             }
             samples.push(Sample::read(row)?);
         }
@@ -317,7 +318,8 @@ impl Sample {
             self.direction.angle(&along).to_degrees(),
             out(&self.tip),
             tilt.to_degrees(),
-            self.normal.angle(normal).to_degrees(),
+            // Planes have no sides.
+            self.normal.dot(normal).abs().min(1.0).acos().to_degrees(),
             (self.measured_tip - self.tip).norm(),
             self.measured_direction.angle(&self.direction).to_degrees(),
             100.0 * f64::from(u8::from(self.shown)),

@@ -22,6 +22,8 @@ const TREND: f64 = 0.25;
 const LOWPASS: f64 = 1.0;
 /// Full width at half maximum of a Gaussian in standard deviations.
 const FWHM: f64 = 2.354_820_045;
+/// Iterations for the limits of a rectangle of angle and depth.
+const BEAM_STEPS: usize = 50;
 /// Largest lag of autocorrelations, voxels.
 const LAGS: usize = 32;
 
@@ -172,7 +174,7 @@ impl Preparation {
         let size = [0, 1].map(|axis| ((level.size[axis] as f64 - 1.0) * pixel_mm[axis] / voxel_mm) as usize + 1);
         if size.iter().any(|n| *n < LEAST) {
             return Err(wrong(format!(
-                "the region gives {} x {} voxels of {voxel_mm:.3} mm; expected at least {LEAST} x {LEAST}: take a larger region or smaller voxels",
+                "the region gives {} x {} voxels of {voxel_mm:.3} mm; expected at least {LEAST} x {LEAST}: take a larger region, or smaller voxels (`--voxel-mm`)",
                 size[0], size[1]
             )));
         }
@@ -221,13 +223,15 @@ impl Preparation {
         if top <= 0.0 {
             return Err(format!("the apex ({}, {}) is not above the region", apex[0], apex[1]));
         }
-        // Angles whose arcs stay within the sides and the top at all depths kept.
-        let [from, to] = [left.atan2(bottom), right.atan2(bottom)];
-        let widest = from.abs().max(to.abs());
-        let near = top / widest.cos();
-        let far = bottom
-            .min(left.abs().max(1e-9) / from.sin().abs().max(1e-9))
-            .min(right.abs().max(1e-9) / to.sin().abs().max(1e-9));
+        // A side on its own side of the apex binds at the far end, one beyond it at the near end.
+        let (mut near, mut far, mut from, mut to) = (top, bottom, 0.0_f64, 0.0_f64);
+        for _ in 0..BEAM_STEPS {
+            from = (left / if left < 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
+            to = (right / if right > 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
+            near = top / from.abs().max(to.abs()).cos();
+            let nearest = if from * to < 0.0 { 0.0 } else { from.abs().min(to.abs()) };
+            far = bottom / nearest.cos();
+        }
         if far - near < 16.0 * mm[1] || to <= from {
             return Err("the region leaves no rectangle of angle and depth below the apex".to_owned());
         }
@@ -257,7 +261,8 @@ impl Preparation {
 /// Grey levels of a region; the error says why it has no texture.
 fn cut(picture: &Picture, region: &Region) -> Result<Image, String> {
     let [x, y, width, height] = region.window;
-    if width < 16 || height < 16 || x + width > picture.width || y + height > picture.height {
+    let within = |from: usize, side: usize, of: usize| from.checked_add(side).is_some_and(|end| end <= of);
+    if width < 16 || height < 16 || !within(x, width, picture.width) || !within(y, height, picture.height) {
         let size = format!("{} x {}", picture.width, picture.height);
         return Err(format!(
             "region {x},{y},{width},{height}; expected at least 16 x 16 pixels within the image of {size}"

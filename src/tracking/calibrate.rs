@@ -31,6 +31,10 @@ const PASSES: usize = 20;
 const PIVOT_DEG: f64 = 3.0;
 /// Least rotation of a spin calibration about the axis, degrees RMS.
 const SPIN_DEG: f64 = 10.0;
+/// Largest wobble of the axis of a spin calibration, degrees RMS.
+const WOBBLE_DEG: f64 = 5.0;
+/// Least number of items left by the removal of outliers: of fewer, the spread is not known.
+const FEWEST: usize = 6;
 /// Largest angle between an estimated direction and the given ones, degrees RMS.
 const DIRECTION_DEG: f64 = 20.0;
 
@@ -135,7 +139,7 @@ fn trimmed<T>(
         let spread = PER_MAD * median(residuals.iter().map(|r| (r - middle).abs()).collect());
         let limit = middle + OUTLIER * spread.max(ROUNDING);
         let next: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
-        if next == used {
+        if next == used || next.iter().filter(|used| **used).count() < FEWEST {
             break;
         }
         used = next;
@@ -285,7 +289,7 @@ pub fn between(hub: &Pivot, tip: &Pivot) -> Result<Direction, TrackingError> {
 /// eigenvector of the sum of (I - Ri' Rj)' (I - Ri' Rj) over all pairs. Its sense is that of `toward`, a vector of the marker's frame.
 ///
 /// # Errors
-/// [`TrackingError`] if the instrument turns by too little.
+/// [`TrackingError`] if the instrument turns by too little, or about no single axis.
 pub fn spin(poses: &Poses, toward: &Vector3<f64>) -> Result<Direction, TrackingError> {
     let all = &poses.poses;
     let n = all.len().max(1) as f64;
@@ -299,6 +303,13 @@ pub fn spin(poses: &Poses, toward: &Vector3<f64>) -> Result<Direction, TrackingE
         return Err(TrackingError::new(format!(
             "the instrument turns by {turn_deg:.1} degrees (RMS over {} poses) about its axis; expected at least {SPIN_DEG}",
             all.len()
+        )));
+    }
+    let wobble_deg = eigen.eigenvalues[order[0]].max(0.0).sqrt().to_degrees();
+    if wobble_deg > WOBBLE_DEG {
+        return Err(TrackingError::new(format!(
+            "no axis stays in place: the nearest one to it wobbles by {wobble_deg:.1} degrees (RMS); expected at most {WOBBLE_DEG}: \
+             turn the instrument about itself in place"
         )));
     }
     let axis: Vector3<f64> = eigen.eigenvectors.column(order[0]).into_owned();

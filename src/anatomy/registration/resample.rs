@@ -6,10 +6,12 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{Quadratic, bounds, corners};
+use super::{Quadratic, bounds};
 use crate::anatomy::volume::{LabelVolume, VolumeError};
 use crate::base::read;
 
+/// Intervals along an edge of the grid on the faces.
+const FACE: usize = 20;
 /// Maximum number of voxels of a resampled volume.
 const MOST: f64 = 2e9;
 
@@ -19,10 +21,12 @@ const MOST: f64 = 2e9;
 /// # Errors
 /// [`VolumeError`] if the map cannot be inverted at a corner, or the result is too large.
 pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, VolumeError> {
-    let folded = || VolumeError::new("the registration cannot be inverted at the corners of the volume");
-    let world: Option<Vec<Point3<f64>>> = corners(volume).iter().map(|corner| map.inverse(corner)).collect();
-    let [low, high] = bounds(world.ok_or_else(folded)?.into_iter());
+    let folded = || VolumeError::new("the registration cannot be inverted on the faces of the volume");
+    let world: Option<Vec<Point3<f64>>> = faces(volume).map(|at| map.inverse(&at)).collect();
     let step = volume.voxel_mm3().cbrt();
+    // Between the points, faces bulge by less than a voxel.
+    let [low, high] = bounds(world.ok_or_else(folded)?.into_iter());
+    let (low, high) = (low.map(|at| at - step), high.map(|at| at + step));
     let size = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / step).ceil().max(1.0));
     if size.iter().product::<f64>() > MOST {
         return Err(VolumeError::new(format!(
@@ -55,6 +59,18 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
         resampled.set_undivided(resample(volume.undivided(), map)?);
     }
     Ok(resampled)
+}
+
+/// Points of a grid on the faces of a volume's box, mm.
+fn faces(volume: &LabelVolume) -> impl Iterator<Item = Point3<f64>> {
+    let size = volume.size();
+    let at = move |n: usize, axis: usize| n as f64 / FACE as f64 * size[axis] as f64 - 0.5;
+    let grid = (0..=FACE).flat_map(|k| (0..=FACE).flat_map(move |j| (0..=FACE).map(move |i| [i, j, k])));
+    let on_face = grid.filter(|cell| cell.iter().any(|n| *n == 0 || *n == FACE));
+    on_face.map(move |[i, j, k]| {
+        let index = Point3::new(at(i, 0), at(j, 1), at(k, 2));
+        volume.index_to_world().transform_point(&index)
+    })
 }
 
 /// The most frequent of eight labels; of several the one in the middle.

@@ -10,6 +10,8 @@ use crate::anatomy::volume::{LabelVolume, VolumeError};
 
 /// Least spacing of the grid on which the surface is found, mm.
 const GRID_MM: f64 = 1.5;
+/// Tangential offset at which a point lies beyond the end of the skin, mm.
+const BEYOND_MM: f64 = 10.0;
 /// Maximum number of points; more are thinned evenly.
 const MOST: usize = 150_000;
 
@@ -118,13 +120,20 @@ impl Skin {
         &self.points
     }
 
-    /// Nearest point and its normal.
-    pub fn nearest(&self, at: &Point3<f64>) -> (Point3<f64>, Vector3<f64>) {
+    /// Nearest point of the skin.
+    pub fn foot(&self, at: &Point3<f64>) -> Foot {
         let found = self
             .tree
             .nearest_neighbor([at.x, at.y, at.z])
             .map_or(0, |item| item.data);
-        (self.points[found], self.normals[found])
+        let (away, normal) = (at - self.points[found], self.normals[found]);
+        let height_mm = normal.dot(&away);
+        Foot {
+            normal,
+            height_mm,
+            beyond: (away - normal * height_mm).norm() > BEYOND_MM,
+            distance_mm: away.norm(),
+        }
     }
 
     /// Share of the points within a distance (mm) of others.
@@ -138,11 +147,28 @@ impl Skin {
         };
         tried.clone().filter(near).count() as f64 / tried.count() as f64
     }
+}
 
-    /// Signed distance along the normal of the nearest point, mm: positive outside.
-    pub fn distance(&self, at: &Point3<f64>) -> f64 {
-        let (place, normal) = self.nearest(at);
-        normal.dot(&(at - place))
+/// Relation of a point to the nearest point of the skin.
+#[derive(Clone, Copy, Debug)]
+pub struct Foot {
+    /// Outward normal of the skin.
+    pub normal: Vector3<f64>,
+    /// Distance along the normal, mm: positive outside.
+    pub height_mm: f64,
+    /// True beyond the end of the skin, such as a cut through the body: the point lies more than 10 mm aside of the normal.
+    pub beyond: bool,
+    distance_mm: f64,
+}
+
+impl Foot {
+    /// Distance from the skin, mm: along the normal, which points between samples of the skin do not change, or in space beyond its end.
+    pub fn distance_mm(&self) -> f64 {
+        if self.beyond {
+            self.distance_mm
+        } else {
+            self.height_mm.abs()
+        }
     }
 }
 

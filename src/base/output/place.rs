@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::OutputError;
 use super::atomic::folder_of;
 use super::staged::{self, StagedFile};
+use crate::base::report::page::GENERATOR;
 
 /// Number of leading bytes compared to identify the kind of an existing file.
 const START: u64 = 512;
@@ -76,6 +77,7 @@ fn is_same_kind(path: &Path) -> io::Result<bool> {
         Some("gz") => &[&[0x1f, 0x8b]],
         Some("vtu") => &[b"<VTKFile"],
         Some("svg") => &[b"<svg"],
+        Some("html") => &[GENERATOR.as_bytes()],
         Some("csv") => &[b"time_s"],
         Some("json") => &[b"\"frame\":"],
         _ => &[b"\x89PNG"],

@@ -50,13 +50,16 @@ p{orphans:3;widows:3}.figures{display:block}.figures figure{display:inline-block
 /// HTML page under construction.
 pub struct Page(String);
 
+/// Mark of the pages of this program.
+pub const GENERATOR: &str = "<meta name=\"generator\" content=\"insonify\">";
+
 impl Page {
     /// Starts a page with a title.
     pub fn new(title: &str) -> Self {
         let title = escape(title);
         // Without a named icon, browsers would request one.
         Page(format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">{GENERATOR}\
              <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><link rel=\"icon\" href=\"data:,\">\
              <title>{title}</title><style>{STYLE}</style></head>\n<body>\n<h1>{title}</h1>\n"
         ))

@@ -22,6 +22,8 @@ pub const SIZE: [u32; 2] = [1000, 600];
 const LEGEND: i32 = 210;
 /// Width of a plot for a page and height of its axes, pixels: small enough for legible lettering at the width of a phone.
 const PAGE: [u32; 2] = [460, 330];
+/// Width of the axes of a plot for a page over their height, within their labels.
+const ASPECT: f64 = (460.0 - 86.0) / (330.0 - 64.0);
 /// Half-width of a marker, pixels.
 const MARK: i32 = 6;
 
@@ -151,6 +153,8 @@ pub struct Plot {
     /// Points to mark as the best choices (see [`front`](super::pareto::front)), from left to right, as one front per set of competing points. A stepped line
     /// joins the points of a front if no lines join the series.
     pub front: Vec<Vec<[f64; 2]>>,
+    /// True if a unit has the same length along both axes, which are linear then.
+    pub equal: bool,
 }
 
 impl Series {
@@ -194,6 +198,16 @@ fn smallest(axis: &Axis, range: std::ops::Range<f64>) -> f64 {
     }
 }
 
+/// Ranges widened about their middles to the proportions of the drawing.
+fn level(x: std::ops::Range<f64>, y: std::ops::Range<f64>) -> (std::ops::Range<f64>, std::ops::Range<f64>) {
+    let (width, height) = (x.end - x.start, (y.end - y.start) * ASPECT);
+    let wide = |range: std::ops::Range<f64>, side: f64| {
+        let middle = (range.start + range.end) / 2.0;
+        middle - side / 2.0..middle + side / 2.0
+    };
+    (wide(x, width.max(height)), wide(y, width.max(height) / ASPECT))
+}
+
 impl Plot {
     /// Creates a plot whose markers have no meaning and whose points do not compete.
     pub fn new(title: impl Into<String>, x: Axis, y: Axis, series: Vec<Series>) -> Self {
@@ -204,7 +218,13 @@ impl Plot {
             series,
             markers: Vec::new(),
             front: Vec::new(),
+            equal: false,
         }
+    }
+
+    /// Gives a unit the same length along both linear axes.
+    pub fn equal(self) -> Self {
+        Plot { equal: true, ..self }
     }
 
     /// Draws the plot as an SVG document.
@@ -261,6 +281,10 @@ impl Plot {
         let all = || self.series.iter().flat_map(|series| &series.points);
         let x = self.x.range(all().map(|point| point[0]));
         let y = self.y.range(all().map(|point| point[1]));
+        let (x, y) = match self.equal {
+            true => level(x, y),
+            false => (x, y),
+        };
         let linear = RangedCoordf64::from;
         let log = |range: std::ops::Range<f64>| LogCoord::from(range.log_scale());
         match (self.x.log, self.y.log) {

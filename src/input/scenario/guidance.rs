@@ -91,10 +91,10 @@ impl<'a> Guide<'a> {
     pub fn at(&mut self, model: &dyn Model, base: &Isometry3<f64>, probe: &Isometry3<f64>) -> Guidance {
         let outcome: &Outcome = model.outcome();
         if let Some(event) = outcome.events.iter().find(|event| event.kind == EventKind::Skin) {
-            self.entry = Some([event.at_mm; 2]);
+            self.entry = Some([outcome.tip_at_rest_mm.unwrap_or(event.at_mm), event.at_mm]);
         }
         if outcome.inserted_mm > 0.0 && self.entry.is_none() {
-            self.entry = Some([outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm); 2]);
+            self.entry = Some([outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm), outcome.tip_mm]);
         }
         let along = base.rotation * Vector3::z();
         let tip = outcome.tip_at_rest_mm;
@@ -199,11 +199,11 @@ impl Critical {
             grid: Grid::squared_distances(&set, size, spacing, &[0, 1, 2]),
             origin,
             world_to_index: *volume.world_to_index(),
-            half_mm: spacing.iter().sum::<f64>() / 6.0,
+            half_mm: spacing.iter().copied().fold(f64::INFINITY, f64::min) / 2.0,
         })
     }
 
-    /// Distance of a point at rest from the nearest critical voxel, mm; `None` outside the grid.
+    /// Distance of a point at rest from the nearest critical voxel, mm, 0 only within one; `None` outside the grid.
     pub fn distance(&self, at: &Point3<f64>) -> Option<f64> {
         let at = self.world_to_index.transform_point(at);
         let mut offset = 0;

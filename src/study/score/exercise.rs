@@ -4,21 +4,23 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use super::groups::{Comparison, Session, compare};
 use super::hands::{Draw, Hand, Plan, hand};
-use super::{Collector, NAMES, Score};
+use super::{Collector, NAMES, NO_TARGET, Score};
 use crate::base::random::hash3;
 use crate::base::range::{OutOfRange, check};
+use crate::base::text::some_of;
 use crate::input::scenario::Scenario;
 use crate::input::scenario::clearance::Surroundings;
 use crate::input::scenario::run::{Requests, run};
 use crate::mechanics::needle::across;
 use crate::study::StudyError;
 use crate::tracking::pose::Pose;
+use crate::tracking::probe::BeamGrid;
 
 /// Maximum number of random targets tried for each task.
 const TRIES: usize = 2000;
@@ -26,6 +28,10 @@ const TRIES: usize = 2000;
 const APPROACH_MM: f64 = 10.0;
 /// Largest turn of the probe from its pose in the scenario, degrees: farther, the array would leave the skin.
 const TURN_DEG: f64 = 35.0;
+/// Least angle between the needle and the scanline at the target, degrees: below it a shaft reflects away from the array.
+const TO_BEAM_DEG: f64 = 30.0;
+/// Share of the image at its sides and its lower end in which no target lies.
+const MARGIN: f64 = 0.1;
 /// Standard deviation of the logarithm of a person's errors within a group.
 const PERSON: f64 = 0.25;
 /// Groups of the study.
@@ -93,28 +99,27 @@ impl Conditions {
     /// Finds `count` tasks in the anatomy of a scenario, whose needle enters in the middle of the entry window.
     ///
     /// # Errors
-    /// [`StudyError::NoTask`] with the most frequent reason if targets run out; [`OutOfRange`]; [`StudyError::Unscored`] if the scenario's
+    /// [`StudyError::NoTask`] with the reasons if targets run out; [`StudyError::NoOrgan`]; [`OutOfRange`]; [`StudyError::Unscored`] if the scenario's
     /// needle does not enter the body.
     pub fn tasks(&self, scenario: &Scenario, count: usize) -> Result<Vec<Task>, StudyError> {
         self.check()?;
         let plan = Plan::of(scenario)?;
         let body = scenario.scene.body();
-        let refused = |tried, most, reason| StudyError::NoTask {
+        let unknown = || StudyError::NoOrgan {
             organ: self.organ.clone(),
-            tried,
-            most,
-            reason,
+            known: some_of(
+                &body
+                    .entries()
+                    .iter()
+                    .filter_map(|(_, _, names)| names.first().cloned())
+                    .collect::<Vec<_>>(),
+            ),
         };
-        let label = body
-            .named(&self.organ)
-            .ok_or_else(|| refused(0, 0, "the volume has no such label"))?;
+        let label = body.named(&self.organ).ok_or_else(unknown)?;
         let volume = body.volume;
         let voxels: Vec<usize> = (0..volume.voxels().len())
             .filter(|&at| volume.voxels()[at] == label)
             .collect();
-        if voxels.is_empty() {
-            return Err(refused(0, 0, "the volume has no voxel of it"));
-        }
         let [width, height, _] = volume.size();
         let place = |at: usize| {
             let index = [at % width, at / width % height, at / width / height].map(|index| index as f64);
@@ -134,9 +139,16 @@ impl Conditions {
         let mut tried = 0;
         while tasks.len() < count {
             if tried == TRIES * count {
-                let most = reasons.iter().max_by_key(|(_, number)| **number);
-                let (reason, most) = most.map_or(("of no reason", 0), |(reason, number)| (*reason, *number));
-                return Err(refused(tried, most, reason));
+                let mut reasons: Vec<_> = reasons.into_iter().collect();
+                reasons.sort_by_key(|(_, number)| std::cmp::Reverse(*number));
+                let reasons = reasons
+                    .iter()
+                    .map(|(reason, number)| format!("{number} because {reason}"));
+                return Err(StudyError::NoTask {
+                    organ: self.organ.clone(),
+                    tried,
+                    reasons: reasons.collect::<Vec<_>>().join("; "),
+                });
             }
             tried += 1;
             let target = place(voxels[(draw.uniform() * voxels.len() as f64) as usize]);
@@ -160,11 +172,12 @@ impl Conditions {
     ) -> Result<Task, &'static str> {
         let volume = &scenario.scene.anatomy.volume;
         let is_organ = |at: Point3<f64>| volume.label_index_at(&at) == Some(label);
-        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
-        if !axes.iter().all(|axis| {
-            [1.0, -1.0]
+        let around = (0..27).map(|at| Vector3::from([at % 3, at / 3 % 3, at / 9].map(|n| f64::from(n) - 1.0)));
+        let mut around = around.filter_map(|side| side.try_normalize(0.5));
+        if !around.all(|side| {
+            [0.5, 1.0]
                 .iter()
-                .all(|sign| is_organ(target + axis * (sign * self.margin_mm)))
+                .all(|share| is_organ(target + side * (share * self.margin_mm)))
         }) {
             return Err("the target is near the border of the organ");
         }
@@ -249,9 +262,20 @@ fn probe(scenario: &Scenario, entry: &Point3<f64>, target: &Point3<f64>) -> Resu
         return Err("the probe would have to be turned too far");
     }
     let seen = turned.world_to_probe().transform_point(target);
-    let grid = crate::tracking::probe::BeamGrid::new(&scenario.scene.settings.probe).ok();
-    if grid.and_then(|grid| grid.to_beam(seen.x, seen.y)).is_none() {
+    let grid = BeamGrid::new(&scenario.scene.settings.probe).ok();
+    let place = grid.as_ref().and_then(|grid| grid.to_beam(seen.x, seen.y));
+    let (Some(grid), Some((line, sample))) = (&grid, place) else {
         return Err("the target lies outside the sector");
+    };
+    let probe = &scenario.scene.settings.probe;
+    let share = line / (probe.lines - 1) as f64;
+    if !(MARGIN..=1.0 - MARGIN).contains(&share) || sample > (1.0 - MARGIN) * probe.samples as f64 {
+        return Err("the target lies at the edge of the image");
+    }
+    let [near, far] = [0.0, sample].map(|sample| Vector2::from(grid.to_plane(line, sample)));
+    let needle = turned.world_to_probe().transform_vector(&(target - entry)).xy();
+    if needle.angle(&(far - near)).to_degrees() < TO_BEAM_DEG {
+        return Err("the needle runs along the beam, where it is not seen");
     }
     Ok([
         array.into(),
@@ -303,6 +327,9 @@ impl Task {
         let mut motion = toml::Table::new();
         motion.insert("keyframes".to_owned(), toml::Value::Array(keyframes.collect()));
         needle.insert("motion".to_owned(), motion.into());
+        // Each reference run has its own length.
+        let mut run = part(&mut table, "run")?;
+        run.remove("duration_s");
         let mut plan = part(&mut table, "plan")?;
         plan.remove("needle");
         plan.remove("template");
@@ -314,19 +341,22 @@ impl Task {
         target.insert("at_mm".to_owned(), list(self.target_mm));
         target.insert("radius_mm".to_owned(), conditions.radius_mm.into());
         plan.insert("target".to_owned(), toml::Value::Array(vec![target.into()]));
-        for (key, part) in [("scene", scene), ("needle", needle), ("plan", plan)] {
+        for (key, part) in [("scene", scene), ("needle", needle), ("run", run), ("plan", plan)] {
             table.insert(key.to_owned(), part.into());
         }
         let text = toml::to_string(&table).map_err(|error| error.to_string())?;
         let distance = |mm: Option<f64>| mm.map_or("more than 30".to_owned(), |mm| format!("{mm:.0}"));
+        let critical = match text.contains("critical = true") {
+            true => format!("{} mm", distance(self.critical_mm)),
+            false => "none marked".to_owned(),
+        };
         Ok(format!(
-            "# Training task {number}: from the skin {:.0} mm deep to a target of radius {} mm in {}; bone {} mm and critical structures {} mm\n\
-             # away. The task begins when the needle breaks the skin and ends when it is out again. The keyframes are the reference run.\n\n{text}",
+            "# Training task {number}: from the skin {:.0} mm deep to a target of radius {} mm in {}; distance of bone {} mm, of critical\n\
+             # structures: {critical}. The task begins when the needle breaks the skin and ends when it is out again. The keyframes are the reference run.\n\n{text}",
             self.depth_mm,
             conditions.radius_mm,
             conditions.organ,
             distance(self.bone_mm),
-            distance(self.critical_mm),
         ))
     }
 }
@@ -336,6 +366,12 @@ impl Task {
 /// # Errors
 /// [`StudyError`] if the run cannot be made or scored.
 pub fn perform(scenario: &Scenario, hand: &Hand, seed: u64) -> Result<Score, StudyError> {
+    if scenario.targets.is_empty() {
+        return Err(StudyError::Unscored {
+            run: "the task".into(),
+            reason: NO_TARGET,
+        });
+    }
     let scenario = hand.perform(scenario, seed)?;
     let mut model = scenario.model(|_, _| ())?;
     let mut collector = Collector::default();

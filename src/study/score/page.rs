@@ -20,7 +20,7 @@ const POINTS: usize = 1500;
 impl fmt::Display for Score {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.summary())?;
-        f.write_str(&self.table().text("  ", &[4, 10, 10, 4, 60]))
+        f.write_str(&self.table().text("  ", &[4, 10, 14, 4, 60]))
     }
 }
 
@@ -55,7 +55,7 @@ impl Score {
                 Cell::from(MEANINGS[at]),
             ]
         });
-        let [now, rest] = ["as deformed", "at rest"].map(Cell::number);
+        let [now, rest] = ["target now", "target at rest"].map(Cell::number);
         Table::new([Cell::from(""), now, rest, Cell::from(""), Cell::from("")]).with(rows)
     }
 
@@ -75,7 +75,7 @@ impl Score {
         page.table(&self.table());
         page.paragraph(
             "soft",
-            "Means over the time in which the needle is in the body, of m10 the minimum. As deformed: entry and target are carried by the tissue.",
+            "Means over the time in which the needle is in the body, of m10 the minimum. Target now: entry and target as the tissue carries them; target at rest: both where they lie before the insertion.",
         );
         if let Some(picture) = picture {
             page.pictures([(picture, format!("closest approach, {:.2} s", self.nearest_s))]);
@@ -111,6 +111,7 @@ impl Score {
                 label(b),
                 series,
             )
+            .equal()
         };
         vec![plane([0, 1]), plane([0, 2]), plane([2, 1])]
     }
@@ -267,6 +268,9 @@ impl Comparison {
 
     /// Box plots: quartiles, median, and whiskers to the extremes.
     fn boxes(&self) -> Vec<Plot> {
+        let names = self.groups.iter().enumerate();
+        let names = names.map(|(at, group)| format!("{}: {}", at + 1, group.name));
+        let names = names.collect::<Vec<_>>().join(", ");
         let plot = |at: usize| {
             let series = self.groups.iter().enumerate().map(|(place, group)| {
                 let values = &group.metrics[NAMES[at]].values;
@@ -291,7 +295,7 @@ impl Comparison {
             });
             Plot::new(
                 format!("{}: {}", NAMES[at], MEANINGS[at]),
-                Axis::linear("group"),
+                Axis::linear(&names),
                 Axis::linear(UNITS[at]),
                 series.collect(),
             )

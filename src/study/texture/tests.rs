@@ -170,8 +170,50 @@ fn structure_leaves_out_what_is_as_fine_as_the_speckle() {
         "{:?}",
         found.cell_mm
     );
-    let fine = full_width(&found.exemplar.correlations(0, LAGS), found.voxel_mm).unwrap();
-    assert!(fine > 3.0 * found.cell_mm[0], "{fine} {:?}", found.cell_mm);
+    // White noise of the low-pass alone would have a width of 3.3 cells.
+    let kept = &found.exemplar;
+    let coarse = full_width(&kept.correlations(0, LAGS), found.voxel_mm).unwrap();
+    assert!(coarse > 5.0 * found.cell_mm[0], "{coarse} {:?}", found.cell_mm);
+    let power = kept.values.iter().map(|value| value * value).sum::<f32>() / kept.values.len() as f32;
+    assert!(
+        (2.0..3.5).contains(&power.sqrt()),
+        "{} dB left of 3 of structure and 5 of speckle",
+        power.sqrt()
+    );
+}
+
+#[test]
+fn sectors_beside_the_apex_stay_within_their_region() {
+    // Columns left of the region are of another level: none may reach the texture.
+    let apex = [100.0, -60.0];
+    for (x, inside) in [(120, 120..270), (20, 0..170), (100, 100..250)] {
+        let level = |at: usize| {
+            let column = at % 300;
+            let speckle = 4.0 * random(at, 3);
+            100.0 + speckle + if inside.contains(&column) { 0.0 } else { 900.0 }
+        };
+        let image = Image {
+            size: [300, 300],
+            values: (0..90_000).map(level).collect(),
+        };
+        let sector = Region {
+            window: [x, 60, 150, 200],
+            apex_px: Some(apex),
+        };
+        let cut = cut(&picture(&image), &sector).unwrap();
+        let (found, _) = PREPARATION.beam_space(&cut, [x as f64, 60.0], apex).unwrap();
+        let clamped = |at: usize| {
+            let (row, width) = (at / found.size[0], found.size[0]);
+            at % width + 1 < width && (found.values[at] - found.values[at + 1]).abs() < 1e-12 && row > 0
+        };
+        let still = (0..found.values.len()).filter(|&at| clamped(at)).count();
+        assert!(found.size[0] > 20 && found.size[1] > 40, "{:?}", found.size);
+        assert!(
+            still * 1000 < found.values.len(),
+            "{still} of {} repeat the edge",
+            found.values.len()
+        );
+    }
 }
 
 #[test]

@@ -225,6 +225,7 @@ impl Table {
             series,
             markers: kinds.into_iter().filter(|kind| !kind.is_empty()).collect(),
             front: self.fronts(figure.x, figure.y, |row| wanted(&row)),
+            equal: false,
         })
     }
 }

@@ -204,7 +204,8 @@ fn fit(seen: &[Seen<'_>], mean: [f64; 2]) -> Result<Fit, TrackingError> {
     let equations: usize = seen.iter().map(|(pixel, _)| pixel.feature.equations()).sum();
     if equations < PARAMETERS + 1 {
         return Err(TrackingError::new(format!(
-            "found {} usable pixels; expected at least 3 known points or 5 pixels on wires, in frames with valid poses",
+            "found {} usable pixels; expected at least 3 known points or 5 pixels on wires, in frames with valid poses and, where wires are sought, \
+             in whole images (not cropped ones)",
             seen.len()
         )));
     }

@@ -76,9 +76,9 @@ impl<'a> Sheet<'a> {
                 row("poses", count(found.used, found.trimmed, found.skipped)),
             ],
             scene: format!(
-                "# the tip of a needle:\n[needle.sequence]\ntip_to_marker = \"{listed}\"\n\
+                "# the tip of a needle:\n[needle.motion.sequence]\ntip_to_marker = \"{listed}\"\n\
                  # or the centre of a probe's array, its axes along those of the marker:\n\
-                 # [motion.sequence]\n# transducer_to_probe = \"{listed}\"\n"
+                 # [scene.motion.sequence]\n# transducer_to_probe = \"{listed}\"\n"
             ),
             plus: Some(transform(
                 &format!("{}Tip", poses.marker),
@@ -102,7 +102,7 @@ impl<'a> Sheet<'a> {
             ],
             scene: format!(
                 "# with a `tip_to_marker` that does not rotate, as `calibrate pivot` gives it:\n\
-                 [needle.sequence]\nshaft_axis = [{}]\n",
+                 [needle.motion.sequence]\nshaft_axis = [{}]\n",
                 three(found.direction, 8)
             ),
             plus: None,
@@ -117,7 +117,7 @@ impl<'a> Sheet<'a> {
         let [width, height] = found.pixel_mm;
         let centre = match array_centre_px {
             Some([column, row]) => format!("array_centre_px = [{column}, {row}]\n"),
-            None => "array_centre_px = [column, row]   # pixel at the centre of the array\n".to_owned(),
+            None => "# array_centre_px = [column, row]: the pixel in the middle of the array's face, where the centre line of the image begins\n".to_owned(),
         };
         Self {
             title: "Image calibration",
@@ -127,16 +127,22 @@ impl<'a> Sheet<'a> {
                     "position of the mean pixel, standard deviations, mm",
                     three(found.std_mm, 4),
                 ),
-                row("rotation, standard deviations, degrees", three(found.std_deg, 4)),
                 row(
-                    "angle of the affine axes, degrees",
+                    "rotation about the marker's axes, standard deviations, degrees",
+                    three(found.std_deg, 4),
+                ),
+                row(
+                    "angle between rows and columns before they are made perpendicular, degrees",
                     format!("{:.2}", found.axes_apart_deg),
                 ),
                 row("residual RMS, mm", format!("{:.4}", found.rms_mm)),
                 row("largest residual, mm", format!("{:.4}", found.max_mm)),
                 row("pixels", count(found.used, found.trimmed, found.skipped)),
             ],
-            scene: format!("[motion.sequence]\nimage_to_probe = \"{}\"\n{centre}", numbers(matrix)),
+            scene: format!(
+                "[scene.motion.sequence]\nimage_to_probe = \"{}\"\n{centre}",
+                numbers(matrix)
+            ),
             plus: Some(transform("Image", marker, matrix, found.rms_mm)),
             residuals: &found.residuals,
             unit: "mm",

@@ -9,6 +9,7 @@ fn plot() -> Plot {
         y: Axis::log("relative error"),
         markers: vec!["CPU".into()],
         front: vec![front(&points)],
+        equal: false,
         series: vec![Series {
             name: "level I".into(),
             points,
