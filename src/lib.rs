@@ -107,7 +107,8 @@ pub use mechanics::insertion::finite::{Finite, Options as FiniteOptions, Setup};
 pub use mechanics::insertion::nonlinear::{Nonlinear, Setup as NonlinearSetup};
 pub use mechanics::insertion::spring::{MassSpring, Parameters as MassSpringParameters};
 pub use mechanics::insertion::{
-    Event, EventKind, Instruments, Interaction, MeshRegions, Model, Outcome, ProbeContact, StepError,
+    Event, EventKind, Input as RecordedInput, Instruments, Interaction, MeshRegions, Model, Outcome, ProbeContact,
+    Recording, State as SimulatorState, StepError,
 };
 pub use mechanics::mesh::file::read_mesh;
 pub use mechanics::mesh::{Displacement, InvalidMesh, TetMesh};
@@ -115,9 +116,8 @@ pub use mechanics::needle::{BEVEL_MM, Bevel, Flexible, LINK_MM, Needle, Rigid, S
 pub use mechanics::tissue::material::Material;
 pub use mechanics::tissue::remesh::{Level, Precision};
 pub use simulator::{
-    Damper, Forces, Guided, Haptic, HoldOptions, Imaging, Input as RecordedInput, LateralHold,
-    Options as SimulatorOptions, PointsPose, Policy, Recording, Simulator, SimulatorError, State as SimulatorState,
-    TwoPoints,
+    Damper, Forces, Guided, Haptic, HoldOptions, Imaging, LateralHold, Options as SimulatorOptions, PointsPose, Policy,
+    Simulator, SimulatorError, TwoPoints,
 };
 pub use tracking::TrackingError;
 pub use tracking::pose::Pose;

@@ -10,13 +10,12 @@
 //! [`LateralHold`], and a needle [`Guided`] by a template whose holes one device visits in turn.
 //!
 //! Frames of reference and signs of forces are stated by [`Forces`], late steps by [`Policy`], saving and replaying by
-//! [`State`] and [`Recording`].
+//! [`State`](crate::SimulatorState) and [`Recording`](crate::Recording); `insonify insert --replay` repeats a recording of a scenario, to score and to image it.
 
 mod devices;
 mod forces;
 mod haptic;
 mod imaging;
-mod recording;
 #[cfg(test)]
 mod tests;
 
@@ -34,7 +33,6 @@ pub use devices::{Damper, Guided, HoldOptions, LateralHold, PointsPose, TwoPoint
 pub use forces::Forces;
 pub use haptic::Haptic;
 pub use imaging::Imaging;
-pub use recording::{Input, Recording, State};
 
 /// Why a device, a hole or a model to be imaged is refused.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

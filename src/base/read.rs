@@ -25,6 +25,11 @@ pub(crate) const DICOM: Kind = Kind {
     name: "a DICOM file",
     most: 512 << 20,
 };
+/// Limit for recordings: half an hour of steps of a millisecond.
+pub(crate) const RECORDING: Kind = Kind {
+    name: "a recording",
+    most: 512 << 20,
+};
 /// Limit for scenes, scenarios and problems: a list of a million numbers fits.
 pub(crate) const TOML: Kind = Kind {
     name: "a TOML file",

@@ -4,9 +4,11 @@ mod writer;
 
 use std::path::{Path, PathBuf};
 
+use crate::base::read;
 use crate::imaging::quality::Picked;
 use crate::input::scenario::run::{Requests, run};
 use crate::input::scenario::{self, Scenario, ScenarioFile, Summary};
+use crate::mechanics::insertion::Recording;
 use crate::study::score::hands::{HANDS, hand};
 use clap::builder::PossibleValuesParser;
 use clap::{Args, ValueEnum};
@@ -50,6 +52,7 @@ Examples:
                                                     ground truth beside each image, with the needle and the displaced tissue
   insonify insert my.toml -o out --preview          an animated picture, out/preview.gif
   insonify insert my.toml -o out --vtu 100          the deformed mesh every 100 ms, out/mesh/mesh.pvd for ParaView
+  insonify insert my.toml --replay session.json -o out --images    a session of a simulator, to score it
   insonify insert my.toml -o out --json | jq .step_ms
 
 Writes out/index.html (images, plots, events), out/plots, out/summary.json and out/steps.csv, a line a step. Its columns carry their unit
@@ -93,6 +96,10 @@ pub struct Insert {
     /// With --hand: seed of its errors
     #[arg(long, value_name = "N", default_value_t = 0, requires = "hand")]
     hand_seed: u64,
+    /// Repeat a recorded session in place of the scenario's motions: JSON of `Recording`, which `Haptic::take_recording` of a simulator of the
+    /// same scenario gives
+    #[arg(long, value_name = "FILE.json", conflicts_with = "hand")]
+    replay: Option<PathBuf>,
     /// Write a small animated picture of the frames: preview.gif
     #[arg(long)]
     preview: bool,
@@ -138,7 +145,9 @@ impl Insert {
             return terminal::emit(named.map_or(scenario::REFERENCE, |(_, text)| *text));
         };
         self.backend.check()?;
-        let folder = self.force.folder(output, "insert", FILES, &inputs(path))?;
+        let mut read = inputs(path);
+        read.extend(self.replay.clone());
+        let folder = self.force.folder(output, "insert", FILES, &read)?;
         let (mut scenario, picked) = self.scenario(path)?;
         let mut picked: Vec<Picked> = picked.into_iter().collect();
         let asked = Requests {
@@ -150,6 +159,9 @@ impl Insert {
         }
         if let Some(hand) = self.hand.as_deref().and_then(hand) {
             scenario = hand.perform(&scenario, self.hand_seed)?;
+        }
+        if let Some(file) = &self.replay {
+            scenario = replaying(scenario, file)?;
         }
         let bar = terminal::share();
         bar.set_message("preparing the model");
@@ -249,6 +261,14 @@ impl Insert {
         }
         Ok((scenario, picked))
     }
+}
+
+fn replaying(scenario: Scenario, file: &Path) -> Result<Scenario, Failure> {
+    let expected = "a recording as JSON: `start` and `inputs`, of a simulator of this scenario";
+    let wrong = |found: String| Failure::usage(format!("{}: {found}", file.display()), expected);
+    let text = read::text(file, read::RECORDING).map_err(|cause| wrong(cause.to_string()))?;
+    let recording: Recording = serde_json::from_str(&text).map_err(|error| wrong(error.to_string()))?;
+    scenario.replaying(recording).map_err(wrong)
 }
 
 fn told(summary: &Summary, output: &Path) -> String {

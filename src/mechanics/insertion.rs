@@ -11,6 +11,7 @@ pub mod nonlinear;
 mod outcome;
 mod probe;
 pub mod pushing;
+mod recording;
 pub mod spring;
 mod validation;
 
@@ -22,6 +23,7 @@ pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::ProbeContact;
 pub(crate) use probe::{lever, pointed};
+pub use recording::{Input, Recording, State};
 pub use validation::InvalidSetup;
 
 /// Poses of the instruments at one step.

@@ -3,12 +3,15 @@
 use std::sync::{Arc, Weak};
 use std::time::Instant;
 
+use nalgebra::Isometry3;
+
 use super::forces::{Easing, Forces, Given};
 use super::imaging::Imaging;
-use super::recording::{Input, Recording, State};
 use super::{Options, SimulatorError};
 use crate::imaging::synth::Synthesizer;
-use crate::mechanics::insertion::{Instruments, LevelChange, Model, Outcome, Snapshot, StepError};
+use crate::mechanics::insertion::{
+    Input, Instruments, LevelChange, Model, Outcome, Recording, Snapshot, State, StepError,
+};
 use crate::mechanics::tissue::remesh::Level;
 
 /// Steps a model on the caller's thread.
@@ -21,6 +24,7 @@ pub struct Haptic {
     easing: Easing,
     publisher: Option<Publisher>,
     recording: Option<Recording>,
+    view: Option<Isometry3<f64>>,
 }
 
 impl Haptic {
@@ -33,6 +37,7 @@ impl Haptic {
             easing: Easing::default(),
             publisher: None,
             recording: None,
+            view: None,
         }
     }
 
@@ -61,6 +66,7 @@ impl Haptic {
             recording.inputs.push(Input {
                 instruments: *instruments,
                 dt_s,
+                view: self.view,
             });
         }
         if let Some(publisher) = &mut self.publisher {
@@ -132,6 +138,11 @@ impl Haptic {
             start: self.save(),
             inputs: Vec::new(),
         });
+    }
+
+    /// Sets the pose of the imaging probe (probe frame to world) that is recorded with later steps: a score needs it.
+    pub fn record_view(&mut self, probe_to_world: Isometry3<f64>) {
+        self.view = Some(probe_to_world);
     }
 
     /// Ends a recording and returns it.

@@ -96,8 +96,14 @@ fn runs_without_a_target_or_columns_are_told() {
 fn tasks_are_made_and_studied() {
     let bench = Bench::new();
     bench.write("biopsy.toml", &biopsy());
+    // The tasks name the texture from their own folder.
+    std::fs::create_dir(bench.path("deep")).expect("a folder");
+    let head = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nspacings: 1 1 1\nencoding: raw\n\n";
+    bench.write("deep/mine.nrrd", &(head.to_owned() + &"x".repeat(64)));
+    let textured = "\n[[scene.texture]]\nname = \"mine\"\nfile = \"mine.nrrd\"\n[[scene.tissue]]\nname = \"liver\"\ntexture = \"mine\"\n";
+    bench.write("deep/biopsy.toml", &(biopsy() + textured));
     let made = bench
-        .run("exercise make biopsy.toml --organ liver --tasks 2 --seed 3 -o tasks --json")
+        .run("exercise make deep/biopsy.toml --organ liver --tasks 2 --seed 3 -o tasks --json")
         .json();
     assert_eq!(made.as_array().map(Vec::len), Some(2));
     assert_eq!(
@@ -114,7 +120,7 @@ fn tasks_are_made_and_studied() {
     assert!(bench.text("study/index.html").contains("Simulated hands, not people"));
     bench
         .run("exercise make biopsy.toml --organ brain -o x")
-        .fails(2, &["brain", "no such label"]);
+        .fails(2, &["named \"brain\"", "expected one of", "liver"]);
     bench
         .run("exercise make biopsy.toml --organ liver --depth-mm 90,40 -o x")
         .fails(2, &["`depth_mm`", "two rising depths"]);

@@ -138,6 +138,77 @@ fn noise_outliers_and_a_missing_back_are_borne() {
 }
 
 #[test]
+fn few_points_do_not_bend_the_map_after_their_noise() {
+    let (skin, map) = (skin(), truth(0.0));
+    let clean = touched(&map, 500, 0.0, 0.0, |_| true);
+    for count in [40, 60] {
+        let world = touched(&map, count, 1.0, 0.0, |_| true);
+        let found = register(&world, &skin, &box_of_body(), &[]).unwrap();
+        let rigid = Quadratic::rigid(&found.rigid.matrix.0, Point3::origin(), 1.0);
+        let [rigid, bent] = [&rigid, &found.quadratic.map].map(|found| apart(found, &map, &clean)[0]);
+        assert!(bent < 1.3 * rigid, "{count} points: {bent} mm, rigid {rigid} mm");
+    }
+}
+
+#[test]
+fn what_lies_beyond_the_end_of_the_skin_is_not_used() {
+    // The volume ends at z = 60; the scan goes on to the end of the body.
+    let all: Vec<_> = (0..60_000)
+        .map(|item| on_body(item, 1))
+        .filter(|it| it.0.z < 60.0)
+        .collect();
+    let skin = Skin::new(all.iter().map(|it| it.0).collect(), all.iter().map(|it| it.1).collect());
+    let map = truth(4.0);
+    let world = touched(&map, 3000, 0.2, 0.0, |_| true);
+    let within = touched(&map, 3000, 0.0, 0.0, |at| at.z < 60.0);
+    let marks: Vec<Landmark> = within
+        .iter()
+        .step_by(500)
+        .map(|at| Landmark {
+            name: String::new(),
+            volume_mm: map.map(at),
+            surface_mm: *at,
+        })
+        .collect();
+    let found = register(&world, &skin, &box_of_body(), &marks).unwrap();
+    let beyond = world.iter().filter(|at| map.map(at).z > 75.0).count();
+    assert!(
+        found.beyond as f64 > 0.9 * beyond as f64 && beyond > 300,
+        "{} of {beyond}",
+        found.beyond
+    );
+    assert!(found.quadratic.p95_mm > 40.0, "{found}");
+    let off = apart(&found.quadratic.map, &map, &within);
+    assert!(off[0] < 0.5, "{off:?} {found}");
+}
+
+#[test]
+fn resampled_volumes_hold_what_bulges_past_their_corners() {
+    let full = |n: usize| Label {
+        value: n as i64,
+        name: None,
+        voxels: 0,
+    };
+    let volume = LabelVolume::new(
+        [40; 3],
+        vec![1; 64_000],
+        vec![full(0), full(1)],
+        Matrix4::new_scaling(10.0),
+    )
+    .unwrap();
+    let mut map = truth(8.0);
+    map.centre_mm = [200.0; 3];
+    let found = resample(&volume, &map).unwrap();
+    let [w, h, d] = found.size();
+    let cells = (0..w * h * d).map(|at| [at % w, at / w % h, at / w / h]);
+    let rim = cells.zip(found.voxels()).filter(|([i, j, k], label)| {
+        let at_rim = *i == 0 || *j == 0 || *k == 0 || *i + 1 == w || *j + 1 == h || *k + 1 == d;
+        at_rim && **label == 1
+    });
+    assert_eq!(rim.count(), 0);
+}
+
+#[test]
 fn what_cannot_be_registered_is_refused() {
     let (skin, map) = (skin(), truth(10.0));
     let refused = |found: Result<Registration, VolumeError>, words: &str| {

@@ -21,7 +21,7 @@ use crate::imaging::quality::QualitySpec;
 use crate::input::InputError;
 use crate::input::scene::Scene;
 use crate::mechanics::insertion::spring::Parameters;
-use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, MeshRegions};
+use crate::mechanics::insertion::{Anatomy, Input, Instruments, Interaction, MeshRegions, Recording, Saved};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
@@ -113,6 +113,8 @@ pub struct Scenario {
     /// Suspicious settings, for the user.
     pub warnings: Vec<String>,
     pub(super) path: NeedlePath,
+    /// Recorded inputs, in place of the motions.
+    replayed: Option<Arc<Recording>>,
     /// Source file, for errors that point into it.
     pub(super) file: ScenarioFile,
 }
@@ -120,6 +122,9 @@ pub struct Scenario {
 impl Scenario {
     /// Poses of the instruments at the end of a step (counted from 1; 0 before the first).
     pub fn instruments(&self, step: u64) -> Instruments {
+        if let Some(input) = self.replayed_at(step) {
+            return input.instruments;
+        }
         let time_s = self.timing.at(step);
         let deposit = self
             .deposits
@@ -140,6 +145,9 @@ impl Scenario {
 
     /// Transform from the image's probe frame to world at the end of a step.
     pub fn probe(&self, step: u64) -> Isometry3<f64> {
+        if let Some(view) = self.replayed_at(step).and_then(|input| input.view) {
+            return view;
+        }
         rigid(&self.scene.probe_path().at(self.timing.at(step)))
     }
 
@@ -151,7 +159,46 @@ impl Scenario {
     /// Points that the tip is planned to pass, mm.
     pub(super) fn planned_points(&self) -> Vec<Point3<f64>> {
         let keys = self.path.tip().keys();
-        keys.iter().map(|key| key.pose.position_mm()).collect()
+        let recorded = self.replayed.iter().flat_map(|recording| &recording.inputs);
+        let tip = Point3::new(0.0, 0.0, self.needle.length_mm);
+        let recorded = recorded.map(|input| input.instruments.base * tip);
+        keys.iter().map(|key| key.pose.position_mm()).chain(recorded).collect()
+    }
+
+    fn replayed_at(&self, step: u64) -> Option<&Input> {
+        let inputs = &self.replayed.as_ref()?.inputs;
+        inputs.get((step.max(1) - 1) as usize)
+    }
+
+    /// State in which the model starts, if the run repeats a recording.
+    pub(super) fn start(&self) -> Option<&Saved> {
+        self.replayed.as_ref().map(|recording| &recording.start.model)
+    }
+
+    /// The scenario with recorded instruments and views in place of its motions, from the recorded state on.
+    ///
+    /// # Errors
+    /// The reason if the recording has no step, or steps of another length than the scenario's.
+    pub fn replaying(mut self, recording: Recording) -> Result<Self, String> {
+        let dt_s = self.timing.dt_s;
+        let other = recording
+            .inputs
+            .iter()
+            .position(|input| (input.dt_s - dt_s).abs() > REACHED * dt_s);
+        match other {
+            _ if recording.inputs.is_empty() => return Err("no step; expected at least one".to_owned()),
+            Some(at) => {
+                let found = recording.inputs[at].dt_s;
+                return Err(format!(
+                    "step {at} of {found} s; expected {dt_s} s, as the scenario's `run.dt_s`"
+                ));
+            }
+            None => {}
+        }
+        self.timing.steps = recording.inputs.len() as u64;
+        self.changes.clear();
+        self.replayed = Some(Arc::new(recording));
+        Ok(self)
     }
 
     /// The scenario with another path of the needle's tip, and of the probe if given, from the start of the needle's to its end.
@@ -304,6 +351,7 @@ impl ScenarioFile {
             notes,
             warnings,
             path,
+            replayed: None,
             scene,
             file,
         })

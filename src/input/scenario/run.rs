@@ -134,7 +134,10 @@ pub fn run<O: Observer>(
         every_s: timing.frame_s,
         next: 0,
     });
-    model.start(&scenario.instruments(0));
+    match scenario.start() {
+        Some(state) => model.restore(state)?,
+        None => model.start(&scenario.instruments(0)),
+    }
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
     let mut changes = scenario.changes.iter().peekable();

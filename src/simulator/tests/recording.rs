@@ -1,11 +1,13 @@
 //! Saving, recording and replay.
 
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Fake, instruments, patient};
-use crate::mechanics::insertion::{Outcome, Saved, StepError};
+use crate::input::scenario::ScenarioFile;
+use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::mechanics::insertion::{Input, Instruments, Outcome, Recording, Saved, State, StepError};
 use crate::mechanics::tissue::remesh::Level;
-use crate::simulator::{Forces, Haptic, Input, Recording, State};
+use crate::simulator::{Forces, Haptic};
 
 #[test]
 fn a_recording_replays_to_the_bit_also_from_a_file() {
@@ -72,6 +74,90 @@ fn a_change_of_level_begins_a_recording_anew() {
         .replay(&recording, |forces, _| seen.push(forces.hand_base))
         .expect("replay");
     assert_eq!(seen, [forces.hand_base]);
+}
+
+#[test]
+fn a_session_of_a_scenario_replays_as_a_run() {
+    const BLOCK: &str = r#"
+version = 1
+[run]
+dt_ms = 10
+[scene.volume]
+phantom = "two-layer"
+resolution_mm = 5
+[tissue]
+nodes = 250
+[[tissue.fix]]
+box_mm = [[-inf, -inf, 40], [inf, inf, inf]]
+[[tissue.material]]
+region = "phantom_inclusion"
+friction_n_per_mm = 0.25
+[needle]
+length_mm = 100
+[[needle.motion.keyframes]]
+time_s = 0
+tip_mm = [0, 0, -50]
+direction = [0, 0, 1]
+[[needle.motion.keyframes]]
+time_s = 1
+tip_mm = [0, 0, -20]
+direction = [0, 0, 1]
+"#;
+    #[derive(Default)]
+    struct Seen(Vec<(Outcome, Point3<f64>, Vector3<f64>)>);
+    impl Observer for Seen {
+        type Error = StepError;
+
+        fn step(&mut self, step: &Step<'_>) -> Result<(), StepError> {
+            let guidance = &step.guidance;
+            self.0.push((step.outcome.clone(), guidance.array, guidance.normal));
+            Ok(())
+        }
+
+        fn frame(&mut self, _: &Moment<'_>) -> Result<(), StepError> {
+            Ok(())
+        }
+
+        fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StepError> {
+            Ok(())
+        }
+    }
+    let scenario = ScenarioFile::parse(BLOCK, "block.toml").and_then(|file| file.resolve(".".as_ref(), |_| {}));
+    let scenario = scenario.expect("a scenario");
+    let mut haptic = Haptic::new(scenario.model(|_, _| {}).expect("a model"), patient());
+    haptic.record();
+    let mut made = Vec::new();
+    // Another way in than the scenario's, and a probe that turns.
+    for step in 0..80 {
+        let share = f64::from(step) / 80.0;
+        let view = Isometry3::new(Vector3::new(0.0, 60.0 * share, -45.0), Vector3::x() * share);
+        let base = Isometry3::new(Vector3::new(2.0, 1.0, -150.0 + 40.0 * share), Vector3::zeros());
+        haptic.record_view(view);
+        let instruments = Instruments { base, ..instruments(0) };
+        haptic.step(&instruments, 0.01).expect("a step");
+        made.push((haptic.outcome().clone(), view * Point3::origin(), view * Vector3::z()));
+    }
+    let recording = haptic.take_recording().expect("a recording");
+    let text = serde_json::to_string(&recording).expect("text");
+    let recording: Recording = serde_json::from_str(&text).expect("a recording");
+    let slow = Recording {
+        inputs: vec![Input {
+            dt_s: 0.02,
+            ..recording.inputs[0]
+        }],
+        ..recording.clone()
+    };
+    let refused = scenario.clone().replaying(slow).expect_err("another step");
+    assert_eq!(
+        refused,
+        "step 0 of 0.02 s; expected 0.01 s, as the scenario's `run.dt_s`"
+    );
+    let replayed = scenario.replaying(recording).expect("the same scenario");
+    let mut model = replayed.model(|_, _| {}).expect("a model");
+    let mut seen = Seen::default();
+    run(&replayed, model.as_mut(), Requests::default(), &mut seen).expect("a run");
+    assert!(made.iter().any(|(outcome, ..)| outcome.inserted_mm > 5.0));
+    assert!(seen.0 == made, "the replay differs");
 }
 
 #[test]

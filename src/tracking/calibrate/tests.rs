@@ -301,3 +301,11 @@ fn wires_of_a_real_phantom_are_followed() {
     let moved = ((found.image_to_probe.0 - stated) * centre).norm();
     assert!(moved < 3.0, "{moved} mm from the stated calibration");
 }
+
+#[test]
+fn a_motion_about_no_single_axis_is_no_spin() {
+    let error = spin(&resting(50, [0.3; 3], 0.0, 4), &Vector3::z())
+        .unwrap_err()
+        .to_string();
+    assert!(error.contains("no axis stays in place"), "{error}");
+}

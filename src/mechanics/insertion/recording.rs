@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3, Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
-use crate::mechanics::insertion::{Instruments, Saved};
+use super::{Instruments, Saved};
 
 /// Tolerance on the length of a unit quaternion in a file.
 const UNIT_TOLERANCE: f64 = 1e-9;
@@ -31,7 +31,7 @@ pub struct Recording {
 
 /// Inputs of a step.
 ///
-/// In a file it has `dt_s`, `base`, and where they are used `probe`, `guide_mm` and `deposit`; a pose has `position_mm` and
+/// In a file it has `dt_s`, `base`, and where they are used `probe`, `guide_mm`, `deposit` and `view`; a pose has `position_mm` and
 /// `quaternion_xyzw`, a unit quaternion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "Written", into = "Written")]
@@ -40,6 +40,8 @@ pub struct Input {
     pub instruments: Instruments,
     /// Time step, s.
     pub dt_s: f64,
+    /// Pose of the imaging probe, if it was recorded.
+    pub view: Option<Isometry3<f64>>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -53,6 +55,8 @@ struct Written {
     guide_mm: Option<[f64; 3]>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     deposit: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    view: Option<Pose>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -88,7 +92,13 @@ impl Pose {
 }
 
 impl From<Input> for Written {
-    fn from(Input { instruments, dt_s }: Input) -> Self {
+    fn from(
+        Input {
+            instruments,
+            dt_s,
+            view,
+        }: Input,
+    ) -> Self {
         let Instruments {
             base,
             probe,
@@ -101,6 +111,7 @@ impl From<Input> for Written {
             probe: probe.as_ref().map(Pose::of),
             guide_mm: guide.map(Into::into),
             deposit,
+            view: view.as_ref().map(Pose::of),
         }
     }
 }
@@ -117,6 +128,7 @@ impl TryFrom<Written> for Input {
                 deposit: written.deposit,
             },
             dt_s: written.dt_s,
+            view: written.view.map(|pose| pose.read("view")).transpose()?,
         })
     }
 }
