@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
-use nalgebra::Vector3;
+use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 use crate::base::csv::Csv;
@@ -316,6 +316,25 @@ impl PointsArgs {
             (clicked, None) => clicked.ok_or_else(|| Failure::usage("no pixels are given", "give --pixels"))?,
         };
         let centre = config.as_ref().and_then(PlusConfig::array_centre_px);
+        let known = config
+            .as_ref()
+            .and_then(|config| config.transform("Image", &poses.marker).ok());
+        if let Some(known) = known {
+            let [column, row] = found.mean_px;
+            let pixel = Point3::new(column, row, 0.0);
+            let matrix = &found.image_to_probe.0;
+            let angle = |column: usize| {
+                let [a, b] = [matrix, &known].map(|matrix| matrix.fixed_view::<3, 1>(0, column).into_owned());
+                a.angle(&b).to_degrees()
+            };
+            let apart = (matrix.transform_point(&pixel) - known.transform_point(&pixel)).norm();
+            terminal::note(format_args!(
+                "the configuration's own ImageTo{} differs by {apart:.2} mm in the middle of the pixels, rows by {:.1} and columns by {:.1} degrees",
+                poses.marker,
+                angle(0),
+                angle(1)
+            ));
+        }
         self.output.write(&found, &Sheet::image(&found, &poses.marker, centre))
     }
 }

@@ -319,7 +319,7 @@ impl Sample {
             out(&self.tip),
             tilt.to_degrees(),
             // Planes have no sides.
-            self.normal.dot(normal).abs().min(1.0).acos().to_degrees(),
+            90.0 - (90.0 - self.normal.angle(normal).to_degrees()).abs(),
             (self.measured_tip - self.tip).norm(),
             self.measured_direction.angle(&self.direction).to_degrees(),
             100.0 * f64::from(u8::from(self.shown)),

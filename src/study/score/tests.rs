@@ -265,7 +265,7 @@ fn tasks_are_within_their_conditions_and_repeatable() {
             organ: "spleenish".to_owned(),
             ..conditions.clone()
         },
-        "no such label",
+        "no label or tissue is named \"spleenish\"; expected one of skin",
     );
     refused(
         Conditions {

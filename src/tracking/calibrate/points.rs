@@ -97,6 +97,8 @@ pub struct ImageCalibration {
     pub image_to_probe: Rows,
     /// Width and height of a pixel, mm.
     pub pixel_mm: [f64; 2],
+    /// Mean column and row of the pixels.
+    pub mean_px: [f64; 2],
     /// Standard deviations of the position of the mean pixel, mm.
     pub std_mm: [f64; 3],
     /// Standard deviations of the rotation about the marker's axes, degrees.
@@ -178,6 +180,7 @@ pub fn calibrate(pixels: &[Pixel], poses: &Poses) -> Result<ImageCalibration, Tr
     Ok(ImageCalibration {
         image_to_probe: Rows(plane.image_to_probe(mean)),
         pixel_mm: plane.pixel_mm,
+        mean_px: mean,
         std_mm: shift.into(),
         std_deg: turn.map(f64::to_degrees).into(),
         axes_apart_deg: apart.to_degrees(),
