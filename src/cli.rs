@@ -15,6 +15,7 @@ mod inspect;
 mod matching;
 mod material;
 mod mesh;
+mod motion;
 mod output;
 mod phantom;
 mod plan;
@@ -23,6 +24,7 @@ mod quality;
 mod realism;
 mod register;
 mod render;
+mod rf;
 mod scene;
 mod schema;
 mod score;
@@ -92,6 +94,8 @@ enum Command {
     Register(Box<register::Register>),
     Texture(Box<texture::TextureArgs>),
     Insert(insert::Insert),
+    Rf(Box<rf::Rf>),
+    Motion(motion::Motion),
     Score(score::ScoreArgs),
     Exercise(exercise::Exercise),
     Solve(solve::Solve),
@@ -129,6 +133,8 @@ impl Cli {
             Command::Register(register) => register.run(),
             Command::Texture(texture) => texture.run(),
             Command::Insert(insert) => insert.run(),
+            Command::Rf(rf) => rf.run(),
+            Command::Motion(motion) => motion.run(),
             Command::Score(score) => score.run(),
             Command::Exercise(exercise) => exercise.run(),
             Command::Solve(solve) => solve.run(),

@@ -6,6 +6,7 @@ pub mod overlay;
 pub mod overview;
 pub mod plan;
 pub mod quality;
+pub mod rf;
 pub mod sequence;
 pub mod sidecar;
 pub mod synth;

@@ -487,7 +487,13 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quad
         let step = factor.solve(&right);
         // Degrees of freedom that the prior leaves: the trace of the influence matrix.
         let inverse = factor.inverse();
-        let bound = |at: usize| if at.is_multiple_of(TERMS) { 0.0 } else { held * inverse[(at, at)] };
+        let bound = |at: usize| {
+            if at.is_multiple_of(TERMS) {
+                0.0
+            } else {
+                held * inverse[(at, at)]
+            }
+        };
         free = (0..3 * TERMS).map(|at| 1.0 - bound(at)).sum();
         for axis in 0..3 {
             for term in 0..TERMS {

@@ -26,8 +26,8 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 pub(crate) use data::read as read_data;
 pub use error::{At, VolumeError};
-pub(crate) use load::read_header;
 pub use load::{Loaded, ScalarImage, load, load_scalar};
+pub(crate) use load::{numbers, read_header};
 pub use save::save;
 
 /// One label of a volume.

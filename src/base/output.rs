@@ -6,7 +6,7 @@ pub mod folder;
 pub mod gif;
 pub mod place;
 pub mod png;
-mod staged;
+pub(crate) mod staged;
 
 pub use error::OutputError;
 pub use staged::abandon;

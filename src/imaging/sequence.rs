@@ -59,6 +59,23 @@ enum Format {
     Nrrd,
 }
 
+/// Contents of the pixels.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Pixels {
+    Grey,
+    Layer,
+    Echoes,
+}
+
+impl Pixels {
+    fn bytes(self) -> usize {
+        match self {
+            Self::Grey => 1,
+            Self::Layer | Self::Echoes => 2,
+        }
+    }
+}
+
 enum Packer {
     Zlib(ZlibEncoder<BufWriter<File>>),
     Gzip(GzEncoder<BufWriter<File>>),
@@ -72,8 +89,7 @@ pub struct SequenceWriter {
     format: Format,
     width: usize,
     height: usize,
-    /// Bytes per pixel: 1 for images, 2 for layers.
-    depth: usize,
+    pixels: Pixels,
     frames: usize,
     keys: String,
     packer: Packer,
@@ -112,7 +128,7 @@ impl SequenceWriter {
             format,
             width,
             height,
-            depth: 1,
+            pixels: Pixels::Grey,
             frames: 0,
             keys: String::new(),
             packer,
@@ -125,7 +141,22 @@ impl SequenceWriter {
     /// The errors of [`SequenceWriter::create`].
     pub fn create_layer(path: &Path, width: usize, height: usize) -> Result<Self, OutputError> {
         let images = Self::create(path, width, height)?;
-        Ok(Self { depth: 2, ..images })
+        Ok(Self {
+            pixels: Pixels::Layer,
+            ..images
+        })
+    }
+
+    /// Starts a sequence of radio-frequency echoes (`RF_REAL`): a row of signed 16-bit samples for each line, away from the probe.
+    ///
+    /// # Errors
+    /// The errors of [`SequenceWriter::create`].
+    pub fn create_echoes(path: &Path, samples: usize, lines: usize) -> Result<Self, OutputError> {
+        let images = Self::create(path, samples, lines)?;
+        Ok(Self {
+            pixels: Pixels::Echoes,
+            ..images
+        })
     }
 
     /// Sets a field of the sequence, such as `WorldAxes`, before the first frame. Names consist of letters, and values of one line.
@@ -142,8 +173,8 @@ impl SequenceWriter {
     /// [`OutputError::Contents`], [`OutputError::Write`].
     pub fn push(&mut self, pixels: &[u8], info: &FrameInfo) -> Result<(), OutputError> {
         let expected = self.width.checked_mul(self.height);
-        if expected.and_then(|expected| expected.checked_mul(self.depth)) != Some(pixels.len()) {
-            let (found, size) = (pixels.len() / self.depth, [self.width, self.height]);
+        if expected.and_then(|expected| expected.checked_mul(self.pixels.bytes())) != Some(pixels.len()) {
+            let (found, size) = (pixels.len() / self.pixels.bytes(), [self.width, self.height]);
             return Err(wrong_size(&self.path, self.frames, found, size));
         }
         for (name, _, _) in info.transforms {
@@ -234,24 +265,32 @@ impl SequenceWriter {
     }
 
     fn metaimage_header(&self) -> (String, &'static str) {
-        let element = ["MET_UCHAR", "MET_USHORT"][self.depth - 1];
+        let (element, kind, orientation) = match self.pixels {
+            Pixels::Grey => ("MET_UCHAR", "BRIGHTNESS", "MF"),
+            Pixels::Layer => ("MET_USHORT", "BRIGHTNESS", "MF"),
+            Pixels::Echoes => ("MET_SHORT", "RF_REAL", "FM"),
+        };
         let head = format!(
             "ObjectType = Image\nNDims = 3\nAnatomicalOrientation = RAI\nBinaryData = True\n\
              BinaryDataByteOrderMSB = False\nCenterOfRotation = 0 0 0\nCompressedData = True\n\
              DimSize = {} {} {}\nElementNumberOfChannels = 1\nElementSpacing = 1 1 1\nElementType = {element}\n\
              Kinds = domain domain list\nOffset = 0 0 0\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
-             UltrasoundImageOrientation = MF\nUltrasoundImageType = BRIGHTNESS\n",
+             UltrasoundImageOrientation = {orientation}\nUltrasoundImageType = {kind}\n",
             self.width, self.height, self.frames
         );
         (head, "ElementDataFile = LOCAL\n")
     }
 
     fn nrrd_header(&self) -> (String, &'static str) {
-        let element = ["uint8", "uint16"][self.depth - 1];
+        let (element, kind, orientation) = match self.pixels {
+            Pixels::Grey => ("uint8", "BRIGHTNESS", "MF"),
+            Pixels::Layer => ("uint16", "BRIGHTNESS", "MF"),
+            Pixels::Echoes => ("int16", "RF_REAL", "FM"),
+        };
         let head = format!(
             "NRRD0004\ntype: {element}\ndimension: 3\nspace dimension: 2\nsizes: {} {} {}\n\
              space directions: (1,0) (0,1) none\nkinds: domain domain list\nendian: little\nencoding: gzip\n\
-             space origin: (0,0)\nultrasound image orientation:=MF\nultrasound image type:=BRIGHTNESS\n",
+             space origin: (0,0)\nultrasound image orientation:={orientation}\nultrasound image type:={kind}\n",
             self.width, self.height, self.frames
         );
         (head, "\n")

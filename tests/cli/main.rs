@@ -22,6 +22,7 @@ mod outputs;
 mod quality;
 mod realism;
 mod reports;
+mod rf;
 mod seeds;
 mod segmentations;
 mod solve;

@@ -50,28 +50,35 @@ pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
 pub fn load_scalar(path: &Path) -> Result<ScalarImage, VolumeError> {
     let mut header = read_header(path)?;
     let grid = header.grid()?;
-    let (order, scale) = (header.data_order(), header.scale);
-    let values = with_sample!(header.element()?, T => {
-        let value = |number: &[u8]| {
-            let stored = T::decode(number, order).as_f64();
-            scale.map_or(stored, |scale| scale.apply(stored)) as f32
-        };
-        data::read_into(&mut header, T::BYTES, &mut |bytes, values| {
-            values.extend(bytes.chunks_exact(T::BYTES).map(value));
-            Ok(())
-        })
-    })?;
-    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
-        let [x, y, _] = grid.size;
-        let found = format!("{} at voxel ({}, {}, {})", values[at], at % x, at / x % y, at / x / y);
-        return Err(header.malformed(found, "finite grey values"));
-    }
+    let values = numbers(&mut header)?;
     Ok(ScalarImage {
         size: grid.size,
         spacing_mm: [0, 1, 2].map(|axis| grid.index_to_world.fixed_view::<3, 1>(0, axis).norm()),
         index_to_world: grid.index_to_world,
         data: values,
     })
+}
+
+/// Reads the numbers of an image, with the file's own scale applied.
+pub(crate) fn numbers(header: &mut Header) -> Result<Vec<f32>, VolumeError> {
+    let (order, scale) = (header.data_order(), header.scale);
+    let values = with_sample!(header.element()?, T => {
+        let value = |number: &[u8]| {
+            let stored = T::decode(number, order).as_f64();
+            scale.map_or(stored, |scale| scale.apply(stored)) as f32
+        };
+        data::read_into(header, T::BYTES, &mut |bytes, values| {
+            values.extend(bytes.chunks_exact(T::BYTES).map(value));
+            Ok(())
+        })
+    })?;
+    if let Some(at) = values.iter().position(|value| !value.is_finite()) {
+        let side = |axis: usize| header.axes.get(axis).map_or(1, |axis| axis.size);
+        let (x, y) = (side(0), side(1));
+        let found = format!("{} at voxel ({}, {}, {})", values[at], at % x, at / x % y, at / x / y);
+        return Err(header.malformed(found, "finite grey values"));
+    }
+    Ok(values)
 }
 
 /// Parses the header of an image of any known format.

@@ -46,7 +46,7 @@ impl Drop for Live {
 }
 
 /// A temporary file.
-pub(super) struct StagedFile {
+pub(crate) struct StagedFile {
     pub file: NamedTempFile,
     _live: Live,
 }

@@ -175,10 +175,7 @@ impl BeamGrid {
 
     /// Line and sample coordinate of a point of the probe's plane (mm); `None` outside the sector or beyond its depth.
     pub fn to_beam(&self, x: f64, y: f64) -> Option<(f64, f64)> {
-        let (across, along) = match self.layout {
-            Layout::Parallel { width } => (2.0 * x / width, y),
-            Layout::Fan { radius, half } => (x.atan2(y + radius) / half, x.hypot(y + radius) - radius),
-        };
+        let (across, along) = self.across_and_along(x, y);
         let share = along / self.depth;
         if !(across.abs() <= 1.0 + EDGE && (-EDGE..=1.0 + EDGE).contains(&share)) {
             return None;
@@ -189,6 +186,19 @@ impl BeamGrid {
             0.0
         };
         Some((line, share.clamp(0.0, 1.0) * self.samples as f64 - 0.5))
+    }
+
+    /// Line coordinate and depth (mm) of a point of the probe's plane (mm). Also defined outside the sector.
+    pub fn to_line_and_depth(&self, x: f64, y: f64) -> (f64, f64) {
+        let (across, along) = self.across_and_along(x, y);
+        ((across + 1.0) / 2.0 * self.gaps(), along)
+    }
+
+    fn across_and_along(&self, x: f64, y: f64) -> (f64, f64) {
+        match self.layout {
+            Layout::Parallel { width } => (2.0 * x / width, y),
+            Layout::Fan { radius, half } => (x.atan2(y + radius) / half, x.hypot(y + radius) - radius),
+        }
     }
 
     /// Bounding rectangle of the sector.

@@ -1,0 +1,428 @@
+//! `insonify motion`: motion of tissue between radio-frequency frames.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
+use image::{Rgb, RgbImage};
+use serde::Serialize;
+
+use crate::base::csv::Csv;
+use crate::base::output::{atomic, png};
+use crate::imaging::rf::SPEED_M_S;
+use crate::imaging::rf::bmode::{envelope, grey, scan_converted, white};
+use crate::imaging::rf::file::Echoes;
+use crate::imaging::rf::motion::{Estimate, Options, Tracker};
+use crate::tracking::TrackingError;
+use crate::tracking::probe::{BeamGrid, ImageGrid};
+
+use super::failure::Failure;
+use super::output::Force;
+use super::rf::{Geometry, laid_out};
+use super::terminal;
+
+const EXAMPLES: &str = "\
+Each window of the first frame is sought in the others by normalised cross-correlation: in a narrow search about the estimate of the window above,
+and in a wide one where the correlation falls below 0.8. Where the mean correlation of a frame falls below 0.95, it becomes the new reference, and
+motion adds up. The table has a row for each window of each frame after the first:
+  frame,line,window,depth_mm,axial_um,lateral_um,correlation
+against the first frame; counts from 0, depth_mm the centre of the window there, axial away from the probe, lateral towards the marked side.
+
+Examples:
+  insonify rf liver-biopsy -o rf.igs.mha --truth truth.csv
+  insonify motion rf.igs.mha -o u.csv --truth truth.csv            errors against the truth
+  insonify motion rf.igs.mha -o u.csv --strain strain.png          axial strain of the last frame in colour over its B-mode
+  insonify motion rf.mha -o u.csv --sampling-mhz 40 --pitch-mm 0.15
+
+docs/motion.md has the model, its accuracy and its cost.";
+
+/// Estimates the motion of tissue from radio-frequency frames
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct Motion {
+    /// Sequence of echoes: RF_REAL, at least two frames
+    #[arg(value_name = "RF")]
+    input: PathBuf,
+    /// Table to write
+    #[arg(short, long, value_name = "FILE.csv")]
+    output: PathBuf,
+    /// Sampling rate, if the file does not state it
+    #[arg(long, value_name = "MHZ")]
+    sampling_mhz: Option<f64>,
+    /// Speed of sound
+    #[arg(long, value_name = "M_S", default_value_t = SPEED_M_S)]
+    speed_m_s: f64,
+    #[command(flatten)]
+    geometry: Geometry,
+    /// Windows along a line
+    #[arg(long, value_name = "N", default_value = "120", value_parser = clap::value_parser!(u16).range(2..=10_000))]
+    windows: u16,
+    /// Length of a window
+    #[arg(long, value_name = "MM", default_value_t = 1.0)]
+    window_mm: f64,
+    /// Factor of upsampling before the search
+    #[arg(long, value_name = "N", default_value = "2", value_parser = clap::value_parser!(u8).range(1..=8))]
+    upsampling: u8,
+    /// Reach of the wide search along a line
+    #[arg(long, value_name = "MM", default_value_t = 0.8)]
+    wide_mm: f64,
+    /// Search widely for every window, as a comparison
+    #[arg(long)]
+    exhaustive: bool,
+    /// Report errors against the true motion, as `insonify rf --truth` writes it
+    #[arg(long, value_name = "FILE.csv")]
+    truth: Option<PathBuf>,
+    /// Write the axial strain of the last frame in colour over its B-mode
+    #[arg(long, value_name = "FILE.png")]
+    strain: Option<PathBuf>,
+    /// Write the axial motion of the last frame in colour over its B-mode
+    #[arg(long, value_name = "FILE.png")]
+    displacement: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `correlations` (count), `references`, and with --truth `errors`
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+struct Report {
+    frames: usize,
+    lines: usize,
+    windows: usize,
+    /// Mean correlation of the windows.
+    correlation: f64,
+    /// Number of correlations computed.
+    correlations: u64,
+    /// Number of changes of the reference.
+    references: usize,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    errors: Option<Errors>,
+}
+
+/// Errors of windows whose correlation is at least 0.8, um.
+#[derive(Serialize)]
+struct Errors {
+    windows: usize,
+    axial: Spread,
+    lateral: Spread,
+}
+
+#[derive(Serialize)]
+struct Spread {
+    bias_um: f64,
+    sd_um: f64,
+    /// Largest magnitude of the mean error of a frame.
+    worst_mean_um: f64,
+    /// Largest standard deviation of a frame.
+    worst_sd_um: f64,
+}
+
+/// Correlation below which an estimate is not compared with the truth.
+const TRUSTED: f64 = 0.8;
+/// Windows over which strain is a slope.
+const SLOPE: usize = 9;
+/// Opacity of colours over the B-mode.
+const OPACITY: f64 = 0.55;
+
+impl Motion {
+    pub fn run(&self) -> Result<(), Failure> {
+        let read: Vec<PathBuf> = [Some(&self.input), self.truth.as_ref()]
+            .into_iter()
+            .flatten()
+            .cloned()
+            .collect();
+        self.force.check_ending(&self.output, "csv", "tables", &read)?;
+        for picture in self.strain.iter().chain(&self.displacement) {
+            self.force.check_ending(picture, "png", "pictures", &read)?;
+        }
+        let echoes = Echoes::read(&self.input)?;
+        echoes.notes.iter().for_each(terminal::note);
+        let options = self.options(&echoes)?;
+        let truth = self
+            .truth
+            .as_deref()
+            .map(|path| truth(path, &echoes, options.windows))
+            .transpose()?;
+        let depths = options.centres_mm(echoes.samples);
+        let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
+        let bar = terminal::progress(echoes.frames.len() - 1);
+        let mut correlation = 0.0;
+        let mut last = Vec::new();
+        let mut tally = Tally::default();
+        atomic::write(&self.output, |file| {
+            writeln!(file, "frame,line,window,depth_mm,axial_um,lateral_um,correlation")?;
+            for (frame, values) in echoes.frames.iter().enumerate().skip(1) {
+                last = tracker.next(values);
+                for (at, estimate) in last.iter().enumerate() {
+                    let (line, window) = (at / options.windows, at % options.windows);
+                    writeln!(
+                        file,
+                        "{frame},{line},{window},{:.4},{:.3},{:.3},{:.5}",
+                        depths[window], estimate.axial_um, estimate.lateral_um, estimate.correlation
+                    )?;
+                    correlation += estimate.correlation;
+                }
+                if let Some(truth) = &truth {
+                    tally.add(&last, &truth[frame]);
+                }
+                bar.inc(1);
+            }
+            Ok(())
+        })?;
+        bar.finish_and_clear();
+        for (path, strain) in [(&self.displacement, false), (&self.strain, true)] {
+            if let Some(path) = path {
+                let picture = self.picture(&echoes, &depths, &last, strain)?;
+                png::write_rgb(path, picture.width() as usize, picture.height() as usize, &picture)?;
+            }
+        }
+        let frames = echoes.frames.len() - 1;
+        let report = Report {
+            frames: frames + 1,
+            lines: echoes.lines,
+            windows: options.windows,
+            correlation: correlation / (frames * echoes.lines * options.windows) as f64,
+            correlations: tracker.correlations,
+            references: tracker.switches,
+            errors: truth.is_some().then(|| tally.errors()),
+        };
+        match self.json {
+            true => terminal::emit_json(&report),
+            false => terminal::emit(&report.text()),
+        }
+    }
+
+    fn options(&self, echoes: &Echoes) -> Result<Options, Failure> {
+        let wrong = |found: String, expected: &str| Err(Failure::usage(found, expected));
+        let file = self.input.display();
+        if echoes.baseband {
+            return wrong(
+                format!("{file}: baseband values (IQ)"),
+                "give radio-frequency echoes (RF_REAL)",
+            );
+        }
+        if echoes.frames.len() < 2 {
+            return wrong(format!("{file}: one frame"), "give a sequence of two frames or more");
+        }
+        let Some(sampling_mhz) = self.sampling_mhz.or(echoes.stated[0]) else {
+            return wrong(
+                format!("{file}: the sampling rate is not stated"),
+                "give --sampling-mhz",
+            );
+        };
+        let curved = echoes.stated[2].zip(echoes.stated[3]);
+        let angle = self.geometry.radius_mm.zip(self.geometry.angle_deg).or(curved);
+        let at_array = angle.map(|(radius, angle)| radius * angle.to_radians() / (echoes.lines.max(2) - 1) as f64);
+        let Some(pitch_mm) = self.geometry.pitch_mm.or(echoes.stated[1]).or(at_array) else {
+            return wrong(
+                format!("{file}: the distance between lines is not stated"),
+                "give --pitch-mm",
+            );
+        };
+        let length_mm = echoes.samples as f64 * self.speed_m_s * 1e-3 / (2.0 * sampling_mhz);
+        for (name, value, most) in [
+            ("--sampling-mhz", sampling_mhz, 1000.0),
+            ("--speed-m-s", self.speed_m_s, 10_000.0),
+            ("--window-mm", self.window_mm, length_mm / 2.0),
+            ("--wide-mm", self.wide_mm, length_mm),
+        ] {
+            if !(value > 0.0 && value <= most) {
+                return wrong(
+                    format!("{name} {value}"),
+                    &format!("give a number above 0, at most {most:.3}"),
+                );
+            }
+        }
+        Ok(Options {
+            speed_m_s: self.speed_m_s,
+            window_mm: self.window_mm,
+            windows: usize::from(self.windows),
+            upsampling: usize::from(self.upsampling),
+            wide_mm: self.wide_mm,
+            fallback: TRUSTED,
+            prior: !self.exhaustive,
+            ..Options::new(sampling_mhz, pitch_mm)
+        })
+    }
+
+    fn picture(&self, echoes: &Echoes, depths: &[f64], last: &[Estimate], strain: bool) -> Result<RgbImage, Failure> {
+        let Some(probe) = self.geometry.probe(echoes, self.sampling_mhz)? else {
+            let expected = "give --sampling-mhz and --pitch-mm, or --radius-mm and --angle-deg";
+            return Err(Failure::usage("a picture needs the geometry of the lines", expected));
+        };
+        let (beam, image) = laid_out(&probe)?;
+        let envelope = envelope(echoes, echoes.frames.len() - 1);
+        let below = scan_converted(&grey(&envelope, white(&envelope), 60.0), &beam, &image, 0);
+        let count = usize::from(self.windows);
+        let values: Vec<f64> = match strain {
+            true => last.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
+            false => last.iter().map(|estimate| estimate.axial_um).collect(),
+        };
+        let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
+        sizes.sort_by(f64::total_cmp);
+        let most = sizes[sizes.len() * 98 / 100].max(1e-12);
+        let unit = if strain { "%" } else { "um" };
+        terminal::note(format_args!(
+            "colours from {:.3} {unit} ({}, blue) to {:.3} {unit} ({}, red)",
+            -most,
+            if strain { "compressed" } else { "towards the probe" },
+            most,
+            if strain { "stretched" } else { "away" }
+        ));
+        Ok(coloured(
+            &below,
+            &beam,
+            &image,
+            &values,
+            [depths[0], depths[count - 1]],
+            most,
+        ))
+    }
+}
+
+/// Axial strain along a line, %: slopes over some windows.
+fn slopes(depths: &[f64], line: &[Estimate]) -> Vec<f64> {
+    let slope = |at: usize| {
+        let from = at.saturating_sub(SLOPE / 2);
+        let to = (at + SLOPE / 2 + 1).min(line.len());
+        let n = (to - from) as f64;
+        let x = depths[from..to].iter().sum::<f64>() / n;
+        let y = line[from..to].iter().map(|it| it.axial_um).sum::<f64>() / n;
+        let both = depths[from..to].iter().zip(&line[from..to]);
+        let (top, bottom) = both.fold((0.0, 0.0), |(top, bottom), (depth, it)| {
+            (top + (depth - x) * (it.axial_um - y), bottom + (depth - x).powi(2))
+        });
+        // um/mm are per mille.
+        0.1 * top / bottom
+    };
+    (0..line.len()).map(slope).collect()
+}
+
+/// Values of windows in colour over grey pixels: blue below 0, red above.
+fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], ends: [f64; 2], most: f64) -> RgbImage {
+    let count = values.len() / beam.lines();
+    RgbImage::from_fn(image.width() as u32, image.height() as u32, |x, y| {
+        let grey = f64::from(below[y as usize * image.width() + x as usize]);
+        let [px, py] = image.to_plane(f64::from(x), f64::from(y));
+        if beam.to_beam(px, py).is_none() {
+            return Rgb([0; 3]);
+        }
+        let (line, depth) = beam.to_line_and_depth(px, py);
+        let window = (depth - ends[0]) / (ends[1] - ends[0]) * (count - 1) as f64;
+        if !(0.0..=(count - 1) as f64).contains(&window) {
+            return Rgb([grey as u8; 3]);
+        }
+        let (low, share) = (
+            (window as usize).min(count - 2),
+            window - (window as usize).min(count - 2) as f64,
+        );
+        let row = line.round().clamp(0.0, (beam.lines() - 1) as f64) as usize * count;
+        let value = values[row + low] * (1.0 - share) + values[row + low + 1] * share;
+        let level = (value / most).clamp(-1.0, 1.0);
+        let colour = match level < 0.0 {
+            true => [40.0, 90.0, 255.0],
+            false => [255.0, 70.0, 30.0],
+        };
+        let opacity = OPACITY * level.abs().sqrt();
+        Rgb(colour.map(|part: f64| (grey * (1.0 - opacity) + part * opacity).round() as u8))
+    })
+}
+
+/// True axial and lateral motion by frame, in the order of the estimates.
+fn truth(path: &std::path::Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2]>>, Failure> {
+    let table = Csv::read(
+        path,
+        &["frame", "line", "window", "axial_um", "lateral_um"],
+        &["depth_mm", "elevational_um"],
+    )?;
+    let mut all = vec![vec![[f64::NAN; 2]; echoes.lines * windows]; echoes.frames.len()];
+    for row in table.rows() {
+        let (frame, line, window) = (row.count("frame")?, row.count("line")?, row.count("window")?);
+        if frame >= all.len() || line >= echoes.lines || window >= windows {
+            let expected = format!("{} frames of {} lines with {windows} windows", all.len(), echoes.lines);
+            return Err(row.wrong("window", expected).into());
+        }
+        all[frame][line * windows + window] = row.numbers(["axial_um", "lateral_um"])?;
+    }
+    match all.iter().flatten().any(|pair| pair[0].is_nan()) {
+        true => Err(TrackingError::new(format!(
+            "{}: rows are missing; expected one for each of {} frames, {} lines and {windows} windows",
+            path.display(),
+            all.len(),
+            echoes.lines
+        ))
+        .into()),
+        false => Ok(all),
+    }
+}
+
+/// Sums of the errors, frame by frame.
+#[derive(Default)]
+struct Tally {
+    /// Count, and mean and standard deviation of the axial and the lateral error of each frame.
+    frames: Vec<(f64, [[f64; 2]; 2])>,
+}
+
+impl Tally {
+    fn add(&mut self, found: &[Estimate], truth: &[[f64; 2]]) {
+        let kept = || found.iter().zip(truth).filter(|(it, _)| it.correlation >= TRUSTED);
+        let n = kept().count().max(1) as f64;
+        let of = |error: fn(&Estimate, &[f64; 2]) -> f64| {
+            let mean = kept().map(|(it, truth)| error(it, truth)).sum::<f64>() / n;
+            let square = kept().map(|(it, truth)| (error(it, truth) - mean).powi(2)).sum::<f64>() / n;
+            [mean, square.sqrt()]
+        };
+        let both = [
+            of(|it, truth| it.axial_um - truth[0]),
+            of(|it, truth| it.lateral_um - truth[1]),
+        ];
+        self.frames.push((n, both));
+    }
+
+    fn errors(&self) -> Errors {
+        let n: f64 = self.frames.iter().map(|(n, _)| n).sum();
+        let spread = |axis: usize| {
+            let of = || self.frames.iter().map(|(n, both)| (*n, both[axis]));
+            let bias = of().map(|(n, [mean, _])| n * mean).sum::<f64>() / n;
+            let square = of()
+                .map(|(n, [mean, sd])| n * (sd * sd + (mean - bias).powi(2)))
+                .sum::<f64>()
+                / n;
+            Spread {
+                bias_um: bias,
+                sd_um: square.sqrt(),
+                worst_mean_um: of().map(|(_, [mean, _])| mean.abs()).fold(0.0, f64::max),
+                worst_sd_um: of().map(|(_, [_, sd])| sd).fold(0.0, f64::max),
+            }
+        };
+        Errors {
+            windows: n as usize,
+            axial: spread(0),
+            lateral: spread(1),
+        }
+    }
+}
+
+impl Report {
+    fn text(&self) -> String {
+        let mut text = format!(
+            "{} frames of {} lines with {} windows: mean correlation {:.4}, {} changes of the reference, {:.1} correlations a window",
+            self.frames,
+            self.lines,
+            self.windows,
+            self.correlation,
+            self.references,
+            self.correlations as f64 / ((self.frames - 1) * self.lines * self.windows) as f64
+        );
+        if let Some(errors) = &self.errors {
+            for (name, spread) in [("axial", &errors.axial), ("lateral", &errors.lateral)] {
+                text += &format!(
+                    "\n{name} error: bias {:.3} um, SD {:.3} um; by frame up to {:.3} and {:.3} um",
+                    spread.bias_um, spread.sd_um, spread.worst_mean_um, spread.worst_sd_um
+                );
+            }
+        }
+        text
+    }
+}

@@ -1,0 +1,66 @@
+//! B-mode frames from echoes: envelope, log compression, scan conversion.
+
+use std::ops::RangeInclusive;
+
+use rayon::prelude::*;
+
+use super::file::Echoes;
+use super::signal::Lines;
+use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, scan_map};
+
+/// Dynamic ranges, dB.
+pub const RANGE_DB: RangeInclusive<f64> = 10.0..=200.0;
+/// Share of the samples that may be brighter than white.
+const SATURATED: f64 = 0.001;
+
+/// Envelope of a frame, line by line.
+pub fn envelope(echoes: &Echoes, frame: usize) -> Vec<f32> {
+    let values = &echoes.frames[frame];
+    match echoes.baseband {
+        true => values.chunks_exact(2).map(|iq| iq[0].hypot(iq[1])).collect(),
+        false => Lines::new(echoes.samples, 1).envelope(values),
+    }
+}
+
+/// Envelope that becomes white: that of the brightest thousandth of the samples.
+pub fn white(envelope: &[f32]) -> f32 {
+    let mut sorted = envelope.to_vec();
+    let at = ((1.0 - SATURATED) * sorted.len() as f64) as usize;
+    let (_, found, _) = sorted.select_nth_unstable_by(at.min(envelope.len() - 1), f32::total_cmp);
+    found.max(f32::MIN_POSITIVE)
+}
+
+/// Grey levels of an envelope, line by line: 255 at `white`, 0 at `range_db` below.
+pub fn grey(envelope: &[f32], white: f32, range_db: f64) -> Vec<f32> {
+    let level = |value: &f32| 20.0 * (value / white).max(1e-20).log10();
+    let grey = |db: f32| (255.0 * (1.0 + f64::from(db) / range_db)).clamp(0.0, 255.0) as f32;
+    envelope.par_iter().map(|value| grey(level(value))).collect()
+}
+
+/// Scan conversion of grey levels, bilinear between lines and samples; `fill` outside the sector. Lines with more samples than pixels are averaged
+/// along their depth first.
+pub fn scan_converted(grey: &[f32], beam: &BeamGrid, image: &ImageGrid, fill: u8) -> Vec<u8> {
+    let (lines, samples) = (beam.lines(), grey.len() / beam.lines());
+    let wide = ((image.pixel_mm() / (beam.depth_mm() / samples as f64)).round() as usize).max(1);
+    let rows = samples / wide;
+    let mean = |at: usize| {
+        let start = at / rows * samples + at % rows * wide;
+        grey[start..start + wide].iter().sum::<f32>() / wide as f32
+    };
+    let averaged: Vec<f32> = (0..lines * rows).map(mean).collect();
+    let scale = rows as f32 / beam.samples() as f32;
+    let value = |[line, sample]: [f32; 2]| {
+        let sample = (sample + 0.5) * scale - 0.5;
+        let place = |at: f32, count: usize| {
+            let at = at.clamp(0.0, (count - 1) as f32);
+            let low = (at as usize).min(count.saturating_sub(2));
+            (low, at - low as f32, (low + 1).min(count - 1))
+        };
+        let ((l0, u, l1), (s0, v, s1)) = (place(line, lines), place(sample, rows));
+        let along = |l: usize| averaged[l * rows + s0] * (1.0 - v) + averaged[l * rows + s1] * v;
+        (along(l0) * (1.0 - u) + along(l1) * u).round() as u8
+    };
+    let map = scan_map(beam, image, 0..image.height());
+    let pixel = |place: &[f32; 2]| if *place == OUTSIDE { fill } else { value(*place) };
+    map.par_iter().map(pixel).collect()
+}

@@ -1,0 +1,343 @@
+//! Point scatterers of an anatomy: hashed into its reference state, moved with its mesh, seen by a probe.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix4, Point3};
+use rayon::prelude::*;
+
+use super::Acquisition;
+use super::echoes::{Pulse, Scatterer, echoes};
+use crate::base::matrix::inverse_rigid;
+use crate::base::random::{hash3, seed_words, unit};
+use crate::imaging::effects::point_spread::PointSpread;
+use crate::imaging::effects::shadow::Shadow;
+use crate::imaging::effects::texture;
+use crate::imaging::synth::tables::{Anatomy, Inputs, Settings};
+use crate::imaging::synth::{FrameState, SynthError};
+use crate::mechanics::mesh::locator::{Locator, NONE};
+use crate::tracking::probe::BeamGrid;
+
+/// Full width at half maximum of a Gaussian in standard deviations.
+const FWHM: f64 = 2.354_820_045;
+/// Reach of the elevational profile, standard deviations.
+const REACH: f64 = 3.0;
+/// Least margin of the region in which scatterers are kept beyond the motion so far, mm.
+const MARGIN_MM: f64 = 2.0;
+/// Interval of the losses along a line, mm.
+const LOSS_MM: f64 = 0.5;
+/// Streams of random numbers beside that of positions.
+const AMPLITUDES: u64 = 0x5ca7;
+const NOISE: u64 = 0x201e;
+
+/// A scatterer in the reference state.
+#[derive(Clone, Copy)]
+struct Point {
+    at: [f64; 3],
+    amplitude: f32,
+    element: u32,
+}
+
+/// Region around the image for which scatterers were made.
+struct Region {
+    probe_to_world: Matrix4<f64>,
+    margin_mm: f64,
+}
+
+/// Synthesises the echoes of an anatomy frame by frame.
+pub struct RfSynthesizer {
+    anatomy: Anatomy,
+    settings: Settings,
+    acquisition: Acquisition,
+    grid: BeamGrid,
+    spread: PointSpread,
+    pulse: Pulse,
+    atlas: texture::Derived,
+    /// Entry of each label in the atlas, from 1; 0 for none.
+    entries: Vec<u32>,
+    /// From the reference to the current state.
+    locator: Option<Locator<f64>>,
+    reference: Vec<[f64; 3]>,
+    current: Vec<[f64; 3]>,
+    region: Option<Region>,
+    points: Vec<Point>,
+    samples: usize,
+}
+
+impl RfSynthesizer {
+    /// Prepares the synthesis: beam widths and focus are those of `effects.speckle`, losses those of `effects.shadow`, textures those of
+    /// `effects.texture`; other effects do not act on echoes.
+    ///
+    /// # Errors
+    /// [`SynthError`] for a probe or an acquisition out of range.
+    pub fn new(anatomy: Anatomy, settings: Settings, acquisition: Acquisition) -> Result<Self, SynthError> {
+        acquisition.validate()?;
+        let grid = BeamGrid::new(&settings.probe).map_err(SynthError::from)?;
+        let speckle = settings.effects.speckle.clone().unwrap_or_default();
+        let inputs = Inputs {
+            anatomy: &anatomy,
+            settings: &settings,
+            grid: &grid,
+        };
+        let atlas = match settings.effects.texture {
+            Some(_) => texture::derive(&inputs)?,
+            None => None,
+        };
+        let nodes = anatomy.mesh.as_ref().map_or(Vec::new(), |mesh| mesh.nodes().to_vec());
+        let labels = anatomy.volume.labels().len();
+        Ok(Self {
+            entries: (0..labels)
+                .map(|label| texture::entry_of(&anatomy, label as u8))
+                .collect(),
+            spread: PointSpread::new(&speckle, &settings.probe),
+            pulse: Pulse::new(&acquisition),
+            locator: anatomy.mesh.as_ref().map(|mesh| Locator::new(mesh)),
+            reference: nodes.clone(),
+            current: nodes,
+            samples: (grid.depth_mm() / acquisition.sample_mm()).round() as usize,
+            region: None,
+            points: Vec::new(),
+            atlas,
+            anatomy,
+            settings,
+            acquisition,
+            grid,
+        })
+    }
+
+    /// Number of lines.
+    pub fn lines(&self) -> usize {
+        self.grid.lines()
+    }
+
+    /// Number of samples of a line; sample 0 is the echo at the array.
+    pub fn samples(&self) -> usize {
+        self.samples
+    }
+
+    /// Scanlines of the probe.
+    pub fn grid(&self) -> &BeamGrid {
+        &self.grid
+    }
+
+    /// Volume of a resolution cell at the focus, mm^3.
+    fn cell_mm3(&self) -> f64 {
+        let axial_mm = FWHM * self.acquisition.sigma_us() * super::SPEED_M_S * 1e-3 / 2.0;
+        axial_mm * self.spread.lateral_mm * self.spread.elevational_mm
+    }
+
+    /// Echoes of a frame, line by line, in units of the RMS of normal liver at the focus without attenuation.
+    ///
+    /// # Errors
+    /// [`SynthError`] if the state has another number of nodes than the mesh.
+    pub fn render(&mut self, state: &FrameState) -> Result<Vec<f32>, SynthError> {
+        self.set(state)?;
+        self.cover(&state.probe_to_world);
+        let to_probe = inverse_rigid(&state.probe_to_world);
+        let losses = self.losses(&state.probe_to_world);
+        let steps = losses.len() / self.lines();
+        let sigma_mm = self.spread.elevational_mm / FWHM;
+        let energy = self.pulse.energy() * self.acquisition.sample_mm() * PI * sigma_mm * self.spread.lateral_mm / FWHM;
+        let density = self.acquisition.per_cell / self.cell_mm3();
+        let unit_echo = (density * energy).sqrt().recip();
+        let (grid, locator, spread) = (&self.grid, self.locator.as_ref(), &self.spread);
+        let (sample_mm, last) = (self.acquisition.sample_mm(), self.lines() - 1);
+        let seen = self.points.par_iter_mut().filter_map(|point| {
+            let at = to_probe.transform_point(&carried(locator, point.at, &mut point.element));
+            let (line, depth_mm) = grid.to_line_and_depth(at.x, at.y);
+            let beyond = at.z / sigma_mm;
+            if beyond.abs() > REACH || depth_mm <= 0.0 || depth_mm > grid.depth_mm() + 1.0 {
+                return None;
+            }
+            let nearest = line.round().clamp(0.0, last as f64) as usize;
+            let loss = losses[nearest * steps + ((depth_mm / LOSS_MM) as usize).min(steps - 1)];
+            Some(Scatterer {
+                line: line as f32,
+                sample: depth_mm / sample_mm,
+                amplitude: (unit_echo * f64::from(point.amplitude) * (-0.5 * beyond * beyond).exp()) as f32 * loss,
+                sigma: (spread.lateral_at(depth_mm) / FWHM / grid.lateral_spacing_mm(depth_mm)) as f32,
+            })
+        });
+        let mut seen: Vec<Scatterer> = seen.collect();
+        let mut out = echoes(&mut seen, &self.pulse, self.lines(), self.samples);
+        self.add_noise(&mut out, state.frame);
+        Ok(out)
+    }
+
+    /// Position in the current state of a point of the reference state (mm); one outside the mesh stays.
+    pub fn carry(&self, reference: &Point3<f64>) -> Point3<f64> {
+        carried(self.locator.as_ref(), (*reference).into(), &mut { NONE })
+    }
+
+    /// Reference and current nodes, mm.
+    pub fn nodes(&self) -> [&[[f64; 3]]; 2] {
+        [&self.reference, &self.current]
+    }
+
+    fn set(&mut self, state: &FrameState) -> Result<(), SynthError> {
+        let (reference, current) = (state.reference.as_deref(), state.nodes.as_deref());
+        if let Some(locator) = self
+            .locator
+            .as_mut()
+            .filter(|_| reference.is_some() || current.is_some())
+        {
+            locator.update_states(reference, current).map_err(SynthError::from)?;
+            self.reference = reference.map_or_else(|| std::mem::take(&mut self.reference), <[_]>::to_vec);
+            self.current = current.map_or_else(|| std::mem::take(&mut self.current), <[_]>::to_vec);
+        }
+        Ok(())
+    }
+
+    /// Makes the scatterers anew if the image or the tissue has moved out of the region of those at hand.
+    fn cover(&mut self, probe_to_world: &Matrix4<f64>) {
+        let moved = |(a, b): (&[f64; 3], &[f64; 3])| (Point3::from(*a) - Point3::from(*b)).norm();
+        let strain = self.reference.iter().zip(&self.current).map(moved).fold(0.0, f64::max);
+        let corners = self.corners(0.0);
+        let shift = self.region.as_ref().map_or(0.0, |region| {
+            let apart = |at: &Point3<f64>| {
+                (probe_to_world.transform_point(at) - region.probe_to_world.transform_point(at)).norm()
+            };
+            corners.iter().map(apart).fold(0.0, f64::max)
+        });
+        if self
+            .region
+            .as_ref()
+            .is_some_and(|region| strain + shift <= region.margin_mm)
+        {
+            return;
+        }
+        let region = Region {
+            probe_to_world: *probe_to_world,
+            margin_mm: 1.5 * strain + MARGIN_MM,
+        };
+        self.points = self.scatter(&region);
+        self.region = Some(region);
+    }
+
+    /// Corners of the box of the image and its slab, grown by a margin, probe frame, mm.
+    fn corners(&self, margin_mm: f64) -> Vec<Point3<f64>> {
+        let bounds = self.grid.bounds_mm();
+        let beyond = REACH * self.spread.elevational_mm / FWHM + margin_mm;
+        let aside = REACH * self.spread.lateral_mm / FWHM + margin_mm;
+        let x = [bounds.min[0] - aside, bounds.max[0] + aside];
+        let y = [bounds.min[1] - margin_mm, bounds.max[1] + margin_mm];
+        let corner = |at: usize| Point3::new(x[at & 1], y[at >> 1 & 1], [-beyond, beyond][at >> 2]);
+        (0..8).map(corner).collect()
+    }
+
+    /// One scatterer in each cell of a lattice, at a random place in it and of random sign.
+    fn scatter(&self, region: &Region) -> Vec<Point> {
+        let side = (self.cell_mm3() / self.acquisition.per_cell).cbrt();
+        let corners = self.corners(region.margin_mm);
+        let (low, high) = (corners[0], corners[7]);
+        let world: Vec<_> = corners
+            .iter()
+            .map(|at| region.probe_to_world.transform_point(at))
+            .collect();
+        let range = |axis: usize| {
+            let along = || world.iter().map(|at| at[axis] / side);
+            let (from, to) = (
+                along().fold(f64::INFINITY, f64::min),
+                along().fold(f64::NEG_INFINITY, f64::max),
+            );
+            from.floor() as i32..to.ceil() as i32
+        };
+        let to_probe = inverse_rigid(&region.probe_to_world);
+        let seed = seed_words(self.settings.seed);
+        let other = seed_words(self.settings.seed ^ AMPLITUDES);
+        let volume = &self.anatomy.volume;
+        let tissues = &self.anatomy.tissues;
+        let strength = self
+            .settings
+            .effects
+            .texture
+            .as_ref()
+            .map_or(0.0, |texture| texture.strength);
+        let slices = range(2).into_par_iter().flat_map_iter(|k| {
+            let (rows, columns) = (range(1), range(0));
+            rows.flat_map(move |j| columns.clone().map(move |i| [i, j, k]))
+        });
+        let points = slices.filter_map(|cell| {
+            let words = hash3(cell, seed);
+            let at = [0, 1, 2].map(|axis| (f64::from(cell[axis]) + f64::from(unit(words[axis]))) * side);
+            let seen = to_probe.transform_point(&Point3::from(at));
+            if (0..3).any(|axis| !(low[axis]..=high[axis]).contains(&seen[axis])) {
+                return None;
+            }
+            let label = volume.label_index_at(&Point3::from(at))?;
+            let tissue = tissues.of(label);
+            let mut amplitude = 10_f64.powf(tissue.echogenicity_db / 20.0);
+            let entry = self.entries[usize::from(label)] as usize;
+            if let (Some(atlas), true) = (&self.atlas, entry > 0) {
+                amplitude *= 1.0 + strength * (atlas.sample(entry - 1, at) - 1.0);
+            }
+            // Equal magnitudes need fewest scatterers for fully developed speckle.
+            let amplitude = if hash3(cell, other)[0] & 1 == 0 {
+                amplitude
+            } else {
+                -amplitude
+            } as f32;
+            (amplitude != 0.0).then_some(Point {
+                at,
+                amplitude,
+                element: NONE,
+            })
+        });
+        points.collect()
+    }
+
+    /// Amplitude left at every half millimetre of each line, through the anatomy at rest.
+    fn losses(&self, probe_to_world: &Matrix4<f64>) -> Vec<f32> {
+        let steps = (self.grid.depth_mm() / LOSS_MM).ceil() as usize + 1;
+        let Some(shadow) = &self.settings.effects.shadow else {
+            return vec![1.0; steps * self.lines()];
+        };
+        let lost = |line: usize| -> Vec<f32> {
+            let ray = self.grid.rays()[line];
+            let mut sum = 0.0;
+            let step = |at: usize| {
+                let along = (at as f64 + 0.5) * LOSS_MM;
+                let [x, y] = [0, 1].map(|axis| ray.origin[axis] + along * ray.direction[axis]);
+                let point = probe_to_world.transform_point(&Point3::new(x, y, 0.0));
+                let db = self.db_per_mm(shadow, &point) * LOSS_MM;
+                let here = sum + db / 2.0;
+                sum += db;
+                10_f64.powf(-here / 20.0) as f32
+            };
+            (0..steps).map(step).collect()
+        };
+        (0..self.lines()).into_par_iter().flat_map_iter(lost).collect()
+    }
+
+    fn db_per_mm(&self, shadow: &Shadow, at: &Point3<f64>) -> f64 {
+        let label = self.anatomy.volume.label_index_at(at);
+        label.map_or(0.0, |label| {
+            shadow.db_per_mm(self.anatomy.tissues.of(label), self.acquisition.frequency_mhz)
+        })
+    }
+
+    fn add_noise(&self, echoes: &mut [f32], frame: u64) {
+        let level = 10_f64.powf(-self.acquisition.snr_db / 20.0);
+        let seed = seed_words(self.settings.seed ^ NOISE ^ frame << 16);
+        echoes.par_chunks_mut(self.samples).enumerate().for_each(|(line, row)| {
+            for (pair, values) in row.chunks_mut(2).enumerate() {
+                let [a, b, _] = hash3([line as i32, pair as i32, 0], seed).map(|word| f64::from(unit(word)));
+                let radius = level * (-2.0 * (1.0 - a).ln()).sqrt();
+                let both = [(TAU * b).cos(), (TAU * b).sin()];
+                values
+                    .iter_mut()
+                    .zip(both)
+                    .for_each(|(value, part)| *value += (radius * part) as f32);
+            }
+        });
+    }
+}
+
+/// Current position of a point of the reference state, whose search starts at `element`.
+fn carried(locator: Option<&Locator<f64>>, at: [f64; 3], element: &mut u32) -> Point3<f64> {
+    let Some(locator) = locator else { return at.into() };
+    *element = locator.locate(at, *element).element;
+    match *element {
+        NONE => at.into(),
+        found => locator.to_reference(found, at).into(),
+    }
+}

@@ -1,0 +1,146 @@
+//! `rf` and `motion`: echoes of scenes, B-mode of echoes, motion against truth.
+
+use crate::support::Bench;
+
+/// A linear array on a block that is compressed along the beam by up to 1 %, on a mesh.
+const COMPRESSED: &str = r#"
+version = 1
+seed = 4
+[volume]
+phantom = "two-layer"
+resolution_mm = 1.0
+[probe]
+kind = "linear"
+width_mm = 7.0
+depth_mm = 30
+frequency_mhz = 5
+lines = 48
+[effects]
+slice = {}
+[deform]
+nodes = 400
+ramp_s = 1.0
+field = { kind = "compression", fixed_mm = [0, 0, 45], direction = [0, 0, 1], strain = 0.01 }
+[motion]
+frames = 3
+[[motion.keyframes]]
+time_s = 0.0
+position_mm = [0, 0, 45]
+direction = [0, 0, -1]
+lateral = [1, 0, 0]
+[[motion.keyframes]]
+time_s = 0.4
+position_mm = [0, 0, 45]
+direction = [0, 0, -1]
+lateral = [1, 0, 0]
+"#;
+
+#[test]
+fn motion_of_a_deforming_mesh_is_found_in_its_echoes() {
+    let bench = Bench::new();
+    bench.write("scene.toml", COMPRESSED);
+    let made = bench
+        .run("rf scene.toml -o rf.igs.mha --truth truth.csv --node-truth nodes.csv --windows 40 --json")
+        .json();
+    assert_eq!(
+        (
+            made["lines"].as_u64(),
+            made["samples"].as_u64(),
+            made["frames"].as_u64()
+        ),
+        (Some(48), Some(1558), Some(3))
+    );
+    let found = bench
+        .run(
+            "motion rf.igs.mha -o u.csv --truth truth.csv --windows 40 --strain strain.png --displacement u.png --json",
+        )
+        .json();
+    let errors = &found["errors"];
+    let number = |axis: &str, key: &str| errors[axis][key].as_f64().expect("a number");
+    assert!(
+        number("axial", "bias_um").abs() < 0.2 && number("axial", "sd_um") < 1.5,
+        "{errors}"
+    );
+    assert!(
+        number("lateral", "bias_um").abs() < 10.0 && number("lateral", "sd_um") < 60.0,
+        "{errors}"
+    );
+    assert!(errors["windows"].as_u64() > Some(3500), "{errors}");
+    // The last frame is compressed by 0.4 %: 120 um at 30 mm, towards the probe.
+    let table = bench.text("truth.csv");
+    let last: Vec<f64> = table
+        .lines()
+        .last()
+        .expect("a row")
+        .split(',')
+        .map(|field| field.parse().expect("a number"))
+        .collect();
+    assert!((last[4] + 4.0 * last[3]).abs() < 0.6, "{last:?}");
+    assert_eq!(bench.text("u.csv").lines().count(), 1 + 2 * 48 * 40);
+    assert!(bench.text("nodes.csv").lines().count() > 3 * 300);
+    for name in ["strain.png", "u.png"] {
+        let picture = image::open(bench.path(name)).expect("a picture").into_rgb8();
+        let blue = picture
+            .pixels()
+            .filter(|pixel| pixel.0[2] > pixel.0[0].saturating_add(20))
+            .count();
+        assert!(
+            blue * 3 > (picture.width() * picture.height()) as usize,
+            "{name}: {blue} blue pixels"
+        );
+    }
+    bench.run("rf rf.igs.mha --bmode -o frame.png --frame 2").text();
+    let frame = image::open(bench.path("frame.png")).expect("a picture").into_luma8();
+    let mean =
+        frame.pixels().map(|pixel| f64::from(pixel.0[0])).sum::<f64>() / f64::from(frame.width() * frame.height());
+    assert!((90.0..220.0).contains(&mean) && frame.height() == 640, "{mean}");
+}
+
+#[test]
+fn the_same_scene_gives_the_same_echoes_and_another_seed_others() {
+    let bench = Bench::new();
+    let still = COMPRESSED
+        .replace("frames = 3", "frames = 1")
+        .replace("depth_mm = 30", "depth_mm = 10");
+    bench.write("scene.toml", &still);
+    bench.write("other.toml", &still.replace("seed = 4", "seed = 5"));
+    for (scene, name) in [("scene", "a"), ("scene", "b"), ("other", "c")] {
+        bench.run(&format!("rf {scene}.toml -o {name}.igs.nrrd")).text();
+    }
+    let bytes = |name: &str| std::fs::read(bench.path(name)).expect("a file");
+    assert!(bytes("a.igs.nrrd") == bytes("b.igs.nrrd"));
+    assert!(bytes("a.igs.nrrd") != bytes("c.igs.nrrd"));
+}
+
+#[test]
+fn bad_echoes_and_options_are_refused() {
+    let bench = Bench::new();
+    bench.write("scene.toml", COMPRESSED);
+    bench.run("rf scene.toml -o one.igs.mha --frames 1").text();
+    bench.write("short.csv", "frame,line,window,axial_um,lateral_um\n0,0,0,1,1\n");
+    for (arguments, words) in [
+        ("rf scene.toml -o rf.png", &["rf.png", ".mha or .nrrd"][..]),
+        ("rf scene.toml -o rf.mha --sampling-mhz 9", &["`sampling_mhz`", "9"]),
+        ("rf scene.toml -o rf.mha --bandwidth 3", &["`bandwidth`"]),
+        (
+            "rf scene.toml -o rf.mha --truth t.csv --window-mm 40",
+            &["--window-mm 40", "15 mm"],
+        ),
+        ("rf scene.toml --bmode -o f.png", &["scene.toml"]),
+        ("rf one.igs.mha --bmode -o f.png --frame 1", &["--frame 1 of 1 frames"]),
+        ("rf one.igs.mha --bmode -o f.png --range-db 5", &["10 to 200 dB"]),
+        ("motion one.igs.mha -o u.csv", &["one frame", "two frames or more"]),
+        ("motion nowhere.mha -o u.csv", &["nowhere.mha"]),
+        ("motion one.igs.mha -o u.txt", &[".csv"]),
+    ] {
+        bench.run(arguments).fails(2, words);
+    }
+    bench.run("rf scene.toml -o two.igs.mha --frames 2").text();
+    bench
+        .run("motion two.igs.mha -o u.csv --window-mm 0")
+        .fails(2, &["--window-mm 0"]);
+    bench
+        .run("motion two.igs.mha -o u.csv --truth short.csv")
+        .fails(2, &["short.csv", "rows are missing"]);
+    assert!(!bench.path("u.csv").exists() && !bench.path("rf.mha").exists());
+}
