@@ -7,7 +7,7 @@ use nalgebra::Point3;
 
 use crate::anatomy::registration::skin::Skin;
 use crate::anatomy::registration::surface::{landmarks, read};
-use crate::anatomy::registration::{Quadratic, corners, register, resample};
+use crate::anatomy::registration::{Quadratic, Registration, corners, register, resample};
 use crate::anatomy::segmentation;
 use crate::anatomy::volume::complete::{CompleteOptions, complete};
 use crate::anatomy::volume::{LabelVolume, save};
@@ -132,43 +132,7 @@ impl Register {
             .iter_mut()
             .for_each(|it| it.surface_mm = self.in_lps(&it.surface_mm));
         let found = register(&surface, &skin, &corners(&volume), &known)?;
-        if found.covered < LEAST_COVERED && known.is_empty() {
-            terminal::warn(format_args!(
-                "the surface covers {:.0} % of the skin, and the start was found from its shape alone: look at the page, and give --landmarks",
-                100.0 * found.covered
-            ));
-        }
-        if found.beyond > 0 {
-            terminal::note(format_args!(
-                "{} of {} surface points lie beyond the end of the skin and are not used",
-                found.beyond,
-                surface.len()
-            ));
-        }
-        if surface.len() < ENOUGH {
-            terminal::warn(format_args!(
-                "{} surface points determine the quadratic map poorly: touch {ENOUGH} or more on all sides",
-                surface.len()
-            ));
-        }
-        if found.quadratic.rms_mm > MOST_RMS_MM {
-            terminal::warn(format_args!(
-                "the surface remains {:.1} mm (RMS) from the skin: a different body, or a poor start; look at the page, and give --landmarks",
-                found.quadratic.rms_mm
-            ));
-        }
-        for landmark in found.landmarks_mm.iter().filter(|it| it.quadratic_mm > FAR_MM) {
-            terminal::warn(format_args!(
-                "landmark {:?} remains {:.1} mm away",
-                landmark.name, landmark.quadratic_mm
-            ));
-        }
-        if found.quadratic.jacobian_min < LEAST_JACOBIAN {
-            terminal::warn(format_args!(
-                "the quadratic map shrinks parts of the volume to {:.2} of their size: is it the surface of this body?",
-                found.quadratic.jacobian_min
-            ));
-        }
+        doubt(&found, surface.len());
         let map = &found.quadratic.map;
         if let Some(output) = &self.output {
             save(&resample(&volume, map)?, output)?;
@@ -191,13 +155,14 @@ impl Register {
     /// Reads a label volume, and closes the body around it unless told not to.
     fn open(&self, path: &Path) -> Result<LabelVolume, Failure> {
         let opened = segmentation::open(path, &self.names.naming()?)?;
-        opened.notes.iter().for_each(terminal::note);
+        let name = path.display();
+        opened.notes.iter().for_each(|note| terminal::note(format_args!("{name}: {note}")));
         opened.warnings.iter().for_each(terminal::warn);
         if self.no_complete {
             return Ok(opened.volume);
         }
         let completed = complete(&opened.volume, &CompleteOptions::default())?;
-        terminal::note(completed.note);
+        terminal::note(format_args!("{name}: {}", completed.note));
         completed.warning.iter().for_each(terminal::warn);
         Ok(completed.volume.undivided().clone())
     }
@@ -228,6 +193,47 @@ impl Register {
             return Ok(skin.points().to_vec());
         }
         Ok(read(&self.surface)?.iter().map(|at| self.in_lps(at)).collect())
+    }
+}
+
+/// Tells what makes a registration of `count` surface points doubtful.
+fn doubt(found: &Registration, count: usize) {
+    if found.covered < LEAST_COVERED && found.landmarks_mm.is_empty() {
+        terminal::warn(format_args!(
+            "the surface covers {:.0} % of the skin, and the start was found from its shape alone: look at the page, and give --landmarks",
+            100.0 * found.covered
+        ));
+    }
+    if found.beyond > 0 {
+        terminal::note(format_args!(
+            "{} of {} surface points lie beyond the end of the skin and are not used",
+            found.beyond,
+            count
+        ));
+    }
+    if count < ENOUGH {
+        terminal::warn(format_args!(
+            "{} surface points determine the quadratic map poorly: touch {ENOUGH} or more on all sides",
+            count
+        ));
+    }
+    if found.quadratic.rms_mm > MOST_RMS_MM {
+        terminal::warn(format_args!(
+            "the surface remains {:.1} mm (RMS) from the skin: a different body, or a poor start; look at the page, and give --landmarks",
+            found.quadratic.rms_mm
+        ));
+    }
+    for landmark in found.landmarks_mm.iter().filter(|it| it.quadratic_mm > FAR_MM) {
+        terminal::warn(format_args!(
+            "landmark {:?} remains {:.1} mm away",
+            landmark.name, landmark.quadratic_mm
+        ));
+    }
+    if found.quadratic.jacobian_min < LEAST_JACOBIAN {
+        terminal::warn(format_args!(
+            "the quadratic map shrinks parts of the volume to {:.2} of their size: is it the surface of this body?",
+            found.quadratic.jacobian_min
+        ));
     }
 }
 

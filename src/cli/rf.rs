@@ -201,16 +201,7 @@ impl Rf {
         let source = Source::open(self.input.as_deref())?;
         let scene = source.scene();
         let probe = &scene.settings.probe;
-        let acquisition = Acquisition {
-            bandwidth: self.bandwidth,
-            snr_db: self.snr_db,
-            per_cell: self.scatterers,
-            ..Acquisition::new(self.frequency_mhz.unwrap_or(probe.frequency_mhz))
-        };
-        let acquisition = Acquisition {
-            sampling_mhz: self.sampling_mhz.unwrap_or(acquisition.sampling_mhz),
-            ..acquisition
-        };
+        let acquisition = self.acquisition(probe);
         let files = self.input.as_deref().map_or_else(Vec::new, inputs);
         let all = [Some(&self.output), self.truth.as_ref(), self.node_truth.as_ref()];
         let all: Vec<&Path> = all.into_iter().flatten().map(PathBuf::as_path).collect();
@@ -249,26 +240,38 @@ impl Rf {
         }
         bar.finish_and_clear();
         let report = recorder.finish()?;
+        self.tell(&report)
+    }
+
+    fn acquisition(&self, probe: &Probe) -> Acquisition {
+        let usual = Acquisition::new(self.frequency_mhz.unwrap_or(probe.frequency_mhz));
+        Acquisition {
+            bandwidth: self.bandwidth,
+            snr_db: self.snr_db,
+            per_cell: self.scatterers,
+            sampling_mhz: self.sampling_mhz.unwrap_or(usual.sampling_mhz),
+            ..usual
+        }
+    }
+
+    fn tell(&self, report: &Report) -> Result<(), Failure> {
         if report.saturated > 0.0 {
             terminal::warn(format_args!(
                 "{:.3} % of the samples exceed 16 bits and are cut off",
                 100.0 * report.saturated
             ));
         }
-        match self.json {
-            true => terminal::emit_json(&report),
-            false => {
-                terminal::say(format_args!(
-                    "wrote {}: {} frames of {} lines x {} samples at {} MHz",
-                    self.output.display(),
-                    report.frames,
-                    report.lines,
-                    report.samples,
-                    report.sampling_mhz
-                ));
-                Ok(())
-            }
+        if self.json {
+            return terminal::emit_json(report);
         }
+        let Report {
+            lines, samples, frames, sampling_mhz, ..
+        } = report;
+        terminal::say(format_args!(
+            "wrote {}: {frames} frames of {lines} lines x {samples} samples at {sampling_mhz} MHz",
+            self.output.display()
+        ));
+        Ok(())
     }
 }
 

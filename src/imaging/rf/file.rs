@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use super::SPEED_M_S;
+use crate::anatomy::volume::header::Header;
 use crate::anatomy::volume::{At, VolumeError, numbers, read_header};
 use crate::tracking::sequence::Sequence;
 
@@ -28,6 +30,105 @@ pub struct Echoes {
     pub notes: Vec<String>,
 }
 
+/// Order of the values of a file's frames.
+struct Layout {
+    width: usize,
+    height: usize,
+    columns_are_samples: bool,
+    /// Samples run towards the transducer.
+    upwards: bool,
+    /// Lines run away from the marked side.
+    unmarked: bool,
+    /// Rows of in-phase and quadrature values alternate.
+    by_rows: bool,
+}
+
+impl Layout {
+    fn lines(&self) -> usize {
+        if self.columns_are_samples { self.height } else { self.width }
+    }
+
+    fn samples(&self) -> usize {
+        if self.columns_are_samples { self.width } else { self.height }
+    }
+
+    /// Values line by line, away from the probe.
+    fn ordered(&self, frame: &[f32]) -> Vec<f32> {
+        let (lines, samples) = (self.lines(), self.samples());
+        // Rows of in-phase and quadrature values stay in their order.
+        let rows = if self.by_rows { 2 } else { 1 };
+        let place = |line: usize, sample: usize| {
+            let sample = if self.upwards { samples - 1 - sample } else { sample };
+            let line = match self.unmarked {
+                true => lines - rows - line / rows * rows + line % rows,
+                false => line,
+            };
+            match self.columns_are_samples {
+                true => line * self.width + sample,
+                false => sample * self.width + line,
+            }
+        };
+        let order = (0..lines).flat_map(|line| (0..samples).map(move |sample| (line, sample)));
+        order.map(|(line, sample)| frame[place(line, sample)]).collect()
+    }
+
+    /// Layout by the orientation that a header states, in letters of PLUS: columns and rows run far from or near to the transducer (F, N), towards
+    /// the marked or the unmarked side (M, U); without one by the spacing, and a note.
+    fn of(header: &Header, [width, height]: [usize; 2], by_rows: bool, notes: &mut Vec<String>) -> Self {
+        let named = |key: &str| key.to_ascii_lowercase().replace(' ', "") == "ultrasoundimageorientation";
+        let found = header.key_values.iter().find(|(key, _)| named(key));
+        let letters = found.map_or_else(String::new, |(_, value)| value.trim().to_ascii_uppercase());
+        let steps = [0, 1].map(|axis| step_mm(header, axis));
+        let columns_are_samples = match letters.bytes().next() {
+            Some(b'F' | b'N') => true,
+            Some(b'M' | b'U') => false,
+            _ => {
+                let columns = match steps[0] == steps[1] {
+                    true => width >= height,
+                    false => steps[0] < steps[1],
+                };
+                let which = if columns { "columns" } else { "rows" };
+                notes.push(format!(
+                    "the orientation is not stated: {which} are taken as samples, away from the probe"
+                ));
+                columns
+            }
+        };
+        Self {
+            width,
+            height,
+            columns_are_samples,
+            upwards: letters.contains('N'),
+            unmarked: letters.contains('U'),
+            by_rows,
+        }
+    }
+}
+
+fn step_mm(header: &Header, axis: usize) -> f64 {
+    header.axes[axis].direction.map_or(1.0, |direction| direction.norm())
+}
+
+/// Values of [`FIELDS`] that a header states, or that follow from its spacing.
+fn stated(header: &Header, layout: &Layout, baseband: bool, notes: &mut Vec<String>) -> [Option<f64>; 4] {
+    let mut stated = FIELDS.map(|name| {
+        let found = header.key_values.iter().find(|(key, _)| key == name)?;
+        found.1.trim().parse().ok().filter(|value: &f64| value.is_finite())
+    });
+    let [columns, rows] = [0, 1].map(|axis| step_mm(header, axis));
+    if [columns, rows] == [1.0; 2] {
+        return stated;
+    }
+    let (axial, lateral) = if layout.columns_are_samples { (columns, rows) } else { (rows, columns) };
+    if stated[0].is_none() && !baseband {
+        let mhz = SPEED_M_S * 1e-3 / (2.0 * axial);
+        stated[0] = Some(mhz);
+        notes.push(format!("samples are {axial} mm apart: taken as {mhz:.2} MHz at {SPEED_M_S} m/s"));
+    }
+    stated[1] = stated[1].or(Some(lateral));
+    stated
+}
+
 impl Echoes {
     /// Reads a sequence of echoes of any number type.
     ///
@@ -35,10 +136,9 @@ impl Echoes {
     /// [`VolumeError`] with the file, what was found and what was expected: images of another type, no data, or lines that are constant.
     pub fn read(path: &Path) -> Result<Self, VolumeError> {
         let mut header = read_header(path)?;
-        let keys = Sequence::read_poses(path)?;
         let wrong = |found: String, expected: &str| VolumeError::malformed(path, At::Header, found, expected);
-        let kind = keys.image_type.as_deref();
-        let (baseband, by_rows) = match kind {
+        let kind = Sequence::read_poses(path)?.image_type;
+        let (baseband, by_rows) = match kind.as_deref() {
             Some("RF_REAL") | None => (false, false),
             Some("RF_IQ_LINE") => (true, false),
             Some("RF_I_LINE_Q_LINE") => (true, true),
@@ -48,119 +148,53 @@ impl Echoes {
             }
         };
         let sizes: Vec<usize> = header.axes.iter().map(|axis| axis.size).collect();
-        let [width, height, count] = match sizes[..] {
-            [width, height] => [width, height, 1],
-            [width, height, count] | [width, height, count, 1] => [width, height, count],
+        let size = match sizes[..] {
+            [width, height] | [width, height, _] | [width, height, _, 1] => [width, height],
             _ => return Err(wrong(format!("sizes {}", header.sizes()), "frames of two dimensions")),
         };
-        if header.element.is_none() || width * height * count == 0 {
+        if header.element.is_none() || sizes.contains(&0) {
             return Err(wrong(format!("sizes {}", header.sizes()), "frames with samples"));
         }
-        let step = |axis: usize| header.axes[axis].direction.map_or(1.0, |direction| direction.norm());
-        let steps = [step(0), step(1)];
-        let field = |name: &str| {
-            let found = header.key_values.iter().find(|(key, _)| key == name);
-            found
-                .and_then(|(_, value)| value.trim().parse().ok())
-                .filter(|value: &f64| value.is_finite())
-        };
-        let mut stated = FIELDS.map(field);
         let mut notes = Vec::new();
-        // The first letter of the orientation is the direction of the columns: far from or near to the transducer, or along the array.
-        let named = |key: &str| key.to_ascii_lowercase().replace(' ', "") == "ultrasoundimageorientation";
-        let orientation = header.key_values.iter().find(|(key, _)| named(key));
-        let letters = orientation.map_or_else(String::new, |(_, value)| value.trim().to_ascii_uppercase());
-        // Samples that run towards the transducer, and lines that run away from the marked side.
-        let (upwards, unmarked) = (letters.contains('N'), letters.contains('U'));
-        let columns_are_samples = match letters.bytes().next() {
-            Some(b'F' | b'N') => true,
-            Some(b'M' | b'U') => false,
-            _ => {
-                let columns = if steps[0] == steps[1] {
-                    width >= height
-                } else {
-                    steps[0] < steps[1]
-                };
-                notes.push(format!(
-                    "the orientation is not stated: {} are taken as samples, away from the probe",
-                    if columns { "columns" } else { "rows" }
-                ));
-                columns
-            }
-        };
-        let (axial, lateral) = if columns_are_samples { (0, 1) } else { (1, 0) };
-        if steps != [1.0; 2] {
-            if stated[0].is_none() && !baseband {
-                stated[0] = Some(super::SPEED_M_S * 1e-3 / (2.0 * steps[axial]));
-                notes.push(format!(
-                    "samples are {} mm apart: taken as {:.2} MHz at {} m/s",
-                    steps[axial],
-                    super::SPEED_M_S * 1e-3 / (2.0 * steps[axial]),
-                    super::SPEED_M_S
-                ));
-            }
-            stated[1] = stated[1].or(Some(steps[lateral]));
+        let layout = Layout::of(&header, size, by_rows, &mut notes);
+        let stated = stated(&header, &layout, baseband, &mut notes);
+        if kind.is_none() {
+            notes.push("the type of the data is not stated: taken as radio frequency (RF_REAL)".to_owned());
         }
-        let data = numbers(&mut header)?;
-        let (mut lines, mut samples) = if columns_are_samples {
-            (height, width)
-        } else {
-            (width, height)
-        };
-        let rows = if by_rows { 2 } else { 1 };
-        let place = |line: usize, sample: usize| {
-            let sample = if upwards { samples - 1 - sample } else { sample };
-            // Rows of in-phase and quadrature values stay in their order.
-            let line = if unmarked {
-                lines - rows - line / rows * rows + line % rows
-            } else {
-                line
-            };
-            match columns_are_samples {
-                true => line * width + sample,
-                false => sample * width + line,
-            }
-        };
-        let mut frames: Vec<Vec<f32>> = data
-            .chunks_exact(width * height)
-            .map(|frame| {
-                let order = (0..lines).flat_map(|line| (0..samples).map(move |sample| (line, sample)));
-                order.map(|(line, sample)| frame[place(line, sample)]).collect()
-            })
-            .collect();
-        if baseband {
-            if by_rows {
-                frames.iter_mut().for_each(|frame| *frame = interleaved(frame, samples));
-                lines /= 2;
-            } else {
-                samples /= 2;
-            }
+        let (mut lines, mut samples) = (layout.lines(), layout.samples());
+        match (baseband, by_rows) {
+            (true, true) => lines /= 2,
+            (true, false) => samples /= 2,
+            _ => {}
         }
-        if lines == 0 || samples < 16 {
-            return Err(wrong(
-                format!("{lines} lines of {samples} samples"),
-                "lines of at least 16 samples",
-            ));
+        if lines == 0 || samples < 16 || (by_rows && 2 * lines != layout.lines()) {
+            let expected = "lines of at least 16 samples, rows of in-phase and quadrature values in pairs";
+            return Err(wrong(format!("{lines} lines of {samples} samples"), expected));
         }
+        let values = numbers(&mut header)?;
+        let frames = values.chunks_exact(size[0] * size[1]).map(|frame| {
+            let frame = layout.ordered(frame);
+            if by_rows { interleaved(&frame, samples) } else { frame }
+        });
+        let frames: Vec<Vec<f32>> = frames.collect();
         let stuck = |frame: &Vec<f32>| {
             let same = frame.windows(2).filter(|pair| pair[0] == pair[1]).count();
             same as f64 > STUCK * frame.len() as f64
         };
-        if let Some(frame) = frames.iter().position(stuck) {
-            let found = format!("frame {frame} in which most neighbouring samples are equal");
-            return Err(wrong(found, "echoes: neither constant nor saturated"));
+        match frames.iter().position(stuck) {
+            Some(frame) => Err(wrong(
+                format!("frame {frame} in which most neighbouring samples are equal"),
+                "echoes: neither constant nor saturated",
+            )),
+            None => Ok(Self {
+                lines,
+                samples,
+                baseband,
+                frames,
+                stated,
+                notes,
+            }),
         }
-        if kind.is_none() {
-            notes.push("the type of the data is not stated: taken as radio frequency (RF_REAL)".to_owned());
-        }
-        Ok(Self {
-            lines,
-            samples,
-            baseband,
-            frames,
-            stated,
-            notes,
-        })
     }
 }
 
