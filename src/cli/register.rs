@@ -156,7 +156,10 @@ impl Register {
     fn open(&self, path: &Path) -> Result<LabelVolume, Failure> {
         let opened = segmentation::open(path, &self.names.naming()?)?;
         let name = path.display();
-        opened.notes.iter().for_each(|note| terminal::note(format_args!("{name}: {note}")));
+        opened
+            .notes
+            .iter()
+            .for_each(|note| terminal::note(format_args!("{name}: {note}")));
         opened.warnings.iter().for_each(terminal::warn);
         if self.no_complete {
             return Ok(opened.volume);
@@ -207,8 +210,7 @@ fn doubt(found: &Registration, count: usize) {
     if found.beyond > 0 {
         terminal::note(format_args!(
             "{} of {} surface points lie beyond the end of the skin and are not used",
-            found.beyond,
-            count
+            found.beyond, count
         ));
     }
     if count < ENOUGH {

@@ -265,7 +265,11 @@ impl Rf {
             return terminal::emit_json(report);
         }
         let Report {
-            lines, samples, frames, sampling_mhz, ..
+            lines,
+            samples,
+            frames,
+            sampling_mhz,
+            ..
         } = report;
         terminal::say(format_args!(
             "wrote {}: {frames} frames of {lines} lines x {samples} samples at {sampling_mhz} MHz",

@@ -45,11 +45,19 @@ struct Layout {
 
 impl Layout {
     fn lines(&self) -> usize {
-        if self.columns_are_samples { self.height } else { self.width }
+        if self.columns_are_samples {
+            self.height
+        } else {
+            self.width
+        }
     }
 
     fn samples(&self) -> usize {
-        if self.columns_are_samples { self.width } else { self.height }
+        if self.columns_are_samples {
+            self.width
+        } else {
+            self.height
+        }
     }
 
     /// Values line by line, away from the probe.
@@ -119,11 +127,17 @@ fn stated(header: &Header, layout: &Layout, baseband: bool, notes: &mut Vec<Stri
     if [columns, rows] == [1.0; 2] {
         return stated;
     }
-    let (axial, lateral) = if layout.columns_are_samples { (columns, rows) } else { (rows, columns) };
+    let (axial, lateral) = if layout.columns_are_samples {
+        (columns, rows)
+    } else {
+        (rows, columns)
+    };
     if stated[0].is_none() && !baseband {
         let mhz = SPEED_M_S * 1e-3 / (2.0 * axial);
         stated[0] = Some(mhz);
-        notes.push(format!("samples are {axial} mm apart: taken as {mhz:.2} MHz at {SPEED_M_S} m/s"));
+        notes.push(format!(
+            "samples are {axial} mm apart: taken as {mhz:.2} MHz at {SPEED_M_S} m/s"
+        ));
     }
     stated[1] = stated[1].or(Some(lateral));
     stated

@@ -113,8 +113,8 @@ pub struct Tracker {
     carried: Vec<[f64; 2]>,
     /// Windows with echoes: those that correlated with the first frame after the reference. Noise alone does not change the reference.
     echoing: Option<Vec<bool>>,
-    /// Estimates of the last frame against the reference, in samples and lines.
-    last: Vec<[f64; 2]>,
+    /// Estimates of the last frame against the reference, in samples and lines; `None` if there is none yet.
+    last: Option<Vec<[f64; 2]>>,
     /// Number of correlations computed so far.
     pub correlations: u64,
     /// Number of changes of the reference.
@@ -185,7 +185,7 @@ impl Tracker {
             transform,
             starts,
             carried: vec![[0.0; 2]; lines * options.windows],
-            last: vec![[0.0; 2]; lines * options.windows],
+            last: None,
             echoing: None,
             correlations: 0,
             switches: 0,
@@ -232,12 +232,9 @@ impl Tracker {
             self.reference = current;
             self.switches += 1;
             self.echoing = None;
-            self.last.fill([0.0; 2]);
+            self.last = None;
         } else {
-            self.last
-                .iter_mut()
-                .zip(&found)
-                .for_each(|(last, (moved, _))| *last = *moved);
+            self.last = Some(found.iter().map(|(moved, _)| *moved).collect());
         }
         estimates
     }
@@ -270,14 +267,16 @@ impl Tracker {
                     line as isize + carried[1].round() as isize,
                 ],
             );
-            let last = self.last[index].map(|moved| moved.round() as isize);
-            let start = prior.unwrap_or(last);
-            let mut best = match self.options.prior {
-                true => search.climb(start, NARROW),
-                false => (start, OUTSIDE),
+            let last = self
+                .last
+                .as_ref()
+                .map(|last| last[index].map(|moved| moved.round() as isize));
+            let mut best = match prior.or(last) {
+                Some(start) if self.options.prior => search.climb(start, NARROW),
+                _ => ([0; 2], OUTSIDE),
             };
             if best.1 < self.options.fallback {
-                let all = search.all(trusted.unwrap_or(last), [wide, across]);
+                let all = search.all(trusted.or(last).unwrap_or_default(), [wide, across]);
                 if all.1 > best.1 {
                     best = all;
                 }
