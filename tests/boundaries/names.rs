@@ -217,6 +217,16 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "the public interface has the parameters of each",
     ),
     (
+        "imaging/rf/scatterers.rs",
+        &["shadow", "speckle", "texture"],
+        "echoes have the beam widths, losses and textures of the scene's effects",
+    ),
+    (
+        "cli/rf.rs",
+        &["shadow", "speckle", "texture"],
+        "its help says which effects act on echoes",
+    ),
+    (
         "input/scenario/guidance.rs",
         &["shadow", "thickness"],
         "whether an image would show a target, without making one",
