@@ -216,7 +216,7 @@ pub struct Fitted {
     /// The map.
     #[serde(flatten)]
     pub map: Quadratic,
-    /// Root mean square distance of surface points that are no outliers from the skin, mm.
+    /// Root mean square distance of surface points that are no outliers from the skin, for the degrees of freedom of the map, mm.
     pub rms_mm: f64,
     /// Distance below which 95 % of all surface points lie, mm.
     pub p95_mm: f64,
@@ -287,7 +287,7 @@ pub fn register(
         .map(|start| rigid(&thinned, skin, start, TRIAL_STEPS));
     let best = trials.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(matrix, _)| matrix);
     let (matrix, _) = rigid(&thinned, skin, best.unwrap_or_else(Matrix4::identity), RIGID_STEPS);
-    let map = quadratic(&thinned, skin, &matrix);
+    let (map, free) = quadratic(&thinned, skin, &matrix);
     let jacobian_min = map.least_jacobian(corners, &matrix)?;
     let distances = |points: &mut dyn Iterator<Item = Point3<f64>>| -> Vec<f64> {
         points.map(|at| skin.foot(&at).distance_mm()).collect()
@@ -301,6 +301,8 @@ pub fn register(
         quadratic_mm: (map.map(&it.surface_mm) - it.volume_mm).norm(),
     });
     let ([rigid_rms, rigid_p95], [rms_mm, p95_mm]) = (spread(&rigidly), spread(&finally));
+    let count = thinned.len() as f64;
+    let rms_mm = rms_mm * (count / (count - free).max(1.0)).sqrt();
     Ok(Registration {
         rigid: Rigid {
             matrix: Rows(matrix),
@@ -433,8 +435,8 @@ fn rigid(surface: &[Point3<f64>], skin: &Skin, start: Matrix4<f64>, steps: usize
 }
 
 /// Robust point-to-plane fit of the quadratic map, its second order and its strain held back by what is expected of bodies, the less the smaller the
-/// residuals.
-fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quadratic {
+/// residuals. Also the degrees of freedom that the prior leaves it.
+fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Quadratic, f64) {
     let n = surface.len() as f64;
     let centre = Point3::from(surface.iter().map(|at| at.coords).sum::<Vector3<f64>>() / n);
     let radius = surface.iter().map(|at| (at - centre).norm()).fold(1.0, f64::max);
@@ -504,5 +506,5 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> Quad
             break;
         }
     }
-    map
+    (map, free)
 }

@@ -146,6 +146,12 @@ fn few_points_do_not_bend_the_map_after_their_noise() {
         let found = register(&world, &skin, &box_of_body(), &[]).unwrap();
         let rigid = Quadratic::rigid(&found.rigid.matrix.0, Point3::origin(), 1.0);
         let [rigid, bent] = [&rigid, &found.quadratic.map].map(|found| apart(found, &map, &clean)[0]);
+        // The noise is told, not what is left of it after the map has followed it.
+        let rms_mm = found.quadratic.rms_mm;
+        assert!(
+            (0.75..1.6).contains(&rms_mm),
+            "{count} points: {rms_mm} mm of noise of 1 mm"
+        );
         assert!(bent < 1.8 * rigid, "{count} points: {bent} mm, rigid {rigid} mm");
     }
 }
