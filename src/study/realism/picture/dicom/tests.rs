@@ -133,7 +133,7 @@ fn segments_of_palettes_expand() {
 #[test]
 fn broken_files_are_refused() {
     let whole = file("MONOCHROME2", &[[9; 8]; 3], |_| ());
-    for at in 0..whole.len() {
+    for at in (0..whole.len()).step_by(3) {
         let mut bytes = whole.clone();
         bytes[at] ^= 0x55;
         let _ = pictures(&bytes, 3);
