@@ -80,7 +80,7 @@ pub struct Motion {
     displacement: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `correlations` (count), `references`, and with --truth `errors`
+    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `trusted` (share of windows above 0.8), `correlations` (count), `references`, and with --truth `errors`
     #[arg(long)]
     json: bool,
 }
@@ -92,6 +92,8 @@ struct Report {
     windows: usize,
     /// Mean correlation of the windows.
     correlation: f64,
+    /// Share of the windows whose correlation is at least 0.8.
+    trusted: f64,
     /// Number of correlations computed.
     correlations: u64,
     /// Number of changes of the reference.
@@ -147,7 +149,7 @@ impl Motion {
         let depths = options.centres_mm(echoes.samples);
         let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
         let bar = terminal::progress(echoes.frames.len() - 1);
-        let mut correlation = 0.0;
+        let (mut correlation, mut trusted) = (0.0, 0);
         let mut last = Vec::new();
         let mut tally = Tally::default();
         atomic::write(&self.output, |file| {
@@ -162,6 +164,7 @@ impl Motion {
                         depths[window], estimate.axial_um, estimate.lateral_um, estimate.correlation
                     )?;
                     correlation += estimate.correlation;
+                    trusted += usize::from(estimate.correlation >= TRUSTED);
                 }
                 if let Some(truth) = &truth {
                     tally.add(&last, &truth[frame]);
@@ -183,6 +186,7 @@ impl Motion {
             lines: echoes.lines,
             windows: options.windows,
             correlation: correlation / (frames * echoes.lines * options.windows) as f64,
+            trusted: trusted as f64 / (frames * echoes.lines * options.windows) as f64,
             correlations: tracker.correlations,
             references: tracker.switches,
             errors: truth.is_some().then(|| tally.errors()),
@@ -257,9 +261,25 @@ impl Motion {
         let count = usize::from(self.windows);
         let values: Vec<f64> = match strain {
             true => last.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
-            false => last.iter().map(|estimate| estimate.axial_um).collect(),
+            false => last
+                .iter()
+                .map(|it| {
+                    if it.correlation >= TRUSTED {
+                        it.axial_um
+                    } else {
+                        f64::NAN
+                    }
+                })
+                .collect(),
         };
-        let mut sizes: Vec<f64> = values.iter().map(|value| value.abs()).collect();
+        let shown = values.iter().zip(last).filter(|(_, it)| it.correlation >= TRUSTED);
+        let mut sizes: Vec<f64> = shown.map(|(value, _)| value.abs()).collect();
+        if sizes.is_empty() {
+            return Err(Failure::usage(
+                "no window of the last frame correlates",
+                "no picture of its motion can be made",
+            ));
+        }
         sizes.sort_by(f64::total_cmp);
         let most = sizes[sizes.len() * 98 / 100].max(1e-12);
         let unit = if strain { "%" } else { "um" };
@@ -281,16 +301,24 @@ impl Motion {
     }
 }
 
-/// Axial strain along a line, %: slopes over some windows.
+/// Axial strain along a line, %: slopes over some windows; NaN where a window does not correlate.
 fn slopes(depths: &[f64], line: &[Estimate]) -> Vec<f64> {
     let slope = |at: usize| {
         let from = at.saturating_sub(SLOPE / 2);
         let to = (at + SLOPE / 2 + 1).min(line.len());
-        let n = (to - from) as f64;
-        let x = depths[from..to].iter().sum::<f64>() / n;
-        let y = line[from..to].iter().map(|it| it.axial_um).sum::<f64>() / n;
-        let both = depths[from..to].iter().zip(&line[from..to]);
-        let (top, bottom) = both.fold((0.0, 0.0), |(top, bottom), (depth, it)| {
+        let trusted = || {
+            depths[from..to]
+                .iter()
+                .zip(&line[from..to])
+                .filter(|(_, it)| it.correlation >= TRUSTED)
+        };
+        let n = trusted().count() as f64;
+        if line[at].correlation < TRUSTED || n < 3.0 {
+            return f64::NAN;
+        }
+        let x = trusted().map(|(depth, _)| depth).sum::<f64>() / n;
+        let y = trusted().map(|(_, it)| it.axial_um).sum::<f64>() / n;
+        let (top, bottom) = trusted().fold((0.0, 0.0), |(top, bottom), (depth, it)| {
             (top + (depth - x) * (it.axial_um - y), bottom + (depth - x).powi(2))
         });
         // um/mm are per mille.
@@ -319,6 +347,9 @@ fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], en
         );
         let row = line.round().clamp(0.0, (beam.lines() - 1) as f64) as usize * count;
         let value = values[row + low] * (1.0 - share) + values[row + low + 1] * share;
+        if value.is_nan() {
+            return Rgb([grey as u8; 3]);
+        }
         let level = (value / most).clamp(-1.0, 1.0);
         let colour = match level < 0.0 {
             true => [40.0, 90.0, 255.0],
@@ -407,11 +438,12 @@ impl Tally {
 impl Report {
     fn text(&self) -> String {
         let mut text = format!(
-            "{} frames of {} lines with {} windows: mean correlation {:.4}, {} changes of the reference, {:.1} correlations a window",
+            "{} frames of {} lines with {} windows: mean correlation {:.4}, {:.1} % of the windows correlate (0.8), {} changes of the reference, {:.1} correlations a window",
             self.frames,
             self.lines,
             self.windows,
             self.correlation,
+            100.0 * self.trusted,
             self.references,
             self.correlations as f64 / ((self.frames - 1) * self.lines * self.windows) as f64
         );

@@ -113,8 +113,8 @@ pub struct Tracker {
     carried: Vec<[f64; 2]>,
     /// Windows with echoes: those that correlated with the first frame after the reference. Noise alone does not change the reference.
     echoing: Option<Vec<bool>>,
-    /// Estimates of the last frame against the reference, in samples and lines; `None` if there is none yet.
-    last: Option<Vec<[f64; 2]>>,
+    /// Last estimate of each window against the reference that correlated, in samples and lines.
+    last: Vec<Option<[f64; 2]>>,
     /// Number of correlations computed so far.
     pub correlations: u64,
     /// Number of changes of the reference.
@@ -185,7 +185,7 @@ impl Tracker {
             transform,
             starts,
             carried: vec![[0.0; 2]; lines * options.windows],
-            last: None,
+            last: vec![None; lines * options.windows],
             echoing: None,
             correlations: 0,
             switches: 0,
@@ -219,22 +219,33 @@ impl Tracker {
             .echoing
             .get_or_insert_with(|| found.iter().map(|(_, correlation)| *correlation >= fallback).collect());
         let heard = found.iter().zip(&*echoing).filter(|(_, echoing)| **echoing);
-        let (sum, count) = heard.fold((0.0, 0.0), |(sum, count), ((_, correlation), _)| {
+        let (sum, number) = heard.fold((0.0, 0.0), |(sum, count), ((_, correlation), _)| {
             (sum + correlation, count + 1.0)
         });
-        if count > 0.0 && sum < self.options.switch * count {
-            for (carried, (moved, _)) in self.carried.iter_mut().zip(&found) {
-                carried
-                    .iter_mut()
-                    .zip(moved)
-                    .for_each(|(carried, moved)| *carried += moved);
+        if number > 0.0 && sum < self.options.switch * number {
+            for (carried, found) in self.carried.chunks_mut(count).zip(found.chunks(count)) {
+                for (at, carried) in carried.iter_mut().enumerate() {
+                    // A window that does not correlate moves with the nearest one on its line that does.
+                    let trusted = (0..count).filter(|other| found[*other].1 >= fallback);
+                    let moved = trusted
+                        .min_by_key(|other| other.abs_diff(at))
+                        .map_or([0.0; 2], |other| found[other].0);
+                    carried
+                        .iter_mut()
+                        .zip(moved)
+                        .for_each(|(carried, moved)| *carried += moved);
+                }
             }
             self.reference = current;
             self.switches += 1;
             self.echoing = None;
-            self.last = None;
+            self.last.fill(None);
         } else {
-            self.last = Some(found.iter().map(|(moved, _)| *moved).collect());
+            for (last, (moved, correlation)) in self.last.iter_mut().zip(&found) {
+                if *correlation >= fallback {
+                    *last = Some(*moved);
+                }
+            }
         }
         estimates
     }
@@ -267,10 +278,7 @@ impl Tracker {
                     line as isize + carried[1].round() as isize,
                 ],
             );
-            let last = self
-                .last
-                .as_ref()
-                .map(|last| last[index].map(|moved| moved.round() as isize));
+            let last = self.last[index].map(|moved| moved.map(|moved| moved.round() as isize));
             let mut best = match prior.or(last) {
                 Some(start) if self.options.prior => search.climb(start, NARROW),
                 _ => ([0; 2], OUTSIDE),
