@@ -78,7 +78,7 @@ fn is_same_kind(path: &Path) -> io::Result<bool> {
         Some("vtu") => &[b"<VTKFile"],
         Some("svg") => &[b"<svg"],
         Some("html") => &[GENERATOR.as_bytes()],
-        Some("csv") => &[b"time_s"],
+        Some("csv") => &[b"time_s", b"frame,line,window", b"frame,node"],
         Some("json") => &[b"\"frame\":"],
         _ => &[b"\x89PNG"],
     };
