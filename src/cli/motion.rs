@@ -272,12 +272,12 @@ impl Motion {
                 })
                 .collect(),
         };
-        let shown = values.iter().zip(last).filter(|(_, it)| it.correlation >= TRUSTED);
-        let mut sizes: Vec<f64> = shown.map(|(value, _)| value.abs()).collect();
+        let shown = values.iter().filter(|value| !value.is_nan());
+        let mut sizes: Vec<f64> = shown.map(|value| value.abs()).collect();
         if sizes.is_empty() {
             return Err(Failure::usage(
                 "no window of the last frame correlates",
-                "no picture of its motion can be made",
+                "leave out --strain and --displacement; the tissue moves too far between frames, or the echoes are noise",
             ));
         }
         sizes.sort_by(f64::total_cmp);

@@ -29,7 +29,7 @@ pub struct Options {
     pub fallback: f64,
     /// Mean correlation below which a frame becomes the new reference.
     pub switch: f64,
-    /// Whether estimates start from their neighbours; without, every search is wide.
+    /// True if searches start from the estimates of neighbours; otherwise every search is wide.
     pub prior: bool,
 }
 

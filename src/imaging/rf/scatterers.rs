@@ -187,7 +187,7 @@ impl RfSynthesizer {
         Ok(())
     }
 
-    /// Makes the scatterers anew if the image or the tissue has moved out of the region of those at hand.
+    /// Recreates the scatterers when the image or the tissue has moved out of their region.
     fn cover(&mut self, probe_to_world: &Matrix4<f64>) {
         let moved = |(a, b): (&[f64; 3], &[f64; 3])| (Point3::from(*a) - Point3::from(*b)).norm();
         let strain = self.reference.iter().zip(&self.current).map(moved).fold(0.0, f64::max);
