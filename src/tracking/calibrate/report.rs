@@ -21,7 +21,7 @@ pub struct Sheet<'a> {
     title: &'static str,
     /// Names and values.
     figures: Vec<[String; 2]>,
-    /// Lines for a scene.
+    /// Lines for a scenario.
     scene: String,
     /// `Transform` element of a PLUS configuration, if the calibration is one.
     plus: Option<String>,
@@ -156,7 +156,11 @@ impl<'a> Sheet<'a> {
             // Writing to a string does not fail.
             let _ = writeln!(text, "{name:<52} {value}");
         }
-        let _ = write!(text, "\nLines for a scene:\n\n{}", self.scene);
+        let _ = write!(
+            text,
+            "\nLines for a scenario (in a scene without `scene.`):\n\n{}",
+            self.scene
+        );
         if let Some(plus) = &self.plus {
             let _ = write!(text, "\nFor `CoordinateDefinitions` of PLUS:\n\n{plus}");
         }
@@ -178,7 +182,7 @@ impl<'a> Sheet<'a> {
             page.plots(&[self.histogram(), self.by_pose()])?;
         }
         for (heading, text) in [
-            ("Lines for a scene", Some(&self.scene)),
+            ("Lines for a scenario (in a scene without `scene.`)", Some(&self.scene)),
             ("For PLUS", self.plus.as_ref()),
         ] {
             if let Some(text) = text {
