@@ -1,8 +1,8 @@
 //! Does memory stay flat in long runs? Frames with every effect, a mesh that moves and a needle on each backend of this machine,
 //! then steps of an insertion with all that `insonify insert` keeps of them. The resident memory (Linux) is printed at equal
-//! intervals; a run_scenario whose memory grows faster than the limits below after its first tenth ends with status 1.
+//! intervals; a run whose memory grows faster than the limits below after its first tenth ends with status 1.
 //!
-//! `cargo run_scenario --release --example soak -- 20000 10000000` (frames of each backend and steps; these if left out)
+//! `cargo run --release --example soak -- 20000 10000000` (frames of each backend and steps; these if left out)
 
 use std::error::Error;
 use std::io;
@@ -109,7 +109,7 @@ impl Observer for Kept {
     }
 }
 
-/// The resident memory over a run_scenario.
+/// The resident memory over a run.
 struct Watch {
     what: String,
     count: u64,

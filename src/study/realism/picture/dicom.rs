@@ -9,8 +9,10 @@ use std::path::Path;
 
 use dicom_dictionary_std::tags;
 use dicom_object::{DefaultDicomObject, InMemDicomObject, OpenFileOptions, Tag};
-use dicom_pixeldata::{ConvertOptions, DecodedPixelData, PhotometricInterpretation, PixelDecoder, VoiLutOption};
-use image::{DynamicImage, RgbImage};
+use dicom_pixeldata::{
+    ConvertOptions, DecodedPixelData, PhotometricInterpretation, PixelDecoder, PlanarConfiguration, VoiLutOption,
+};
+use image::{DynamicImage, GrayImage, RgbImage};
 
 use super::{LARGEST, Picture};
 use crate::anatomy::volume::{At, VolumeError};
@@ -78,23 +80,64 @@ fn number(object: &InMemDicomObject, tag: Tag) -> Option<f64> {
     object.get(tag)?.to_float64().ok()
 }
 
-/// Decodes a frame; the error says what is wrong with it.
+/// Decodes a frame to 8 bits a channel; the error says what is wrong with it.
 fn frame(object: &DefaultDicomObject, at: u32) -> Result<DynamicImage, String> {
-    let pixels = object
-        .decode_pixel_data_frame(at)
-        .map_err(|cause| format!("frame {at}: {cause}"))?;
-    if *pixels.photometric_interpretation() == PhotometricInterpretation::PaletteColor {
+    let fail = |cause: dicom_pixeldata::Error| format!("frame {at}: {cause}");
+    let pixels = object.decode_pixel_data_frame(at).map_err(fail)?;
+    let kind = pixels.photometric_interpretation();
+    if *kind == PhotometricInterpretation::PaletteColor {
         return coloured(object, &pixels)
             .ok_or_else(|| format!("frame {at} with a colour palette that cannot be read"));
     }
-    // Without a window, levels are as stored; the default would stretch them.
-    let window = match object.get(tags::WINDOW_CENTER) {
-        Some(_) => VoiLutOption::First,
-        None => VoiLutOption::Identity,
+    let (width, height) = (pixels.columns(), pixels.rows());
+    let shift = if pixels.bits_allocated() == 8 { 0 } else { 8 };
+    let image = match pixels.samples_per_pixel() {
+        1 => {
+            // Without a window, levels are as stored; the default would stretch them.
+            let window = match object.get(tags::WINDOW_CENTER) {
+                Some(_) => VoiLutOption::First,
+                None => VoiLutOption::Identity,
+            };
+            let options = ConvertOptions::new().with_voi_lut(window);
+            let levels: Vec<u16> = pixels.to_vec_frame_with_options(0, &options).map_err(fail)?;
+            let inverted = if *kind == PhotometricInterpretation::Monochrome1 {
+                255
+            } else {
+                0
+            };
+            let levels = levels.iter().map(|level| (level >> shift) as u8 ^ inverted);
+            GrayImage::from_raw(width, height, levels.collect()).map(DynamicImage::from)
+        }
+        3 => {
+            let bytes = match shift {
+                0 => pixels.frame_data(0).map_err(fail)?.to_vec(),
+                _ => {
+                    let words = pixels.frame_data_ow(0).map_err(fail)?;
+                    words.iter().map(|word| (word >> shift) as u8).collect()
+                }
+            };
+            let plane = bytes.len() / 3;
+            let channels = |pixel: usize| match pixels.planar_configuration() {
+                PlanarConfiguration::Standard => [0, 1, 2].map(|channel| bytes[3 * pixel + channel]),
+                PlanarConfiguration::PixelFirst => [0, 1, 2].map(|channel| bytes[channel * plane + pixel]),
+            };
+            let to_rgb = match kind {
+                PhotometricInterpretation::Rgb => |rgb: [u8; 3]| rgb,
+                PhotometricInterpretation::YbrFull | PhotometricInterpretation::YbrFull422 => rgb_of,
+                other => return Err(format!("frame {at} of {other}")),
+            };
+            let bytes = (0..plane).flat_map(|pixel| to_rgb(channels(pixel)));
+            RgbImage::from_raw(width, height, bytes.collect()).map(DynamicImage::from)
+        }
+        samples => return Err(format!("frame {at} with {samples} samples a pixel")),
     };
-    pixels
-        .to_dynamic_image_with_options(0, &ConvertOptions::new().with_voi_lut(window).force_8bit())
-        .map_err(|cause| format!("frame {at}: {cause}"))
+    image.ok_or_else(|| format!("frame {at} with fewer pixels than {width} x {height}"))
+}
+
+/// RGB of Y, Cb and Cr (PS3.3 C.7.6.3.1.2).
+fn rgb_of([y, blue, red]: [u8; 3]) -> [u8; 3] {
+    let [y, blue, red] = [f32::from(y), f32::from(blue) - 128.0, f32::from(red) - 128.0];
+    [1.402 * red, -0.344_136 * blue - 0.714_136 * red, 1.772 * blue].map(|chroma| (y + chroma).round() as u8)
 }
 
 /// Colours the indices of a frame by the palettes of the file.

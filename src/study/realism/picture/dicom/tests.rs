@@ -119,6 +119,35 @@ fn palettes_colour_indices() {
 }
 
 #[test]
+fn colours_and_inverted_grey_levels_are_decoded() {
+    let colour = |kind: &str, planar: u16, bytes: [u8; 24]| {
+        let bytes = file(kind, &[[0; 8]], |object| {
+            put(object, tags::SAMPLES_PER_PIXEL, VR::US, 3_u16);
+            put(object, tags::PLANAR_CONFIGURATION, VR::US, planar);
+            put(object, tags::PIXEL_DATA, VR::OB, bytes.to_vec());
+        });
+        pictures(&bytes, 1).unwrap().remove(0)
+    };
+    let mut by_pixel = [60; 24];
+    by_pixel[3..6].copy_from_slice(&[200, 60, 60]);
+    let mut by_channel = [60; 24];
+    by_channel[1] = 200;
+    // Y, Cb and Cr of a red pixel (BT.601), grey elsewhere.
+    let mut luminance = [128; 24];
+    luminance[..3].copy_from_slice(&[76, 85, 255]);
+    for (kind, planar, bytes, at) in [("RGB", 0, by_pixel, 1), ("RGB", 1, by_channel, 1), ("YBR_FULL", 0, luminance, 0)]
+    {
+        let found = colour(kind, planar, bytes);
+        let coloured: Vec<usize> = (0..8).filter(|pixel| found.overlay[*pixel]).collect();
+        assert_eq!(coloured, [at], "{kind}, {planar}");
+    }
+    // Luma of the red pixel (Rec. 709).
+    assert!((colour("YBR_FULL", 0, luminance).grey[0] - 0.2126 * 254.0).abs() < 1.5);
+    let found = pictures(&file("MONOCHROME1", &[[0, 1, 2, 3, 4, 5, 254, 255]], |_| ()), 1).unwrap();
+    assert_eq!(found[0].grey, [255.0, 254.0, 253.0, 252.0, 251.0, 250.0, 1.0, 0.0]);
+}
+
+#[test]
 fn segments_of_palettes_expand() {
     assert_eq!(
         expanded(&[0, 2, 10, 20, 1, 4, 60, 0], 6),
