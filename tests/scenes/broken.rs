@@ -7,7 +7,7 @@ use insonify::input::scene::SceneFile;
 /// Parses and, if that succeeds, resolves; shows the error both ways.
 fn refuse(text: &str) {
     let scene = SceneFile::parse(text, "broken.toml").and_then(|file| file.resolve(Path::new("/nowhere")));
-    let error = scene.err().expect("a broken scene");
+    let error = scene.expect_err("a broken scene");
     assert!(!error.to_string().is_empty());
     let _ = format!("{:?}", miette::Report::new(error));
 }
