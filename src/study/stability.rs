@@ -16,7 +16,7 @@
 //! | `images` | image synthesis |
 
 mod contact;
-mod fixtures;
+pub mod fixtures;
 mod images;
 mod memory;
 pub mod record;
