@@ -18,7 +18,7 @@
 pub mod anatomies;
 pub mod beam;
 pub mod bench;
-mod block;
+pub mod block;
 mod error;
 mod fractional;
 pub mod inspect;

@@ -45,7 +45,6 @@ const CHECK_MM: f64 = 10.0;
 /// A point known on both sides.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Landmark {
-    /// Name.
     pub name: String,
     /// In the volume's frame, mm.
     pub volume_mm: Point3<f64>,
@@ -61,7 +60,6 @@ pub struct Quadratic {
     pub coefficients: [[f64; TERMS]; 3],
     /// Centre, world, mm.
     pub centre_mm: [f64; 3],
-    /// Scale, mm.
     pub scale_mm: f64,
 }
 
@@ -213,7 +211,6 @@ pub struct Rigid {
 /// Quadratic stage of a registration.
 #[derive(Clone, Debug, Serialize)]
 pub struct Fitted {
-    /// The map.
     #[serde(flatten)]
     pub map: Quadratic,
     /// Root mean square distance of surface points that are no outliers from the skin, for the degrees of freedom of the map, mm.
@@ -227,7 +224,6 @@ pub struct Fitted {
 /// Distance of a landmark after each stage.
 #[derive(Clone, Debug, Serialize)]
 pub struct LandmarkError {
-    /// Name.
     pub name: String,
     /// After the rigid stage, mm.
     pub rigid_mm: f64,
@@ -238,7 +234,6 @@ pub struct LandmarkError {
 /// Distance from a surface point within which skin counts as covered, mm.
 const COVERED_MM: f64 = 10.0;
 
-/// A registration.
 #[derive(Clone, Debug, Serialize)]
 pub struct Registration {
     /// Rigid stage.

@@ -1,4 +1,4 @@
-//! Sanitising of text from files for a terminal: control characters escaped, long text truncated.
+//! Text from files for a terminal, with control characters escaped and long text truncated, and for HTML and XML.
 
 use std::borrow::Cow;
 
@@ -30,6 +30,23 @@ pub fn printable(text: &str) -> Cow<'_, str> {
         }
     }
     Cow::Owned(out)
+}
+
+/// Escapes text for HTML and for attributes of XML.
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+}
+
+/// Resolves the entities of XML.
+pub(crate) fn unescape(text: &str) -> String {
+    text.replace("&lt;", "<")
+        .replace("&gt;", ">")
+        .replace("&quot;", "\"")
+        .replace("&apos;", "'")
+        .replace("&amp;", "&")
 }
 
 /// Returns one line of at most `columns` columns: control characters escaped, tabs as spaces, the end truncated.

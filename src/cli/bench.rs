@@ -1,18 +1,14 @@
 //! `insonify bench`: frame times on this machine.
 
-use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::gpu::adapter::{self, SOFTWARE};
-use crate::gpu::{AdapterChoice, AdapterReport, Gpu, Needs};
-use crate::imaging::plan::Plan;
-use crate::imaging::synth::gpu::needs;
-use crate::imaging::synth::tables::Tables;
-use crate::imaging::synth::{FrameState, SynthError};
+use crate::gpu::{AdapterChoice, AdapterReport};
+use crate::imaging::synth::{Backend, FrameState, SynthError};
 use crate::input::scene::SceneFile;
 use crate::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
-use crate::study::bench::{BenchOptions, BenchReport, Contender, bench};
+use crate::study::bench::{BenchOptions, BenchReport, bench};
 use crate::study::tradeoff::gather::Means;
 use clap::Args;
 use nalgebra::Matrix4;
@@ -23,6 +19,7 @@ use super::input::Input;
 use super::output::Force;
 use super::study::Printed;
 use super::terminal;
+use super::variants::ranged;
 
 const TEACHING: &str = "\
 Without --compare one scene is timed at its own size. With it, GPU and CPU are compared:
@@ -84,23 +81,19 @@ impl Bench {
         };
         let mut report = BenchReport::new(&scene.anatomy, &scene.settings);
         report.warnings = scene.warnings;
-        let needs = needs(&Plan::new(&Tables::new(scene.anatomy.clone(), scene.settings.clone())?));
         let (candidates, software) = self.candidates();
         if !self.json {
             software.iter().for_each(terminal::say);
         }
         report.warnings.extend(software);
-        for candidate in candidates {
+        for (name, backend) in candidates {
             if !self.json {
-                terminal::say(format_args!("measuring {candidate}"));
+                terminal::say(format_args!("measuring {name}"));
             }
-            let measured = candidate
-                .contender(&needs)
-                .and_then(|contender| bench(&scene.anatomy, &scene.settings, &states, &contender, &options));
-            match measured {
+            match bench(&scene.anatomy, &scene.settings, &states, &backend, &options) {
                 Ok(backend) => report.backends.push(backend),
                 Err(error @ SynthError::Gpu(_)) if self.backend.backend == BackendName::Auto => {
-                    let warning = format!("{candidate} was not measured: {error}");
+                    let warning = format!("{name} was not measured: {error}");
                     if !self.json {
                         terminal::warn(&warning);
                     }
@@ -109,11 +102,7 @@ impl Bench {
                 Err(error) => return Err(error.into()),
             }
         }
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            terminal::emit(&report.to_string())
-        }
+        terminal::print(&report, self.json)
     }
 
     fn compare(&self) -> Result<(), Failure> {
@@ -149,65 +138,34 @@ impl Bench {
     }
 
     /// Backends to measure, and a sentence for each adapter that cannot be measured.
-    fn candidates(&self) -> (Vec<Candidate>, Vec<String>) {
+    fn candidates(&self) -> (Vec<(String, Backend)>, Vec<String>) {
         let choice = self.backend.choice();
+        let cpu = || ("the CPU".to_owned(), Backend::Cpu);
+        let gpu = |choice: AdapterChoice| {
+            let name = choice.name.clone().unwrap_or_else(|| "the GPU".to_owned());
+            (name, Backend::Adapter(choice))
+        };
         let candidates = match self.backend.backend {
-            BackendName::Cpu => vec![Candidate::Cpu],
-            BackendName::CpuF64 => vec![Candidate::CpuF64],
-            BackendName::Gpu => vec![Candidate::Gpu(choice)],
-            BackendName::Auto if choice.name.is_some() => vec![Candidate::Cpu, Candidate::Gpu(choice)],
+            BackendName::Cpu => vec![cpu()],
+            BackendName::CpuF64 => vec![("the CPU in double precision".to_owned(), Backend::CpuF64)],
+            BackendName::Gpu => vec![gpu(choice)],
+            BackendName::Auto if choice.name.is_some() => vec![cpu(), gpu(choice)],
             BackendName::Auto => {
                 let (software, hardware): (Vec<_>, Vec<_>) =
                     adapter::list().into_iter().partition(|found| found.software);
                 let name = |found: AdapterReport| format!("{} ({})", found.name, found.backend);
-                let gpus = hardware
-                    .into_iter()
-                    .map(|found| Candidate::Gpu(AdapterChoice::named(name(found))));
+                let gpus = hardware.into_iter().map(|found| gpu(AdapterChoice::named(name(found))));
                 let unmeasured = software
                     .into_iter()
                     .map(|found| format!("{} was not measured: it is {SOFTWARE}", name(found)));
-                return (
-                    std::iter::once(Candidate::Cpu).chain(gpus).collect(),
-                    unmeasured.collect(),
-                );
+                return (std::iter::once(cpu()).chain(gpus).collect(), unmeasured.collect());
             }
         };
         (candidates, Vec::new())
     }
 }
 
-/// A backend to measure, if it opens.
-enum Candidate {
-    Cpu,
-    CpuF64,
-    Gpu(AdapterChoice),
-}
-
-impl Candidate {
-    fn contender(&self, needs: &Needs) -> Result<Contender, SynthError> {
-        Ok(match self {
-            Self::Cpu => Contender::Cpu,
-            Self::CpuF64 => Contender::CpuF64,
-            Self::Gpu(choice) => Contender::Gpu(Box::new(Gpu::open(choice, needs)?)),
-        })
-    }
-}
-
-impl fmt::Display for Candidate {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Cpu => f.write_str("the CPU"),
-            Self::CpuF64 => f.write_str("the CPU in double precision"),
-            Self::Gpu(AdapterChoice { name: Some(name), .. }) => f.write_str(name),
-            Self::Gpu(_) => f.write_str("the GPU"),
-        }
-    }
-}
-
 /// Parses seconds on the command line.
 pub fn seconds(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(seconds) if (0.0..=3600.0).contains(&seconds) => Ok(seconds),
-        _ => Err("expected a number of seconds from 0 to 3600".to_owned()),
-    }
+    ranged(text, 0.0..=3600.0, "a number of seconds from 0 to 3600")
 }

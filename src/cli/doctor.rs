@@ -78,11 +78,7 @@ impl Doctor {
             let hint = format!("--adapter NAME or {ADAPTER_VARIABLE} picks an adapter");
             report.hints.push(hint);
         }
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            terminal::emit(&report.to_string())
-        }
+        terminal::print(&report, self.json)
     }
 }
 

@@ -5,11 +5,12 @@ use std::path::{Component, Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use crate::base::range::numbers;
-use crate::input::scenario::{self, Scenario, ScenarioFile};
+use crate::input::scenario::{self, ScenarioFile};
 use crate::study::score::exercise::{Conditions, csv, study};
 use crate::study::score::page::study_notes;
 
 use super::failure::Failure;
+use super::insert::resolve;
 use super::output::{self, Force, inputs};
 use super::terminal;
 
@@ -188,16 +189,6 @@ fn source(path: &Path) -> Result<(String, PathBuf), Failure> {
     Ok((text, path.parent().unwrap_or(Path::new("")).to_owned()))
 }
 
-fn resolve(file: &ScenarioFile, base: &Path) -> Result<Scenario, Failure> {
-    let bar = terminal::share();
-    bar.set_message("making the mesh");
-    let scenario = file.resolve(base, |share| {
-        bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
-    });
-    bar.finish_and_clear();
-    Ok(scenario?)
-}
-
 /// Lets simulated consultants, registrars and students perform tasks, and compares the groups
 #[derive(Args)]
 struct Study {
@@ -234,13 +225,11 @@ impl Study {
                 .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
             tasks.push((name.replace([',', '"', '\n'], " "), scenario));
         }
-        let bar = terminal::share();
-        bar.set_message("sessions");
-        let found = study(&tasks, usize::from(self.people), self.seed, |done, of| {
-            bar.set_position(terminal::SHARES * done as u64 / of.max(1) as u64);
-        });
-        bar.finish_and_clear();
-        let found = found?;
+        let found = terminal::with_bar("sessions", |share| {
+            study(&tasks, usize::from(self.people), self.seed, |done, of| {
+                share(done as f64 / of.max(1) as f64);
+            })
+        })?;
         let notes = study_notes(tasks.len(), usize::from(self.people), self.seed);
         output::text(&folder.path().join("sessions.csv"), &csv(&found.sessions))?;
         let page = found.comparison.page("Study with simulated hands", &notes)?;

@@ -1,13 +1,11 @@
 //! `insonify info`: contents of a label file, a folder of masks, a tracked sequence or a PLUS configuration.
 
-use std::fmt;
 use std::path::PathBuf;
 
 use crate::anatomy::segmentation;
 use crate::tracking::plus::PlusInfo;
 use crate::tracking::sequence::SequenceInfo;
 use clap::Args;
-use serde::Serialize;
 
 use super::failure::Failure;
 use super::input::NamesArg;
@@ -34,24 +32,16 @@ pub struct Info {
 impl Info {
     pub fn run(&self) -> Result<(), Failure> {
         if let Some(info) = SequenceInfo::of(&self.file) {
-            return self.print(&info);
+            return terminal::print(&info, self.json);
         }
         if self
             .file
             .extension()
             .is_some_and(|ending| ending.eq_ignore_ascii_case("xml"))
         {
-            return self.print(&PlusInfo::read(&self.file)?);
+            return terminal::print(&PlusInfo::read(&self.file)?, self.json);
         }
         let opened = segmentation::open(&self.file, &self.names.naming()?)?;
-        self.print(&segmentation::Info::new(&opened, &self.file))
-    }
-
-    fn print(&self, info: &(impl Serialize + fmt::Display)) -> Result<(), Failure> {
-        if self.json {
-            terminal::emit_json(info)
-        } else {
-            terminal::emit(&info.to_string())
-        }
+        terminal::print(&segmentation::Info::new(&opened, &self.file), self.json)
     }
 }

@@ -20,6 +20,7 @@ use super::output::{Force, inputs};
 use super::quality::QualityArgs;
 use super::render::extras::Extras;
 use super::terminal;
+use super::variants::ranged;
 use writer::{FILES, Writer};
 
 const EXAMPLES: &str = "\
@@ -163,13 +164,9 @@ impl Insert {
         if let Some(file) = &self.replay {
             scenario = replaying(scenario, file)?;
         }
-        let bar = terminal::share();
-        bar.set_message("preparing the model");
-        let model = scenario.model(|done, of| {
-            bar.set_position(terminal::SHARES * done as u64 / of.max(1) as u64);
-        });
-        bar.finish_and_clear();
-        let mut model = model?;
+        let mut model = terminal::with_bar("preparing the model", |share| {
+            scenario.model(|done, of| share(done as f64 / of.max(1) as f64))
+        })?;
         let mut writer = Writer::new(&scenario, folder.path(), asked)?;
         if asked.frames {
             self.extras.check(&scenario.scene)?;
@@ -242,13 +239,7 @@ impl Insert {
         };
         file.adapter = Some(self.backend.choice());
         let picked = self.quality.steps(&mut file, folder)?;
-        let bar = terminal::share();
-        bar.set_message("making the mesh");
-        let scenario = file.resolve(folder, |share| {
-            bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        let scenario = scenario?;
+        let scenario = resolve(&file, folder)?;
         for (at, line) in scenario.notes.iter().flat_map(|note| note.lines().enumerate()) {
             match at {
                 0 => terminal::note(line),
@@ -261,6 +252,13 @@ impl Insert {
         }
         Ok((scenario, picked))
     }
+}
+
+/// Resolves a scenario under a progress bar.
+pub fn resolve(file: &ScenarioFile, folder: &Path) -> Result<Scenario, Failure> {
+    Ok(terminal::with_bar("making the mesh", |progress| {
+        file.resolve(folder, |share| progress(f64::from(share)))
+    })?)
 }
 
 fn replaying(scenario: Scenario, file: &Path) -> Result<Scenario, Failure> {
@@ -317,8 +315,5 @@ fn hands() -> PossibleValuesParser {
 
 /// Parses a period, ms.
 fn period(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(ms) if (0.01..=1e7).contains(&ms) => Ok(ms),
-        _ => Err("expected milliseconds from 0.01 to 1e7".to_owned()),
-    }
+    ranged(text, 0.01..=1e7, "milliseconds from 0.01 to 1e7")
 }

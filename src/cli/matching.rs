@@ -10,6 +10,7 @@ use super::failure::Failure;
 use super::output::{self, Force};
 use super::realism::pixel;
 use super::terminal;
+use super::variants::ranged;
 
 const TEACHING: &str = "\
 The sector of the frame gives the probe; the most uniform windows at five depths give point spread, dynamic range and gain, the darkest ones
@@ -99,8 +100,5 @@ impl Match {
 
 /// Parses the depth of a frame, mm.
 fn depth(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(mm) if (1.0..=1000.0).contains(&mm) => Ok(mm),
-        _ => Err("expected 1 to 1000 mm".to_owned()),
-    }
+    ranged(text, 1.0..=1000.0, "1 to 1000 mm")
 }

@@ -13,7 +13,7 @@ use crate::cli::failure::Failure;
 use crate::cli::terminal;
 use crate::cli::variants::variants;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, Unit, read_mesh};
-use crate::mechanics::mesh::quality::{Quality, Spread};
+use crate::mechanics::mesh::quality::{Bin, Quality};
 
 /// Makes and inspects tetrahedral meshes
 #[derive(Args)]
@@ -74,11 +74,7 @@ impl Info {
         let file = read_mesh(&self.file, &options)?;
         let quality = Quality::of(&file.mesh, file.mesh.nodes());
         let report = Report::new(&self.file, &file, &quality);
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            terminal::emit(&report.to_string())
-        }
+        terminal::print(&report, self.json)
     }
 }
 
@@ -120,8 +116,8 @@ struct QualityReport {
     max_dihedral_deg: f64,
     median_jacobian_condition: f64,
     max_jacobian_condition: f64,
-    min_dihedral_histogram: Vec<Count>,
-    jacobian_condition_histogram: Vec<Count>,
+    min_dihedral_histogram: Vec<Bin>,
+    jacobian_condition_histogram: Vec<Bin>,
     /// Whether the mesh is suitable for computation.
     usable: bool,
     inverted: Vec<u32>,
@@ -130,14 +126,6 @@ struct QualityReport {
     duplicates: Vec<[u32; 2]>,
     isolated_nodes: Vec<u32>,
     coincident_nodes: Vec<[u32; 2]>,
-}
-
-/// Number of elements with a value from `low` to below `high`.
-#[derive(Serialize)]
-struct Count {
-    low: f64,
-    high: f64,
-    elements: usize,
 }
 
 impl Report {
@@ -175,8 +163,8 @@ impl QualityReport {
             max_dihedral_deg: quality.max_dihedral_deg.max,
             median_jacobian_condition: quality.condition.median,
             max_jacobian_condition: quality.condition.max,
-            min_dihedral_histogram: counts(&quality.min_dihedral_deg),
-            jacobian_condition_histogram: counts(&quality.condition),
+            min_dihedral_histogram: quality.min_dihedral_deg.histogram.clone(),
+            jacobian_condition_histogram: quality.condition.histogram.clone(),
             usable: quality.usable().is_ok(),
             inverted: quality.inverted.clone(),
             flat: quality.flat.clone(),
@@ -186,15 +174,6 @@ impl QualityReport {
             coincident_nodes: quality.coincident_nodes.clone(),
         }
     }
-}
-
-fn counts(spread: &Spread) -> Vec<Count> {
-    let bins = spread.histogram.iter().map(|bin| Count {
-        low: bin.low,
-        high: bin.high,
-        elements: bin.count,
-    });
-    bins.collect()
 }
 
 fn warnings(file: &MeshFile, quality: &Quality) -> Vec<String> {
@@ -304,9 +283,9 @@ impl QualityReport {
             ("Jacobian condition", &self.jacobian_condition_histogram),
         ] {
             writeln!(f, "\n{what:<32}  {:>10}", "elements")?;
-            for count in counts.iter().filter(|count| count.elements > 0) {
-                let range = format!("{} to {}", count.low, count.high);
-                writeln!(f, "{range:>32}  {:>10}", count.elements)?;
+            for bin in counts.iter().filter(|bin| bin.count > 0) {
+                let range = format!("{} to {}", bin.low, bin.high);
+                writeln!(f, "{range:>32}  {:>10}", bin.count)?;
             }
         }
         Ok(())

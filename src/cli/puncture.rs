@@ -121,16 +121,14 @@ impl Puncture {
                 },
             ));
         }
-        let bar = terminal::share();
         let count = all.len() as f64;
-        let mut runs = Vec::new();
-        for (at, (name, options)) in all.into_iter().enumerate() {
-            let run = puncture(&options, |share| {
-                bar.set_position(((at as f64 + share) / count * terminal::SHARES as f64) as u64);
+        let runs = terminal::with_bar("", |progress| {
+            let runs = all.into_iter().enumerate().map(|(at, (name, options))| {
+                let run = puncture(&options, |share| progress((at as f64 + share) / count));
+                run.map(|run| (name, run))
             });
-            runs.push((name, run?));
-        }
-        bar.finish_and_clear();
+            runs.collect::<Result<Vec<_>, _>>()
+        })?;
         let asked = &runs[0].1;
         if let Some(folder) = folder {
             let at = |name: &str| folder.path().join(name);
@@ -155,13 +153,9 @@ impl Puncture {
 
     fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Failure> {
         let samples = fit::read(path)?;
-        let bar = terminal::share();
-        bar.set_message("fitting");
-        let fitted = fit::fit(options, &samples, |share| {
-            bar.set_position((share * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        Ok(fitted?)
+        Ok(terminal::with_bar("fitting", |share| {
+            fit::fit(options, &samples, share)
+        })?)
     }
 }
 

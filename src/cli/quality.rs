@@ -1,7 +1,7 @@
 //! Choice of open settings of a scene or a scenario by their cost on this machine.
 
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use clap::Args;
 use nalgebra::Matrix4;
@@ -117,13 +117,8 @@ impl QualityArgs {
                 (trial.settings.probe.lines, trial.settings.probe.samples) = (lines, samples);
                 let mut synth = on(&trial)?.synth;
                 synth.render(&state)?;
-                let times = (0..FRAMES).map(|_| {
-                    let start = Instant::now();
-                    synth.render(&state)?;
-                    Ok(start.elapsed().as_secs_f64() * 1e3)
-                });
-                let times = times.collect::<Result<Vec<f64>, Failure>>()?;
-                Ok(Spread::of(times).map_or(0.0, |spread| spread.p95_ms))
+                let spread = Spread::of_runs(FRAMES, || synth.render(&state).map(drop))?;
+                Ok(spread.map_or(0.0, |spread| spread.p95_ms))
             })
         })?;
         let Some(picked) = pick("frame_ms", &costs, budget_ms, |_| true) else {

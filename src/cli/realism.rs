@@ -8,6 +8,7 @@ use clap::Args;
 use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
+use super::variants::ranged;
 
 const TEACHING: &str = "\
 The same measures on both sides, each frame by itself: texture of the most uniform windows and of the darkest ones, grey levels of the
@@ -70,18 +71,11 @@ impl Realism {
         if let Some(output) = &self.output {
             output::text(output, &report.page(&frames, &real)?)?;
         }
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            terminal::emit(&report.to_string())
-        }
+        terminal::print(&report, self.json)
     }
 }
 
 /// Parses a pixel size, mm.
 pub(super) fn pixel(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(mm) if picture::PIXEL_MM.contains(&mm) => Ok(mm),
-        _ => Err("expected 0.001 to 10 mm".to_owned()),
-    }
+    ranged(text, picture::PIXEL_MM, "0.001 to 10 mm")
 }

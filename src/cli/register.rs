@@ -146,10 +146,7 @@ impl Register {
         if let Some(page) = &self.page {
             output::text(page, &found.page(&skin)?)?;
         }
-        match self.json {
-            true => terminal::emit_json(&found),
-            false => terminal::emit(&found.to_string()),
-        }
+        terminal::print(&found, self.json)
     }
 
     /// Reads a label volume, and closes the body around it unless told not to.

@@ -20,6 +20,7 @@ use super::failure::Failure;
 use super::input::Input;
 use super::output::Force;
 use super::terminal;
+use super::variants::ranged;
 use crate::imaging::quality::Picked;
 use crate::imaging::synth::{FrameState, PassTime, Synthesizer};
 use crate::input::scene::Scene;
@@ -288,15 +289,9 @@ impl Oddities {
     }
 }
 
-/// Maximum number of frames of one run.
-const MOST_FRAMES: usize = 1_000_000;
-
 /// Parses a number of frames.
 pub fn frame_count(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(count @ 1..=MOST_FRAMES) => Ok(count),
-        _ => Err(format!("expected a whole number from 1 to {MOST_FRAMES}")),
-    }
+    ranged(text, 1..=1_000_000, "a whole number from 1 to 1000000")
 }
 
 #[cfg(test)]

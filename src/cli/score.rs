@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use serde::Serialize;
 
 use crate::study::score::groups::{compare, read};
 use crate::study::score::page::picture;
@@ -83,14 +82,6 @@ impl ScoreArgs {
         if let Some(output) = &self.output {
             output::text(output, &comparison.page("Comparison of groups", &[])?)?;
         }
-        emit(&comparison, self.json)
-    }
-}
-
-/// Prints a result as text or as JSON.
-pub fn emit(result: &(impl Serialize + ToString), json: bool) -> Result<(), Failure> {
-    match json {
-        true => terminal::emit_json(result),
-        false => terminal::emit(&result.to_string()),
+        terminal::print(&comparison, self.json)
     }
 }

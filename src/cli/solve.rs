@@ -122,10 +122,6 @@ impl Solve {
             output::text(output, &table)?;
         }
         let report = Report::new(&problem, &solved);
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            terminal::emit(&report.to_string())
-        }
+        terminal::print(&report, self.json)
     }
 }

@@ -63,11 +63,7 @@ impl Stability {
             write(&report, folder.path())?;
             folder.install()?;
         }
-        if self.json {
-            terminal::emit_json(&report)?;
-        } else {
-            terminal::emit(&report.to_string())?;
-        }
+        terminal::print(&report, self.json)?;
         match report.failed() {
             0 => Ok(()),
             failed => Err(Failure::Unstable {

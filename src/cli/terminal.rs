@@ -22,6 +22,14 @@ pub fn emit(text: &str) -> Result<(), Failure> {
     }
 }
 
+/// Writes a result to standard output, as text or as JSON.
+pub fn print(result: &(impl Serialize + ToString), json: bool) -> Result<(), Failure> {
+    match json {
+        true => emit_json(result),
+        false => emit(&result.to_string()),
+    }
+}
+
 /// Writes a result to standard output as indented JSON.
 pub fn emit_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(|error| Failure::Output(error.into()))?;
@@ -121,6 +129,15 @@ pub fn share() -> ProgressBar {
         return ProgressBar::hidden();
     }
     styled(ProgressBar::new(SHARES), "{bar:40} {percent} %, {eta} left  {msg}")
+}
+
+/// Shows a progress bar with a message during `work`, which reports the completed fraction.
+pub fn with_bar<T>(message: &'static str, work: impl FnOnce(&(dyn Fn(f64) + Sync)) -> T) -> T {
+    let bar = share();
+    bar.set_message(message);
+    let result = work(&|share| bar.set_position((share * SHARES as f64) as u64));
+    bar.finish_and_clear();
+    result
 }
 
 /// Progress bar over the frames of a run; hidden where standard error is not a terminal, for a single frame, and on

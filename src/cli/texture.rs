@@ -121,13 +121,9 @@ impl TextureArgs {
         let (zy, xz) = (other(&self.zy, self.zy_region)?, other(&self.xz, self.xz_region)?);
         let own = |prepared: Prepared| prepared.exemplar;
         let exemplars = Exemplars::of(first.exemplar.clone(), zy.map(own), xz.map(own));
-        let bar = terminal::share();
-        bar.set_message("synthesis");
-        let made = make(&first, exemplars, self.size, self.seed, |share| {
-            bar.set_position((share * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        let made = made?;
+        let made = terminal::with_bar("synthesis", |share| {
+            make(&first, exemplars, self.size, self.seed, share)
+        })?;
         let extent_mm = made.side as f64 * made.voxel_mm;
         let longest = made
             .figures

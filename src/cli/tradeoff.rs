@@ -20,6 +20,7 @@ use super::failure::Failure;
 use super::output::Force;
 use super::study::watched;
 use super::terminal;
+use super::variants::ranged;
 
 const EXAMPLES: &str = "\
 Without a subcommand every study is made, one after the other, into one report: what each choice costs, how far it is from the
@@ -122,7 +123,7 @@ impl Tradeoff {
         match report.missing.first() {
             None => Ok(()),
             Some(missing) => Err(Failure::Unmeasured {
-                study: missing.name.clone(),
+                study: missing.name.to_owned(),
                 reason: missing.reason.clone(),
                 more: report.missing.len() - 1,
             }),
@@ -132,10 +133,7 @@ impl Tradeoff {
 
 /// Parses a rate, 1/s.
 fn rate(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(hz) if (0.1..=1e5).contains(&hz) => Ok(hz),
-        _ => Err("expected 0.1 to 100000 times a second".to_owned()),
-    }
+    ranged(text, 0.1..=1e5, "0.1 to 100000 times a second")
 }
 
 /// Recommendations and flags, for the terminal.
@@ -159,7 +157,7 @@ fn in_short(report: &Report) -> String {
             own.extend(advice);
         }
         if !own.is_empty() {
-            lines.push(chapter.title.clone());
+            lines.push(chapter.title.to_owned());
             lines.extend(own);
         }
     }

@@ -1,4 +1,7 @@
-//! Values of arguments that are enums of the library, whose names and descriptions come from the schema of the enum.
+//! Values of arguments: numbers within a range, and enums of the library, whose names and descriptions come from the schema of the enum.
+
+use std::ops::RangeInclusive;
+use std::str::FromStr;
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use schemars::{JsonSchema, schema_for};
@@ -27,4 +30,10 @@ where
     T: JsonSchema + DeserializeOwned + Clone + Send + Sync + 'static,
 {
     PossibleValuesParser::new(names::<T>()).try_map(|name| serde_json::from_value(name.into()))
+}
+
+/// Parses a number within a range; `expected` describes the range in the error.
+pub fn ranged<T: FromStr + PartialOrd>(text: &str, range: RangeInclusive<T>, expected: &str) -> Result<T, String> {
+    let number = text.trim().parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("expected {expected}"))
 }

@@ -48,6 +48,7 @@ pub enum SynthError {
 }
 
 /// Rendering backend.
+#[derive(Clone)]
 pub enum Backend {
     /// CPU reference in single precision, matching the GPU.
     Cpu,

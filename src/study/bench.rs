@@ -10,7 +10,6 @@ mod report;
 
 use std::time::{Duration, Instant};
 
-use crate::gpu::Gpu;
 use crate::imaging::effects::LISTED;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
@@ -42,43 +41,15 @@ impl Default for BenchOptions {
     }
 }
 
-/// Backend to be measured.
-pub enum Contender {
-    /// The CPU in single precision.
-    Cpu,
-    /// The CPU in double precision.
-    CpuF64,
-    /// An open GPU.
-    Gpu(Box<Gpu>),
-}
-
-impl Contender {
-    fn backend(&self) -> Backend {
-        match self {
-            Self::Cpu => Backend::Cpu,
-            Self::CpuF64 => Backend::CpuF64,
-            Self::Gpu(gpu) => Backend::Gpu(gpu.clone()),
-        }
-    }
-
-    /// Returns the name of the adapter; `None` on the CPU.
-    pub fn adapter(&self) -> Option<&str> {
-        match self {
-            Self::Gpu(gpu) => Some(&gpu.report().name),
-            Self::Cpu | Self::CpuF64 => None,
-        }
-    }
-}
-
 /// Measures one backend on a scene. The frames cycle through `states`, which must not be empty.
 pub fn bench(
     anatomy: &Anatomy,
     settings: &Settings,
     states: &[FrameState],
-    contender: &Contender,
+    backend: &Backend,
     options: &BenchOptions,
 ) -> Result<BackendReport, SynthError> {
-    let mut synth = Synthesizer::new(anatomy.clone(), settings.clone(), contender.backend())?;
+    let mut synth = Synthesizer::new(anatomy.clone(), settings.clone(), backend.clone())?;
     let clock = Clock { states, options };
     let frame = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
     let frame_left_on_gpu = match synth.gpu().cloned() {
@@ -91,14 +62,14 @@ pub fn bench(
     let (passes, gpu_time) = clock.passes(&mut synth)?;
     Ok(BackendReport {
         backend: synth.backend(),
-        adapter: contender.adapter().map(str::to_owned),
+        adapter: synth.gpu().map(|gpu| gpu.report().name.clone()),
         software: synth.gpu().is_some_and(|gpu| gpu.report().software),
         frame,
         frame_left_on_gpu,
         gpu_time,
         passes,
         memory_bytes: synth.memory_bytes(),
-        ladder: clock.ladder(anatomy, synth, contender, frame)?,
+        ladder: clock.ladder(anatomy.clone(), synth, backend, frame)?,
     })
 }
 
@@ -166,9 +137,9 @@ impl Clock<'_> {
 
     fn ladder(
         &self,
-        anatomy: &Anatomy,
+        mut anatomy: Anatomy,
         mut synth: Synthesizer,
-        contender: &Contender,
+        backend: &Backend,
         full: Spread,
     ) -> Result<Vec<Rung>, SynthError> {
         let mut rungs = vec![Rung {
@@ -178,18 +149,16 @@ impl Clock<'_> {
         }];
         for removal in removals() {
             let mut settings = synth.settings().clone();
-            (removal.take)(&mut settings);
-            let warp = removal.effect == "warp";
-            if !synth.plan().has(removal.effect) || (!warp && settings == *synth.settings()) {
+            let had_mesh = anatomy.mesh.is_some();
+            removal.apply(&mut anatomy, &mut settings);
+            let mesh_removed = had_mesh && anatomy.mesh.is_none();
+            if !synth.plan().has(removal.effect) || (!mesh_removed && settings == *synth.settings()) {
                 continue;
             }
-            if warp {
-                let rigid = Anatomy {
-                    mesh: None,
-                    ..anatomy.clone()
-                };
+            if mesh_removed {
+                // The mesh is fixed on creation.
                 drop(synth);
-                synth = Synthesizer::new(rigid, settings, contender.backend())?;
+                synth = Synthesizer::new(anatomy.clone(), settings, backend.clone())?;
             } else {
                 synth.set(settings)?;
             }
@@ -204,10 +173,19 @@ impl Clock<'_> {
     }
 }
 
-/// Effect that can be taken out of the settings.
+/// Effect that can be taken out of a scene.
 struct Removal {
     effect: &'static str,
     take: fn(&mut Settings),
+}
+
+impl Removal {
+    fn apply(&self, anatomy: &mut Anatomy, settings: &mut Settings) {
+        (self.take)(settings);
+        if self.effect == "warp" {
+            anatomy.mesh = None;
+        }
+    }
 }
 
 /// Effects in the order of removal, from the last of the list to the first.

@@ -15,7 +15,6 @@ use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::remesh::RemeshError;
 use crate::tracking::TrackingError;
 
-/// Error of a study.
 #[derive(Debug, thiserror::Error)]
 pub enum StudyError {
     /// An option is out of range.

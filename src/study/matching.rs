@@ -41,7 +41,6 @@ const SETTLED: f64 = 0.02;
 pub struct Figure {
     /// Key in a scene file.
     pub key: &'static str,
-    /// Unit.
     pub unit: &'static str,
     /// Estimated value.
     pub value: f64,

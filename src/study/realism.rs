@@ -228,7 +228,6 @@ pub enum Verdict {
 /// Measure on both sides.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
-    /// The measure.
     #[serde(flatten)]
     pub measure: &'static Measure,
     /// Values in the rendered frames; `None` if no frame has the measure.

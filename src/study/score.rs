@@ -14,7 +14,7 @@ use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 use crate::base::csv::{Csv, CsvError, Row};
-use crate::input::scenario::run::{Deformed, Moment, Observer, Step};
+use crate::input::scenario::run::{Observer, Step};
 use crate::study::StudyError;
 
 /// Number of metrics.
@@ -238,14 +238,6 @@ impl Observer for Collector {
         self.end_s = step.time_s;
         self.withdrawn |= found.is_none() && !self.samples.is_empty();
         self.samples.extend(found);
-        Ok(())
-    }
-
-    fn frame(&mut self, _: &Moment<'_>) -> Result<(), StudyError> {
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StudyError> {
         Ok(())
     }
 }

@@ -16,7 +16,7 @@
 //! | `images` | image synthesis |
 
 mod contact;
-mod fixtures;
+pub mod fixtures;
 mod images;
 mod memory;
 pub mod record;
@@ -26,7 +26,7 @@ mod solving;
 
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use crate::base::report::machine::Machine;
 pub use record::{Record, Unexpected};
@@ -81,7 +81,7 @@ fn run_case(group: &str, case: &Case, effort: Effort, progress: &mut dyn FnMut(f
 }
 
 /// Length of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Effort {
     /// Reduced counts, used by the tests.

@@ -134,7 +134,6 @@ impl StepCosts {
         }
     }
 
-    /// Returns all dials.
     pub fn dials(&self) -> impl Iterator<Item = &Dial> {
         let others = [&self.nodes, &self.links, &self.elements, &self.thinning];
         self.levels.iter().chain(others)

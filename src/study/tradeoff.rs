@@ -29,7 +29,7 @@ pub mod report;
 mod tests;
 pub mod tissue;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
 pub use real_time::{Beat, InTime, Pace};
@@ -46,6 +46,11 @@ pub struct Factor {
 }
 
 impl Factor {
+    /// Creates a factor.
+    pub const fn new(key: &'static str, label: &'static str) -> Factor {
+        Factor { key, label }
+    }
+
     /// Describes a choice in words: a bare number is put into the label, as in "spacing 5 mm" for the label "spacing, mm".
     pub fn name(&self, choice: &str) -> String {
         match (choice.parse::<f64>(), self.label.rsplit_once(", ")) {
@@ -97,7 +102,7 @@ impl Axis {
 }
 
 /// One variant and its results.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Row {
     /// Choice for each factor.
     pub choices: Vec<String>,
@@ -114,7 +119,6 @@ pub struct Row {
 pub struct Table {
     /// Key in JSON and stem of the CSV file.
     pub key: &'static str,
-    /// Title.
     pub title: String,
     /// Gold standard that errors refer to; empty if the table has no errors.
     pub gold: String,
@@ -124,7 +128,6 @@ pub struct Table {
     pub factors: Vec<Factor>,
     /// Measured quantities.
     pub axes: Vec<Axis>,
-    /// The rows.
     pub rows: Vec<Row>,
     /// Whether the text report lists the table; long traces are left to plots and programs.
     pub listed: bool,
@@ -135,7 +138,6 @@ pub struct Table {
 pub struct Figure {
     /// Stem of the file names.
     pub file: String,
-    /// Title.
     pub title: String,
     /// Key of the table.
     pub table: &'static str,
@@ -182,7 +184,6 @@ impl Figure {
 /// Results of one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Study {
-    /// Name.
     pub name: &'static str,
     /// Title of the page.
     pub title: &'static str,

@@ -14,6 +14,7 @@ use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 
 use super::TrackingError;
+use crate::base::report::statistics::median;
 use poses::{MarkerPose, Poses};
 
 /// Deviation from the median above which a residual counts as an outlier, standard deviations as estimated from the median absolute
@@ -135,8 +136,9 @@ fn trimmed<T>(
     let mut used = vec![true; count];
     let (mut fitted, mut residuals) = fit(&used)?;
     for _ in 0..PASSES {
-        let middle = median(residuals.clone());
-        let spread = PER_MAD * median(residuals.iter().map(|r| (r - middle).abs()).collect());
+        let middle = median(residuals.clone()).unwrap_or_default();
+        let deviations = residuals.iter().map(|r| (r - middle).abs()).collect();
+        let spread = PER_MAD * median(deviations).unwrap_or_default();
         let limit = middle + OUTLIER * spread.max(ROUNDING);
         let next: Vec<bool> = residuals.iter().map(|r| *r <= limit).collect();
         if next == used || next.iter().filter(|used| **used).count() < FEWEST {
@@ -150,15 +152,6 @@ fn trimmed<T>(
         residuals,
         used,
     })
-}
-
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let half = values.len() / 2;
-    match values.len() % 2 {
-        0 => (values[half - 1] + values[half]) / 2.0,
-        _ => values[half],
-    }
 }
 
 /// Finds the point that stays in place in all poses, leaving out outliers.

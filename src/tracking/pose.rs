@@ -1,8 +1,6 @@
 //! Probe pose: a rigid transform from the probe frame to the world (LPS, mm).
 
 use nalgebra::{Matrix3, Matrix4, Point3, Rotation3, Unit, UnitQuaternion, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::error::TrackingError;
 use super::world::World;
@@ -199,31 +197,24 @@ fn too_large(key: &'static str, found: &[f64]) -> TrackingError {
     )
 }
 
-/// A pose as written in a file: either `matrix`, or `position_mm` and `direction` with optional keys.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
+/// Keys of a pose: either `matrix`, or `position_mm` and `direction` with optional keys.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(test, derive(serde::Deserialize))]
 pub struct PoseSpec {
     /// Centre of the array in the world (LPS), mm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub position_mm: Option<[f64; 3]>,
     /// Axial direction of the probe in the world; any length.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub direction: Option<[f64; 3]>,
     /// Approximate direction of the marked side in the world; any length, orthogonalised to `direction`. Default: the
     /// patient's left, or the feet if the probe points along the left-right axis.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub lateral: Option<[f64; 3]>,
     /// Rotation about the axial direction, degrees. Default 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rotate_deg: Option<f64>,
     /// Rotation within the image plane, towards the marked side when negative, degrees. Default 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rock_deg: Option<f64>,
     /// Rotation out of the image plane, degrees. Default 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tilt_deg: Option<f64>,
     /// Probe-to-world transform, mm: rigid.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub matrix: Option<Rows>,
 }
 
@@ -400,7 +391,6 @@ mod tests {
                 ..
             })
         ));
-        assert!(toml::from_str::<PoseSpec>("positon_mm = [0, 0, 0]").is_err());
     }
 
     #[test]

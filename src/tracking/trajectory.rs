@@ -129,14 +129,6 @@ impl Trajectory {
         self.keys[self.keys.len() - 1].time_s
     }
 
-    /// Time of frame `frame` of `frames` evenly spaced from the first pose to the last, s; that of the first pose for one
-    /// frame.
-    pub fn time_of(&self, frame: usize, frames: usize) -> f64 {
-        let gaps = frames.saturating_sub(1).max(1) as f64;
-        let share = (frame as f64 / gaps).min(1.0);
-        self.start_s() * (1.0 - share) + self.end_s() * share
-    }
-
     /// Pose at a time, s; constant beyond the ends.
     pub fn at(&self, time_s: f64) -> Pose {
         let after = self.keys.partition_point(|key| key.time_s <= time_s);
@@ -314,14 +306,6 @@ mod tests {
         let keys = [(0.0, at([0.0; 3], 0.0)), (1.0, at([0.0; 3], std::f64::consts::PI))];
         let path = Trajectory::from_keys(keys, Interpolation::Linear).expect("trajectory");
         assert!((path.at(0.5).rotation().angle() - std::f64::consts::FRAC_PI_2).abs() < 1e-9);
-    }
-
-    #[test]
-    fn frames_are_spread_from_end_to_end() {
-        let path = bent(Interpolation::Linear);
-        assert_eq!([0, 1, 2].map(|frame| path.time_of(frame, 3)), [0.0, 1.75, 3.5]);
-        assert_eq!(path.time_of(0, 1), 0.0);
-        assert_eq!(Trajectory::fixed(Pose::identity()).time_of(7, 8), 0.0);
     }
 
     #[test]

@@ -7,14 +7,11 @@ mod support;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicI64, AtomicU64, Ordering::Relaxed};
 
-use insonify::imaging::effects::Effects;
 use insonify::imaging::synth::tables::{Anatomy, Settings};
 use insonify::imaging::synth::{Backend, FrameState, NeedleShaft, Synthesizer};
-use insonify::mechanics::mesh::Displacement;
 use insonify::study::parity::Case;
 use nalgebra::Vector3;
 
-use support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 use support::scene;
 
 /// The system's allocator, counting.
@@ -47,57 +44,20 @@ const FRAMES: usize = 100;
 
 /// All effects on tissue that deforms and is remeshed anew each frame, with a bent needle that moves and seeds.
 fn scene() -> (Anatomy, Settings, Vec<FrameState>) {
-    let tissues = [
-        SILENT,
-        Acoustics {
-            attenuation_db_cm_mhz: 0.6,
-            texture: Some("liver"),
-            ..PLAIN
-        },
-        Acoustics {
-            echo_db: 8.0,
-            occlusion_per_mm: 0.1,
-            impedance_mrayl: 2.0,
-            ..PLAIN
-        },
-    ];
-    let anatomy = anatomy::random(Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0), &tissues, 5);
-    let anatomy = anatomy::with_mesh(anatomy, [[-14.0, 4.0, -14.0], [14.0, 36.0, 14.0]], 400);
-    let effects = Effects {
-        thickness: Some(Default::default()),
-        noise: Some(Default::default()),
-        ..Effects::usual()
-    };
-    let mut settings = scene::settings(scene::small_probe(), effects);
-    settings.has_needle = true;
-    let mesh = anatomy.mesh.clone().expect("a mesh");
-    let states = (0..FRAMES)
-        .map(|frame| {
-            let share = frame as f64 / 10.0;
-            let press = Displacement::Indentation {
-                centre_mm: [0.0, 5.0, 0.0],
-                direction: [0.1, 1.0, 0.0],
-                depth_mm: 4.0 * share.sin(),
-                radius_mm: 8.0,
-            };
-            let mut state = scene::aimed([0.1 * share, 1.0, 0.3], [1.0, 20.0, 0.0], 0.05 * share);
-            let mut nodes = Vec::new();
-            let mut reference = mesh.nodes().to_vec();
-            let moved = frame % reference.len();
-            reference[moved] = reference[moved].map(|x| x + 0.3);
-            press.displace(&reference, &mut nodes);
-            (state.nodes, state.reference) = (Some(nodes), Some(reference));
-            state.frame = frame as u64;
-            let shaft = [[-15.0, 4.0, 0.0], [-4.0, 14.0 + 0.1 * share, 0.3], [3.0, 24.0, 0.9]];
-            state.needle = Some(NeedleShaft {
-                nodes: shaft.map(Into::into).to_vec(),
-                diameter_mm: 1.2,
-            });
-            let seed = |at: usize| NeedleShaft::seed([at as f64 - 5.0, 20.0, share].into(), &Vector3::y());
-            state.seeds = (0..10).map(seed).collect();
-            state
-        })
-        .collect();
+    let (anatomy, settings, _) = scene::everything();
+    let states = (0..FRAMES).map(|frame| {
+        let mut state = scene::frame_of(&anatomy, frame as u64);
+        let mut reference = anatomy.mesh.as_ref().expect("a mesh").nodes().to_vec();
+        let moved = frame % reference.len();
+        for nodes in state.nodes.iter_mut().chain([&mut reference]) {
+            nodes[moved] = nodes[moved].map(|x| x + 0.3);
+        }
+        state.reference = Some(reference);
+        let seed = |at: usize| NeedleShaft::seed([at as f64 - 5.0, 20.0, 0.1 * frame as f64].into(), &Vector3::y());
+        state.seeds = (0..10).map(seed).collect();
+        state
+    });
+    let states = states.collect();
     (anatomy, settings, states)
 }
 

@@ -110,47 +110,6 @@ fn a_broken_gzip_is_an_error_of_that_file() {
 }
 
 #[test]
-fn wrong_scenes_point_at_the_line() {
-    let bench = Bench::new();
-    let cases = [
-        ("sedd = 4\n", vec!["sedd", "line 2", "seed"]),
-        (
-            "[volume]\nphantom = \"abdoman\"\n",
-            vec!["abdoman", "line 3", "abdomen"],
-        ),
-        ("[volume\n", vec!["line 2"]),
-        ("[volume]\nfile = \"none.nrrd\"\n", vec!["none.nrrd", "line 3"]),
-        (
-            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[effects.blur]\nwidth_mm = -1\n",
-            vec!["width_mm", "line 6", "-1"],
-        ),
-        (
-            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[pose]\nposition_mm = [nan, 0, 0]\ndirection = [0, 1, 0]\n",
-            vec!["position_mm", "NaN"],
-        ),
-        (
-            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"curvilinear\"\ndepth_mm = 60\nradius_mm = 60\nangle_deg = 0\n",
-            vec!["angle_deg"],
-        ),
-        (
-            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[probe]\nkind = \"linear\"\nwidth_mm = 38\ndepth_mm = 0\n",
-            vec!["depth_mm"],
-        ),
-        (
-            "[volume]\nphantom = \"two-layer\"\nresolution_mm = 3\n[pose]\ntarget = \"spleen\"\n",
-            vec!["spleen", "phantom_inclusion"],
-        ),
-    ];
-    for (text, words) in cases {
-        bench.write("wrong.toml", &format!("version = 1\n{text}"));
-        bench.run("render wrong.toml --backend cpu").fails(2, &words);
-    }
-    bench.write("wrong.toml", "version = 2\n[volume]\nphantom = \"two-layer\"\n");
-    bench.run("render wrong.toml --backend cpu").fails(2, &["version"]);
-    assert_eq!(bench.files("."), ["scene.toml", "wrong.toml"]);
-}
-
-#[test]
 fn no_adapter_is_status_1_only_if_one_was_asked_for() {
     let bench = Bench::new();
     bench

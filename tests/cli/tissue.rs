@@ -1,7 +1,5 @@
 //! What `insonify puncture` and `insonify tradeoff tissue` print and refuse.
 
-use serde_json::Value;
-
 use crate::support::Bench;
 
 /// The force rises ever faster and drops where capsule and vein give way; the same goes into the files.
@@ -41,21 +39,6 @@ fn a_measured_force_is_fitted() {
     bench
         .run("puncture --fit bad.csv")
         .fails(2, &["bad.csv, line 3", "`x`"]);
-}
-
-#[test]
-fn schemes_are_measured_and_full_newton_is_exact() {
-    let json = Bench::new()
-        .run("tradeoff tissue --nodes 60 --steps 5 --quiet --json")
-        .json();
-    let schemes = json["tables"]["schemes"]["rows"].as_array().expect("rows");
-    let error = |scheme: &str| {
-        let of = |row: &&Value| row["scheme"] == scheme;
-        let row = schemes.iter().find(of).unwrap_or_else(|| panic!("no {scheme}: {json}"));
-        row["error"].as_f64().expect("an error")
-    };
-    assert!(error("full Newton") < 1e-12, "{json}");
-    assert!((1e-4..0.2).contains(&error("Euler (Kobayashi 2010)")), "{json}");
 }
 
 #[test]

@@ -2,56 +2,16 @@
 
 use serde_json::Value;
 
-use crate::support::{Bench, Run};
-
-const SMALL: &str = "tradeoff remesh --nodes 250 --updates 12 --quick --quiet --backend cpu";
-
-fn small(more: &str) -> (Bench, Run) {
-    let bench = Bench::new();
-    let run = bench.run(&format!("{SMALL} {more}"));
-    (bench, run)
-}
-
-fn rows(json: &Value) -> &[Value] {
-    json["tables"]["remesh"]["rows"].as_array().expect("rows")
-}
+use crate::support::Bench;
 
 #[test]
-fn levels_are_measured_against_the_moved_mesh() {
-    let (bench, run) = small("--json -o study");
+fn a_study_is_printed_and_written() {
+    let bench = Bench::new();
+    let run = bench.run("tradeoff remesh --nodes 250 --updates 12 --quick --quiet --backend cpu --json -o study");
     let json = run.json();
-    let level = |name: &str, precision: &str| {
-        let of = |row: &&Value| row["level"] == name && row["precision"] == precision;
-        rows(&json)
-            .iter()
-            .find(of)
-            .unwrap_or_else(|| panic!("no {name} in {precision}: {run:?}"))
-    };
-    for (name, precision, limit) in [
-        ("I", "f64", 1e-9),
-        ("I", "f32", 1e-2),
-        ("exact", "f64", 1e-9),
-        ("exact", "f32", 1e-2),
-        ("exact, columns on demand", "f64", 1e-9),
-        ("refactorisation", "f64", 1e-9),
-    ] {
-        let row = level(name, precision);
-        assert!(row["flag"].is_null(), "{row}");
-        for error in ["error_condensed", "error_inverse", "error_solution"] {
-            assert!(row[error].as_f64().is_some_and(|error| error < limit), "{error}: {row}");
-        }
-        assert!(
-            row["median_ms"].as_f64() > Some(0.0) && row["p95_ms"].as_f64() >= row["median_ms"].as_f64(),
-            "{row}"
-        );
-        assert_eq!(row["updates"], 12.0);
-    }
-    for name in ["II", "III", "IV"] {
-        // Entries left as they were show.
-        assert!(level(name, "f64")["error_condensed"].as_f64() > Some(1e-6), "{run:?}");
-    }
-    assert!(level("I", "f64")["copy_share_percent"].as_f64() > Some(0.0));
-    assert!(rows(&json).iter().any(|row| row["best"] == true));
+    let rows = json["tables"]["remesh"]["rows"].as_array().expect("rows");
+    assert_eq!(rows.len(), 12, "five levels twice, columns on demand, refactorisation");
+    assert!(rows.iter().all(|row| row["updates"] == 12.0), "{json}");
     assert_eq!(
         bench.files("study"),
         [
@@ -67,18 +27,6 @@ fn levels_are_measured_against_the_moved_mesh() {
     );
     let written: Value = bench.read("study/tradeoff-remesh.json");
     assert_eq!(written, json);
-}
-
-#[test]
-fn several_sizes_show_the_growth_and_the_table_marks_the_best() {
-    let bench = Bench::new();
-    let run = bench.run("tradeoff remesh --nodes 250,400 --updates 8 --quick --quiet --backend cpu -o study");
-    let text = run.text();
-    assert!(
-        text.contains("err K^c") && text.lines().any(|line| line.starts_with('*')),
-        "{run:?}"
-    );
-    assert!(bench.files("study").contains(&"remesh-size.svg".to_owned()));
 }
 
 #[test]

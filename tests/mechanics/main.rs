@@ -3,6 +3,5 @@
 mod beam;
 mod insertion;
 mod nonlinear;
-mod remesh;
 mod statics;
 mod viscoelastic;

@@ -5,7 +5,6 @@
 //! each effect, which takes the bound before a pass to the bound after it. Here are the scenes that put them to the test.
 
 mod case;
-#[path = "../mechanics/remesh/support.rs"]
 mod remesh_support;
 mod scenes;
 

@@ -8,7 +8,6 @@ use insonify::study::parity::possible_labels;
 
 use super::case::{Case, check_all};
 use super::scenes;
-use crate::support::gpu::gpu_or_skip;
 use crate::support::scene;
 
 #[test]
@@ -33,56 +32,6 @@ fn random_labels_by_nearest_voxel_and_by_vote() {
         }
     }
     check_all("labels", &cases);
-}
-
-#[test]
-fn samples_on_voxel_faces() {
-    // Sample depths, voxel faces and vote ties coincide: an axis-aligned probe over whole and half millimetres.
-    let mut cases = Vec::new();
-    for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
-        let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
-        let mut settings = scene::settings(scene::probe(shape, 40.0, 49, 160), scene::bare());
-        settings.effects.slice.boundary = boundary;
-        cases.push(Case::new(
-            format!("{boundary:?}"),
-            scenes::unit_voxels(),
-            settings,
-            scene::straight(),
-        ));
-    }
-    check_all("faces", &cases);
-}
-
-#[test]
-fn where_nothing_rounds_labels_agree_on_faces_and_ties() {
-    // Positions, indices and shares of the votes are sums of few powers of two: exact in single precision, whatever the
-    // rounding. Samples on voxel faces and votes that tie must then come out alike.
-    let shape = insonify::tracking::probe::ProbeShape::Linear { width_mm: 24.0 };
-    let gpus: Vec<_> = gpu_or_skip("labels without rounding").into_iter().collect();
-    for boundary in [Boundary::Nearest, Boundary::Vote, Boundary::Smooth] {
-        let mut settings = scene::settings(scene::probe(shape, 40.0, 33, 160), scene::bare());
-        settings.effects.slice.boundary = boundary;
-        let case = Case::new(
-            format!("{boundary:?}"),
-            scenes::unit_voxels(),
-            settings,
-            scene::straight(),
-        );
-        let exact = case
-            .exact()
-            .expect("the reference")
-            .render_until("slice", &case.state)
-            .expect("a beam");
-        for mut twin in case.twins(&gpus).expect("backends") {
-            let found = twin.render_until("slice", &case.state).expect("a beam");
-            assert!(
-                found.position == exact.position,
-                "{}: positions are exact",
-                twin.backend()
-            );
-            assert!(found.label == exact.label, "{boundary:?} on {}", twin.backend());
-        }
-    }
 }
 
 #[test]

@@ -6,9 +6,9 @@ use insonify::imaging::effects::tone::Tone;
 use insonify::imaging::synth::tables::{Settings, Tables};
 use insonify::imaging::synth::{Backend, Synthesizer};
 
-use super::determinism::{everything, frame_of};
 use super::synthesizer;
 use crate::support::gpu::{backend, gpu_or_skip};
+use crate::support::scene::{everything, frame_of};
 
 type Edit = (&'static str, fn(&mut Settings));
 

@@ -1,10 +1,13 @@
 //! Probes, settings and poses.
 
 use insonify::imaging::effects::Effects;
-use insonify::imaging::synth::FrameState;
-use insonify::imaging::synth::tables::{ImageSize, Settings};
+use insonify::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use insonify::imaging::synth::{FrameState, NeedleShaft};
+use insonify::mechanics::mesh::Displacement;
 use insonify::tracking::probe::{Probe, ProbeShape};
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
+
+use super::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
 
 /// Every shape of field of view, sized for volumes of some 40 mm.
 pub const SHAPES: [(&str, ProbeShape); 5] = [
@@ -82,4 +85,56 @@ pub fn aimed(origin: [f64; 3], target: [f64; 3], roll: f64) -> FrameState {
     let turn = swing * Rotation3::from_axis_angle(&Vector3::y_axis(), roll);
     let matrix = Translation3::from(Vector3::from(origin)).to_homogeneous() * turn.to_homogeneous();
     FrameState::at(matrix)
+}
+
+/// Everything at once: textures, a deforming mesh, a bent needle, noise, a thick plane.
+pub fn everything() -> (Anatomy, Settings, FrameState) {
+    let tissues = [
+        SILENT,
+        Acoustics {
+            attenuation_db_cm_mhz: 0.6,
+            texture: Some("liver"),
+            ..PLAIN
+        },
+        Acoustics {
+            echo_db: 8.0,
+            occlusion_per_mm: 0.1,
+            impedance_mrayl: 2.0,
+            ..PLAIN
+        },
+    ];
+    let frame = Frame::around([0.0, 20.0, 0.0], [40; 3], 1.0);
+    let anatomy = anatomy::random(frame, &tissues, 5);
+    let anatomy = anatomy::with_mesh(anatomy, [[-14.0, 4.0, -14.0], [14.0, 36.0, 14.0]], 400);
+    let effects = Effects {
+        thickness: Some(Default::default()),
+        noise: Some(Default::default()),
+        ..Effects::usual()
+    };
+    let mut settings = settings(small_probe(), effects);
+    settings.has_needle = true;
+    (anatomy.clone(), settings, frame_of(&anatomy, 0))
+}
+
+/// A frame of a motion: tissue, needle and probe move.
+pub fn frame_of(anatomy: &Anatomy, frame: u64) -> FrameState {
+    let share = frame as f64 / 20.0;
+    let press = Displacement::Indentation {
+        centre_mm: [0.0, 5.0, 0.0],
+        direction: [0.1, 1.0, 0.0],
+        depth_mm: 4.0 * share.sin(),
+        radius_mm: 8.0,
+    };
+    let mut state = aimed([0.2 * share, 1.0, 0.3], [1.0, 20.0, 0.0], 0.1 * share);
+    let mut nodes = Vec::new();
+    press.displace(anatomy.mesh.as_ref().expect("a mesh").nodes(), &mut nodes);
+    state.nodes = Some(nodes);
+    state.frame = frame;
+    state.needle = Some(NeedleShaft {
+        nodes: [[-15.0, 4.0, 0.0], [-4.0, 14.0 + share, 0.3], [3.0, 24.0, 0.9]]
+            .map(Into::into)
+            .to_vec(),
+        diameter_mm: 1.2,
+    });
+    state
 }

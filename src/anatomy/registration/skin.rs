@@ -115,7 +115,6 @@ impl Skin {
         Ok(Self::new(points, normals.into_iter().step_by(step).collect()))
     }
 
-    /// Points, mm.
     pub fn points(&self) -> &[Point3<f64>] {
         &self.points
     }

@@ -35,7 +35,6 @@ pub struct Info {
     pub warnings: Vec<String>,
 }
 
-/// A label of an [`Info`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct LabelInfo {
     /// Label value in the file.

@@ -3,6 +3,8 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use crate::base::text::unescape;
+
 const PREFIX: &str = "LabelName_";
 
 /// Key of the name of a label value.
@@ -20,7 +22,6 @@ pub(crate) fn from_keys(key_values: &[(String, String)]) -> BTreeMap<i64, String
 
 // Segments of a `.seg.nrrd` of 3D Slicer: names by layer and value.
 
-/// A segment.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Segment {
     pub(crate) name: Option<String>,
@@ -99,12 +100,7 @@ fn plain(text: &str) -> String {
         .and_then(|inner| inner.strip_suffix("]]>"))
     {
         Some(inner) => inner.replace("]]]]><![CDATA[>", "]]>"),
-        None => text
-            .replace("&lt;", "<")
-            .replace("&gt;", ">")
-            .replace("&quot;", "\"")
-            .replace("&apos;", "'")
-            .replace("&amp;", "&"),
+        None => unescape(text),
     }
 }
 

@@ -5,10 +5,10 @@ use std::num::NonZero;
 use std::thread::available_parallelism;
 use std::time::SystemTime;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Processor as used by the CPU backend.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Machine {
     /// Operating system and architecture, for example `linux x86_64`.
     pub platform: String,

@@ -11,6 +11,7 @@ use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError};
 use super::plot::Plot;
 use super::table::Table;
 use crate::base::output::OutputError;
+pub use crate::base::text::escape;
 
 /// Style sheet. Plots have dark lines without a background; on a dark page their lightness is inverted and their hue kept.
 const STYLE: &str = "\
@@ -171,12 +172,4 @@ pub fn address(picture: &GrayImage) -> Result<String, ImageError> {
         ExtendedColorType::L8,
     )?;
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
-}
-
-/// Escapes text for use in HTML.
-pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }

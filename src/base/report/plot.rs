@@ -140,7 +140,6 @@ pub struct Series {
 /// Scatter or line plot.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
-    /// Title.
     pub title: String,
     /// Horizontal axis.
     pub x: Axis,

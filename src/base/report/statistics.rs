@@ -1,10 +1,22 @@
 //! Moments, correlations and percentiles of samples.
 
+use std::hint::black_box;
+use std::time::Instant;
+
 use serde::Serialize;
 
-/// Returns the mean.
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// Returns the median: the middle value, or the mean of the two in the middle; `None` for an empty list.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let (low, high) = (
+        values.get(values.len().saturating_sub(1) / 2)?,
+        values.get(values.len() / 2)?,
+    );
+    Some(0.5 * (low + high))
 }
 
 /// Returns the standard deviation of a sample.
@@ -56,6 +68,19 @@ pub struct Spread {
 }
 
 impl Spread {
+    /// Runs `work` repeatedly and computes the spread of its times; `None` for no runs.
+    ///
+    /// # Errors
+    /// The first error of `work`.
+    pub fn of_runs<T, E>(runs: usize, mut work: impl FnMut() -> Result<T, E>) -> Result<Option<Self>, E> {
+        let times = (0..runs).map(|_| {
+            let start = Instant::now();
+            black_box(work()?);
+            Ok(start.elapsed().as_secs_f64() * 1e3)
+        });
+        Ok(Self::of(times.collect::<Result<_, _>>()?))
+    }
+
     /// Computes the spread of times in ms; `None` for an empty list. Percentiles are nearest ranks.
     pub fn of(mut ms: Vec<f64>) -> Option<Self> {
         ms.sort_by(f64::total_cmp);

@@ -141,12 +141,9 @@ impl Make {
             ..GenerateOptions::default()
         };
         let start = Instant::now();
-        let bar = terminal::share();
-        let generated = generate(&grid, self.nodes, &options, |share| {
-            bar.set_position((f64::from(share) * terminal::SHARES as f64) as u64);
-        });
-        bar.finish_and_clear();
-        let generated = generated?;
+        let generated = terminal::with_bar("", |progress| {
+            generate(&grid, self.nodes, &options, |share| progress(f64::from(share)))
+        })?;
         let seconds = start.elapsed().as_secs_f64();
         let report = Report::new(&generated.report, volume.labels(), seconds, notes, &mut warnings);
         let named = report.regions.iter().filter(|region| !region.name.is_empty());

@@ -5,6 +5,7 @@ use clap::Args;
 
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
+use crate::cli::variants::ranged;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -54,15 +55,9 @@ impl History {
 }
 
 fn order(text: &str) -> Result<f64, String> {
-    match text.trim().parse() {
-        Ok(order) if (0.0..=1.0).contains(&order) => Ok(order),
-        _ => Err("expected a number from 0 (a spring) to 1 (a dashpot)".to_owned()),
-    }
+    ranged(text, 0.0..=1.0, "a number from 0 (a spring) to 1 (a dashpot)")
 }
 
 fn step_count(text: &str) -> Result<usize, String> {
-    match text.trim().parse() {
-        Ok(steps) if (10..=1_000_000).contains(&steps) => Ok(steps),
-        _ => Err("expected a number of steps from 10 to 1000000".to_owned()),
-    }
+    ranged(text, 10..=1_000_000, "a number of steps from 10 to 1000000")
 }

@@ -14,6 +14,7 @@ use crate::cli::backend::{BackendArgs, BackendName};
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
 use crate::cli::terminal;
+use crate::cli::variants::ranged;
 
 use super::effort;
 
@@ -106,15 +107,9 @@ impl Remesh {
 }
 
 pub(super) fn node_count(text: &str) -> Result<usize, String> {
-    match text.trim().parse() {
-        Ok(nodes) if (100..=100_000).contains(&nodes) => Ok(nodes),
-        _ => Err("expected a number of nodes from 100 to 100000".to_owned()),
-    }
+    ranged(text, 100..=100_000, "a number of nodes from 100 to 100000")
 }
 
 fn update_count(text: &str) -> Result<usize, String> {
-    match text.parse() {
-        Ok(updates) if (1..=1_000_000).contains(&updates) => Ok(updates),
-        _ => Err("expected a number of updates from 1 to 1000000".to_owned()),
-    }
+    ranged(text, 1..=1_000_000, "a number of updates from 1 to 1000000")
 }

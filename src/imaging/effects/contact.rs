@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::base::real::Real;
 use crate::imaging::synth::FrameState;
@@ -76,13 +76,7 @@ static PASSES: &[Pass] = &[Pass {
     entry: "main",
     bindings: &[(&RAYS, Read), (&GAPS, Read), (&POSITION, Write)],
     params,
-    workgroups: |tables, _| {
-        [
-            groups(tables.samples(), 64),
-            tables.lines() as u32,
-            tables.planes() as u32,
-        ]
-    },
+    workgroups: per_sample,
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,

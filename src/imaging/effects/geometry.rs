@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::buffers::{POSITION, RAYS};
 use super::common::{plane_step, rows};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
@@ -30,13 +30,7 @@ static PASSES: &[Pass] = &[Pass {
     entry: "main",
     bindings: &[(&RAYS, Read), (&POSITION, Write)],
     params,
-    workgroups: |tables, _| {
-        [
-            groups(tables.samples(), 64),
-            tables.lines() as u32,
-            tables.planes() as u32,
-        ]
-    },
+    workgroups: per_sample,
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,

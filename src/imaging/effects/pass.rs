@@ -80,6 +80,15 @@ pub fn groups(count: usize, size: u32) -> u32 {
     (count as u64).div_ceil(u64::from(size)) as u32
 }
 
+/// Workgroups of a pass with 64 samples to a group, over lines and planes.
+pub fn per_sample(tables: &Tables, _: Band) -> [u32; 3] {
+    [
+        groups(tables.samples(), 64),
+        tables.lines() as u32,
+        tables.planes() as u32,
+    ]
+}
+
 /// Numbers of workgroups of `size` invocations that cover `count` in one dimension, spread over y past the limit on
 /// x.
 pub fn spread(count: usize, size: u32) -> [u32; 3] {

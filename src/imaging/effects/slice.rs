@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
 use super::{Effect, OutOfRange, Setting, Stage, Verdict};
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
@@ -93,13 +93,7 @@ static PASSES: &[Pass] = &[Pass {
         (&AMPLITUDE, Write),
     ],
     params,
-    workgroups: |tables, _| {
-        [
-            groups(tables.samples(), 64),
-            tables.lines() as u32,
-            tables.planes() as u32,
-        ]
-    },
+    workgroups: per_sample,
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,

@@ -13,7 +13,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
 use crate::anatomy::acoustics::{Tissue, bank};
 use crate::anatomy::volume::VolumeError;
@@ -103,13 +103,7 @@ static PASSES: &[Pass] = &[Pass {
         (&AMPLITUDE, Write),
     ],
     params,
-    workgroups: |tables, _| {
-        [
-            groups(tables.samples(), 64),
-            tables.lines() as u32,
-            tables.planes() as u32,
-        ]
-    },
+    workgroups: per_sample,
     flips: false,
     cpu: run::<f32>,
     cpu_f64: run::<f64>,

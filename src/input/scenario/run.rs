@@ -78,13 +78,17 @@ pub trait Observer {
     ///
     /// # Errors
     /// Errors of the observer; they end the run.
-    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Self::Error>;
+    fn frame(&mut self, _moment: &Moment<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
 
     /// Called when the mesh is due, if it was requested.
     ///
     /// # Errors
     /// Errors of the observer; they end the run.
-    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Self::Error>;
+    fn mesh(&mut self, _deformed: &Deformed<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
 }
 
 /// Output requested in addition to steps.

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::Scenario;
-use super::run::{Deformed, Moment, Observer, Requests, Step, run};
+use super::run::{Observer, Requests, Step, run};
 use crate::base::report::statistics::percentile;
 use crate::mechanics::insertion::{Model, StepError};
 
@@ -111,14 +111,6 @@ impl<F: FnMut(f64)> Observer for Clock<F> {
             let patience = spent.as_secs_f64() / self.patience.as_secs_f64();
             (self.told)(patience.max(step.number as f64 / self.of));
         }
-        Ok(())
-    }
-
-    fn frame(&mut self, _: &Moment<'_>) -> Result<(), End> {
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), End> {
         Ok(())
     }
 }

@@ -123,7 +123,6 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         self.layers.clear();
     }
 
-    /// Returns the body.
     pub fn body(&self) -> &Arc<Body<D, N>> {
         self.structure.solver().body()
     }

@@ -13,7 +13,7 @@ use super::element::{self, Kind};
 use crate::mechanics::mesh::InvalidMesh;
 pub use parts::Part;
 pub use shape::{Shape, jacobian_condition};
-pub use spread::Spread;
+pub use spread::{Bin, Spread};
 pub use verdict::UnusableMesh;
 
 /// Limit of the [`jacobian_condition`] of a usable element, `1 / sqrt(f64::EPSILON)`: beyond it an element is so thin that

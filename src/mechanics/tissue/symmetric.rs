@@ -52,7 +52,6 @@ pub struct Symmetric<T> {
 /// Rows `first_row..first_row + rows` of a [`Symmetric`] with the columns up to the last of them.
 #[derive(Clone, Copy, Debug)]
 pub struct Panel<'a, T> {
-    /// First row.
     pub first_row: usize,
     /// Number of rows; [`PANEL_ROWS`] in all panels but the last.
     pub rows: usize,
@@ -64,7 +63,6 @@ pub struct Panel<'a, T> {
 /// Mutable version of [`Panel`].
 #[derive(Debug)]
 pub struct PanelMut<'a, T> {
-    /// First row.
     pub first_row: usize,
     /// Number of rows.
     pub rows: usize,

@@ -4,7 +4,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::{Fake, instruments, patient};
 use crate::input::scenario::ScenarioFile;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::input::scenario::run::{Observer, Requests, Step, run};
 use crate::mechanics::insertion::{Input, Instruments, Outcome, Recording, Saved, State, StepError};
 use crate::mechanics::tissue::remesh::Level;
 use crate::simulator::{Forces, Haptic};
@@ -111,14 +111,6 @@ direction = [0, 0, 1]
         fn step(&mut self, step: &Step<'_>) -> Result<(), StepError> {
             let guidance = &step.guidance;
             self.0.push((step.outcome.clone(), guidance.array, guidance.normal));
-            Ok(())
-        }
-
-        fn frame(&mut self, _: &Moment<'_>) -> Result<(), StepError> {
-            Ok(())
-        }
-
-        fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StepError> {
             Ok(())
         }
     }

@@ -159,10 +159,6 @@ pub fn compare(
     })
 }
 
-const fn factor(key: &'static str, label: &'static str) -> Factor {
-    Factor { key, label }
-}
-
 const CPU_MS: Axis = Axis::log("cpu_ms", "CPU ms", "time on the CPU (median), ms");
 const GPU_MS: Axis = Axis::log("gpu_ms", "GPU ms", "time on the GPU (median), ms");
 const RATIO: Axis = Axis::log("ratio", "CPU/GPU", "time on the CPU over time on the GPU");
@@ -213,7 +209,11 @@ const MOVES: usize = 6;
 
 /// Measures the levels available on both, in single precision; the remeshing study covers errors and the other levels.
 pub fn solvers(options: &CompareOptions) -> Result<Table, StudyError> {
-    let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("nodes", "nodes")];
+    let factors = [
+        Factor::new("gpu", "GPU"),
+        Factor::new("what", "what"),
+        Factor::new("nodes", "nodes"),
+    ];
     let axes = [
         Axis::log("dofs", "dofs", "free degrees of freedom"),
         CPU_MS,
@@ -288,9 +288,9 @@ pub fn solvers(options: &CompareOptions) -> Result<Table, StudyError> {
 /// 1, or the largest size at which it does not.
 pub fn crossing(tables: &[&Table]) -> Table {
     let factors = [
-        factor("gpu", "GPU"),
-        factor("what", "what"),
-        factor("wins", "the GPU wins"),
+        Factor::new("gpu", "GPU"),
+        Factor::new("what", "what"),
+        Factor::new("wins", "the GPU wins"),
     ];
     let axes = [
         Axis::log("ratio_smallest", "at smallest", "CPU over GPU at the smallest size"),

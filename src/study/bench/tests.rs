@@ -19,7 +19,7 @@ fn the_ladder_ends_at_slicing_alone() {
         warm_up: 1,
         ..BenchOptions::default()
     };
-    let report = bench(&anatomy, &settings, &[state], &Contender::Cpu, &options).unwrap();
+    let report = bench(&anatomy, &settings, &[state], &Backend::Cpu, &options).unwrap();
     assert_eq!(
         (report.backend, &report.adapter, report.software),
         ("cpu", &None, false)

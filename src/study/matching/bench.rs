@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use super::model::rounded;
 use super::outline::{Outline, Shape};
 use super::{AtDepth, Side, refuse};
-use crate::base::report::statistics::{mean, std};
+use crate::base::report::statistics::{mean, median, std};
 use crate::error::Error;
 use crate::imaging::effects::Effects;
 use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
@@ -277,15 +277,6 @@ pub(super) fn unevenness(patch: &Patch) -> f64 {
         all.iter().fold(f64::MIN, |a, b| a.max(*b)) - all.iter().fold(f64::MAX, |a, b| a.min(*b))
     };
     (range(mean) + range(std)) / std(&patch.values)
-}
-
-pub(super) fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let (low, high) = (
-        values.get(values.len().saturating_sub(1) / 2)?,
-        values.get(values.len() / 2)?,
-    );
-    Some(0.5 * (low + high))
 }
 
 /// Returns the shares of grey levels 0 to 255.

@@ -1,10 +1,9 @@
 //! Corrections of a model by comparing its phantoms with the real frame in the same windows.
 
 use super::Side;
-use super::bench::{Bench, DEPTHS, WINDOWS, median};
+use super::bench::{Bench, DEPTHS, WINDOWS};
 use super::model::Model;
-use crate::base::report::statistics::percentile;
-use crate::base::report::statistics::{mean, slope, std};
+use crate::base::report::statistics::{mean, median, percentile, slope, std};
 use crate::imaging::effects::receiver::Receiver;
 use crate::imaging::synth::SynthError;
 use crate::study::anatomies::SILENT;

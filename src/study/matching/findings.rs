@@ -1,12 +1,12 @@
 //! Findings of a match: figures with their spread, parameters not identified, doubts, and the scene.
 
-use super::bench::{Bench, UNEVEN, median, unevenness};
+use super::bench::{Bench, UNEVEN, unevenness};
 use super::correct::Dark;
 use super::model::{Model, rounded};
 use super::outline::Outline;
 use super::{Figure, ROUNDS, SETTLED, Side, Unidentified};
 use crate::anatomy::phantom::Phantom;
-use crate::base::report::statistics::std;
+use crate::base::report::statistics::{median, std};
 use crate::input::scene::{ImageSpec, SceneFile, VolumeSpec};
 use crate::study::realism::texture::{Patch, Texture, Window};
 use crate::tracking::probe::{ProbeKind, ProbeSpec};

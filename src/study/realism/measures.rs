@@ -12,11 +12,9 @@ use crate::base::report::statistics::{mean, skewness};
 pub struct Measure {
     /// Key in JSON.
     pub key: &'static str,
-    /// Name.
     pub name: &'static str,
     /// Unit; empty for a pure number.
     pub unit: &'static str,
-    /// Definition.
     pub definition: &'static str,
     /// Lower limit of the spread among real frames: frames of one clip differ by less than independent frames do.
     pub floor: f64,

@@ -3,6 +3,8 @@
 use std::f64::consts::TAU;
 
 use nalgebra::{SMatrix, SVector};
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex64;
 
 use super::picture::Picture;
 use super::sector::{BLACK, dark_limit};
@@ -148,32 +150,16 @@ impl Patch {
         let middle = mean(&self.values);
         let hann = |n: usize, of: usize| 0.5 - 0.5 * (TAU * n as f64 / (of as f64 - 1.0)).cos();
         let at = |x: usize, y: usize| (self.values[y * width + x] - middle) * hann(x, width) * hann(y, height);
-        // Along rows, then along columns: sums of real and imaginary parts.
-        let turns =
-            |of: usize| -> Vec<(f64, f64)> { (0..of).map(|n| (TAU * n as f64 / of as f64).sin_cos()).collect() };
-        let (across, down) = (turns(width), turns(height));
-        let mut rows = vec![[0.0; 2]; width * height];
-        for y in 0..height {
-            for k in 0..width {
-                for x in 0..width {
-                    let (sine, cosine) = across[x * k % width];
-                    rows[y * width + k][0] += at(x, y) * cosine;
-                    rows[y * width + k][1] -= at(x, y) * sine;
-                }
-            }
-        }
-        let mut power = vec![0.0; width * height];
-        for k in 0..width {
-            for l in 0..height {
-                let mut sum = [0.0; 2];
-                for y in 0..height {
-                    let ((sine, cosine), [re, im]) = (down[y * l % height], rows[y * width + k]);
-                    sum[0] += re * cosine + im * sine;
-                    sum[1] += im * cosine - re * sine;
-                }
-                power[l * width + k] = sum[0] * sum[0] + sum[1] * sum[1];
-            }
-        }
+        let mut planner = FftPlanner::new();
+        let mut rows: Vec<Complex64> = (0..width * height).map(|n| at(n % width, n / width).into()).collect();
+        planner.plan_fft_forward(width).process(&mut rows);
+        let mut columns: Vec<Complex64> = (0..width * height)
+            .map(|n| rows[n % height * width + n / height])
+            .collect();
+        planner.plan_fft_forward(height).process(&mut columns);
+        let power: Vec<f64> = (0..width * height)
+            .map(|n| columns[n % width * height + n / width].norm_sqr())
+            .collect();
         let frequency = |n: usize, of: usize| n.min(of - n) as f64 / of as f64;
         let inside = |f: f64| f > BAND[0] && f < BAND[1];
         let fit = |points: Vec<[f64; 2]>| {

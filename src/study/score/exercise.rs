@@ -59,7 +59,6 @@ pub struct Conditions {
 /// A training task.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Task {
-    /// Target, mm.
     pub target_mm: [f64; 3],
     /// Entry on the skin, mm.
     pub entry_mm: [f64; 3],
@@ -387,7 +386,6 @@ pub struct Study {
     /// Comparison of the groups.
     #[serde(flatten)]
     pub comparison: Comparison,
-    /// All sessions.
     #[serde(skip)]
     pub sessions: Vec<Session>,
 }

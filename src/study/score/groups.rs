@@ -21,9 +21,7 @@ pub const SIGNIFICANT: f64 = 0.05;
 pub struct Session {
     /// Group of the person.
     pub group: String,
-    /// Person.
     pub person: String,
-    /// Session.
     pub session: String,
     /// Values of the metrics.
     pub values: [f64; COUNT],
@@ -54,21 +52,17 @@ pub fn read(path: &Path) -> Result<Vec<Session>, StudyError> {
 /// Distribution of a metric in a group.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Spread {
-    /// Mean.
     pub mean: f64,
     /// Standard deviation of the sample; `None` for a single value.
     pub sd: Option<f64>,
-    /// Median.
     pub median: f64,
     /// Values, ascending.
     #[serde(skip)]
     pub values: Vec<f64>,
 }
 
-/// A group.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Group {
-    /// Name.
     pub name: String,
     /// Number of people.
     pub people: usize,
@@ -85,7 +79,6 @@ pub struct Pair {
     pub a: String,
     /// Second group.
     pub b: String,
-    /// Metric.
     pub metric: &'static str,
     /// Two-sided p of Welch's t test over sessions.
     pub welch_p: Option<f64>,

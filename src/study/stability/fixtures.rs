@@ -379,8 +379,8 @@ pub fn moved(mesh: &TetMesh, to: impl Fn(usize, &[f64; 3]) -> [f64; 3]) -> Resul
     )?)
 }
 
-/// Returns the mesh with the region of each element chosen by its centroid.
-pub fn with_regions(mesh: &TetMesh, region: impl Fn([f64; 3]) -> i32) -> Result<TetMesh, Unexpected> {
+/// Returns the mesh with the region of each element chosen by its number and centroid.
+pub fn with_regions(mesh: &TetMesh, region: impl Fn(usize, [f64; 3]) -> i32) -> Result<TetMesh, Unexpected> {
     let middle = |corners: &[u32; 4]| {
         std::array::from_fn(|axis| {
             corners
@@ -390,7 +390,8 @@ pub fn with_regions(mesh: &TetMesh, region: impl Fn([f64; 3]) -> i32) -> Result<
                 / 4.0
         })
     };
-    let regions = mesh.elements().iter().map(|corners| region(middle(corners)));
+    let regions = mesh.elements().iter().enumerate();
+    let regions = regions.map(|(element, corners)| region(element, middle(corners)));
     Ok(TetMesh::new(
         mesh.nodes().to_vec(),
         mesh.elements().to_vec(),

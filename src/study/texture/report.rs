@@ -4,6 +4,8 @@ use std::f64::consts::TAU;
 use std::fmt;
 
 use image::GrayImage;
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex64;
 
 use super::{Figures, LAGS, Made};
 use crate::anatomy::volume::texture::synthesis::correlations;
@@ -178,19 +180,19 @@ impl Made {
 /// Mean periodogram of lines of equal length, under a Hann window.
 fn power(lines: &[Vec<f32>], step_mm: f64) -> Vec<[f64; 2]> {
     let n = lines.first().map_or(0, Vec::len);
-    let at = |frequency: usize| {
-        let one = |line: &Vec<f32>| {
-            let (mut re, mut im) = (0.0, 0.0);
-            for (at, value) in line.iter().enumerate() {
-                let window = 0.5 - 0.5 * (TAU * at as f64 / n as f64).cos();
-                let (sin, cos) = (TAU * frequency as f64 * at as f64 / n as f64).sin_cos();
-                re += window * f64::from(*value) * cos;
-                im += window * f64::from(*value) * sin;
-            }
-            (re * re + im * im) / n as f64
-        };
-        let mean = lines.iter().map(one).sum::<f64>() / lines.len() as f64;
-        [frequency as f64 / (n as f64 * step_mm), mean]
+    let hann = |at: usize| 0.5 - 0.5 * (TAU * at as f64 / n as f64).cos();
+    let windowed = |line: &Vec<f32>| -> Vec<Complex64> {
+        let values = line.iter().enumerate();
+        values
+            .map(|(at, value)| (hann(at) * f64::from(*value)).into())
+            .collect()
     };
-    (1..=n / 2).map(at).collect()
+    let mut spectra: Vec<Complex64> = lines.iter().flat_map(windowed).collect();
+    FftPlanner::new().plan_fft_forward(n).process(&mut spectra);
+    let mean = |frequency: usize| {
+        let powers = spectra.iter().skip(frequency).step_by(n);
+        let sum: f64 = powers.map(|value| value.norm_sqr() / n as f64).sum();
+        [frequency as f64 / (n as f64 * step_mm), sum / lines.len() as f64]
+    };
+    (1..=n / 2).map(mean).collect()
 }

@@ -4,7 +4,7 @@
 //! and error (among variants of equal cost the one with the smallest error is taken), and only if it was measured under all conditions that
 //! occur.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::real_time::Beat;
 use super::{Row, Table};
@@ -48,7 +48,7 @@ pub struct Goal {
 }
 
 /// Recommendation.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Advice {
     pub choosing: String,
     /// Fixed choices that the recommendation applies to; empty if there are none.
@@ -126,7 +126,7 @@ impl Advice {
 }
 
 /// Variant, aggregated over all conditions.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Variant {
     /// Choices that identify the variant.
     pub name: String,

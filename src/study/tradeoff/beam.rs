@@ -5,7 +5,6 @@
 mod needles;
 
 use std::hint::black_box;
-use std::time::Instant;
 
 use super::gather::Entry;
 use super::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
@@ -28,19 +27,6 @@ pub const ENTRY: Entry = Entry {
 
 /// Element length of the reference solution, mm.
 const FINE_MM: f64 = 0.1;
-
-const fn factor(key: &'static str, label: &'static str) -> Factor {
-    Factor { key, label }
-}
-
-const fn axis(key: &'static str, heading: &'static str, label: &'static str, log: bool) -> Axis {
-    Axis {
-        key,
-        heading,
-        label,
-        log,
-    }
-}
 
 /// Runs the study.
 ///
@@ -107,13 +93,13 @@ const REPEATS: usize = 41;
 
 pub(super) fn elements_table() -> Result<Table, BeamError> {
     let axes = [
-        axis("elements", "elements", "elements", true),
-        axis("median_ms", "ms", "time of a solution (median), ms", true),
-        axis("p95_ms", "p95 ms", "time of a solution (95th percentile), ms", true),
-        axis("error_mm", "error mm", "largest error of the deflection, mm", true),
-        axis("iterations", "Newton", "Newton steps", false),
+        Axis::log("elements", "elements", "elements"),
+        Axis::log("median_ms", "ms", "time of a solution (median), ms"),
+        Axis::log("p95_ms", "p95 ms", "time of a solution (95th percentile), ms"),
+        Axis::log("error_mm", "error mm", "largest error of the deflection, mm"),
+        Axis::linear("iterations", "Newton", "Newton steps"),
     ];
-    let factors = [factor("case", "case"), factor("element_mm", "element")];
+    let factors = [Factor::new("case", "case"), Factor::new("element_mm", "element")];
     let title = "Length of elements: 60 mm in, base 20 mm before the entry, moved by 15 mm, slope -0.2";
     let mut table = Table::new("elements", title, &factors, &axes)
         .against(format!("elements of {FINE_MM} mm"))
@@ -143,14 +129,8 @@ pub(super) fn elements_table() -> Result<Table, BeamError> {
         for element_mm in ELEMENTS_MM {
             let mut beam = FoundationBeam::new(&of(element_mm))?;
             let shape = beam.solve(&base)?;
-            let mut times = Vec::with_capacity(REPEATS);
-            for _ in 0..REPEATS {
-                let start = Instant::now();
-                black_box(beam.solve(black_box(&base))?);
-                times.push(start.elapsed().as_secs_f64() * 1e3);
-            }
+            let time = Spread::of_runs(REPEATS, || beam.solve(black_box(&base)))?;
             let error = (element_mm > FINE_MM).then(|| apart(&shape, &truth));
-            let time = Spread::of(times);
             let values = vec![
                 Some((shape.points.len() - 1) as f64),
                 time.map(|time| time.median_ms),
@@ -184,20 +164,19 @@ const SLOPES: [f64; 3] = [-0.1, -0.4, -0.8];
 
 pub(super) fn friction_table() -> Result<Table, BeamError> {
     let axes = [
-        axis("gamma", "gamma", "friction, gamma", false),
-        axis(
+        Axis::linear("gamma", "gamma", "friction, gamma"),
+        Axis::linear(
             "tip_mm",
             "tip mm",
             "change of the tip's deflection against no friction, mm",
-            false,
         ),
-        axis("shape_mm", "shape mm", "largest change of the deflection, mm", false),
-        axis("com_mm", "COM mm", "change of the centre of motion's depth, mm", false),
+        Axis::linear("shape_mm", "shape mm", "largest change of the deflection, mm"),
+        Axis::linear("com_mm", "COM mm", "change of the centre of motion's depth, mm"),
     ];
     let factors = [
-        factor("tissue", "tissue"),
-        factor("slope", "slope"),
-        factor("friction", "friction"),
+        Factor::new("tissue", "tissue"),
+        Factor::new("slope", "slope"),
+        Factor::new("friction", "friction"),
     ];
     let title = "Friction: change against none, 60 mm in, base 20 mm before the entry, moved by 15 mm";
     let mut table = Table::new("friction", title, &factors, &axes).against("the same needle without friction");
@@ -230,21 +209,18 @@ pub(super) fn friction_table() -> Result<Table, BeamError> {
     Ok(table)
 }
 
-/// Number of timed solutions.
-const FRICTION_REPEATS: usize = 21;
-
 /// Compares solutions with and without the term in the presence of friction.
 pub(super) fn term() -> Result<Table, BeamError> {
     let axes = [
-        axis("median_ms", "ms", "time of a solution (median), ms", true),
-        axis("p95_ms", "p95 ms", "time of a solution (95th percentile), ms", true),
-        axis("error_mm", "error mm", "largest error of the deflection, mm", true),
+        Axis::log("median_ms", "ms", "time of a solution (median), ms"),
+        Axis::log("p95_ms", "p95 ms", "time of a solution (95th percentile), ms"),
+        Axis::log("error_mm", "error mm", "largest error of the deflection, mm"),
     ];
     let factors = [
-        factor("friction", "friction gamma"),
-        factor("tissue", "tissue"),
-        factor("slope", "slope"),
-        factor("term", "friction term"),
+        Factor::new("friction", "friction gamma"),
+        Factor::new("tissue", "tissue"),
+        Factor::new("slope", "slope"),
+        Factor::new("term", "friction term"),
     ];
     let goal = Goal::new("median_ms", "error_mm", SHIFT_MM).choosing("friction term of a beam");
     let title = "Friction: the term left out where there is friction";
@@ -267,13 +243,7 @@ pub(super) fn term() -> Result<Table, BeamError> {
                 for (term, gamma) in [("left out", 0.0), ("kept", friction)] {
                     let mut beam = FoundationBeam::new(&of(ELEMENT_MM, gamma))?;
                     let shape = beam.solve(&base)?;
-                    let mut times = Vec::with_capacity(FRICTION_REPEATS);
-                    for _ in 0..REPEATS {
-                        let start = Instant::now();
-                        black_box(beam.solve(black_box(&base))?);
-                        times.push(start.elapsed().as_secs_f64() * 1e3);
-                    }
-                    let time = Spread::of(times);
+                    let time = Spread::of_runs(REPEATS, || beam.solve(black_box(&base)))?;
                     let choices = [
                         friction.to_string(),
                         tissue.name.to_owned(),

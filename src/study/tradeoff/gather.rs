@@ -92,7 +92,7 @@ pub fn gather(entries: &[Entry], means: &Means, effort: Effort, pace: Pace, prog
         match (entry.run)(means, effort, &mut inner) {
             Ok(study) => chapters.push(Chapter::of(entry.name, entry.question, &study, &pace, begun.elapsed())),
             Err(error) => missing.push(Missing {
-                name: entry.name.to_owned(),
+                name: entry.name,
                 reason: error.to_string(),
             }),
         }

@@ -106,11 +106,7 @@ pub const ENTRY: Entry = Entry {
     },
 };
 
-const fn factor(key: &'static str, label: &'static str) -> Factor {
-    Factor { key, label }
-}
-
-const BACKEND: Factor = factor("backend", "backend");
+const BACKEND: Factor = Factor::new("backend", "backend");
 const MEDIAN: Axis = Axis::log("median_ms", "ms", "time of a frame (median), ms");
 const P95: Axis = Axis::log("p95_ms", "p95 ms", "time of a frame (95 of 100), ms");
 const MEMORY: Axis = Axis::log("memory_mb", "MB", "working memory, MB");

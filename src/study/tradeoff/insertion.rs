@@ -20,7 +20,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::gather::Entry;
-use super::{Axis, Factor, Figure, Study, Table};
+use super::{Axis, Figure, Study, Table};
 use crate::base::range::OutOfRange;
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::percentile;
@@ -32,6 +32,7 @@ use crate::mechanics::tissue::material::Material;
 use crate::study::StudyError;
 use crate::study::block;
 use crate::study::stability::Effort;
+pub use crate::study::stability::record::largest;
 
 /// Part of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -240,20 +241,10 @@ pub fn unsettled(steps: &[Step]) -> Option<f64> {
     Some(steps.iter().filter(|step| !step.converged).count() as f64)
 }
 
-/// Returns the largest magnitude; NaN if any value is NaN.
-pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
-    crate::study::stability::record::largest(values)
-}
-
 /// Returns the root mean square.
 pub fn mean_square(values: impl Iterator<Item = f64>) -> f64 {
     let (sum, count) = values.fold((0.0, 0.0), |(sum, count), it| (sum + it * it, count + 1.0));
     (sum / count).sqrt()
-}
-
-/// Creates a factor.
-pub const fn factor(key: &'static str, label: &'static str) -> Factor {
-    Factor { key, label }
 }
 
 /// Creates a line plot of a trace, with a colour for each choice of a factor.

@@ -1,6 +1,6 @@
 //! Recommendations at a required pace: among the variants that are fast enough, the one with the smallest error.
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::advice::{Goal, SAME, Variant};
 
@@ -12,7 +12,7 @@ use crate::base::report::pareto::{Choice, choose};
 pub(super) const NOTHING: f64 = 0.1;
 
 /// Recurring task with a deadline.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Beat {
     /// Frame of an image.
@@ -22,7 +22,7 @@ pub enum Beat {
 }
 
 /// Required rates of frames and steps.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Pace {
     /// Frames per second.
     pub frames: f64,
@@ -51,7 +51,7 @@ impl Pace {
 }
 
 /// Recommendation at a required pace.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct InTime {
     /// Task with the deadline.
     pub beat: Beat,

@@ -1,7 +1,6 @@
 //! Report of all studies: persistent data, and output as a page, Markdown, JSON and CSV.
 //!
-//! A [`Report`] is made from studies without knowledge of what they compare. All output is derived from it; a report read back from its
-//! JSON equals the one written.
+//! A [`Report`] is made from studies without knowledge of what they compare. All output is derived from it.
 
 mod markdown;
 mod page;
@@ -11,7 +10,7 @@ mod tests;
 use std::path::Path;
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::advice::Advice;
 use super::render::Files;
@@ -24,7 +23,7 @@ use crate::base::report::table::{self, Cell};
 use crate::study::stability::Effort;
 
 /// Report of all studies.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Report {
     /// Version of the format.
     pub format: u32,
@@ -44,22 +43,22 @@ pub struct Report {
 }
 
 /// Study that failed.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Missing {
-    pub name: String,
+    pub name: &'static str,
     pub reason: String,
 }
 
 /// Results of one study.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Chapter {
-    pub name: String,
-    pub title: String,
-    pub question: String,
+    pub name: &'static str,
+    pub title: &'static str,
+    pub question: &'static str,
     /// Duration, s.
     pub seconds: f64,
     /// Settings and sizes.
-    pub about: Vec<(String, String)>,
+    pub about: Vec<(&'static str, String)>,
     /// Tables, except long traces, which are only plotted.
     pub sections: Vec<Section>,
     /// What was left out, and why.
@@ -77,9 +76,9 @@ struct Drawing {
 }
 
 /// Table of results: a [`Table`] with what follows from its rows, without the columns that have no values.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Section {
-    pub key: String,
+    pub key: &'static str,
     pub title: String,
     pub gold: String,
     pub factors: Vec<Column>,
@@ -97,13 +96,13 @@ pub struct Section {
 }
 
 /// Column of a table.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Column {
-    pub key: String,
-    pub heading: String,
-    pub label: String,
+    pub key: &'static str,
+    pub heading: &'static str,
+    pub label: &'static str,
     /// Unit; empty if there is none.
-    pub unit: String,
+    pub unit: &'static str,
 }
 
 impl Report {
@@ -165,8 +164,7 @@ impl Report {
                 let choices: Vec<String> = choices.map(|(it, choice)| format!("{}={choice}", it.key)).collect();
                 let measured = section.axes.iter().zip(&row.values);
                 for (axis, value) in measured.filter_map(|(axis, value)| Some((axis, (*value)?))) {
-                    let [name, key, axis, unit] =
-                        [&chapter.name, &section.key, &axis.key, &axis.unit].map(String::clone);
+                    let [name, key, axis, unit] = [chapter.name, section.key, axis.key, axis.unit].map(str::to_owned);
                     let [value, best, gold] = [value.to_string(), best.to_string(), row.gold.to_string()];
                     let flag = row.flag.clone().unwrap_or_default();
                     table.row("", [name, key, choices.join("; "), axis, unit, value, best, gold, flag]);
@@ -196,7 +194,7 @@ impl Report {
 
 impl Chapter {
     /// Creates the chapter of a study.
-    pub fn of(name: &str, question: &str, study: &Study, pace: &Pace, took: Duration) -> Self {
+    pub fn of(name: &'static str, question: &'static str, study: &Study, pace: &Pace, took: Duration) -> Self {
         let drawings = study.plots().into_iter().map(|(figure, plot)| Drawing {
             stem: match figure.file.starts_with(name) {
                 true => figure.file.clone(),
@@ -205,14 +203,13 @@ impl Chapter {
             table: figure.table,
             plot,
         });
-        let about = study.about.iter();
         let listed = study.tables.iter().filter(|table| table.listed);
         Chapter {
-            name: name.to_owned(),
-            title: study.title.to_owned(),
-            question: question.to_owned(),
+            name,
+            title: study.title,
+            question,
             seconds: took.as_secs_f64(),
-            about: about.map(|(key, value)| ((*key).to_owned(), value.clone())).collect(),
+            about: study.about.clone(),
             sections: listed.map(|table| Section::of(table, pace)).collect(),
             notes: study.notes.clone(),
             drawings: drawings.collect(),
@@ -230,14 +227,11 @@ impl Chapter {
 
 impl Section {
     fn of(table: &Table, pace: &Pace) -> Self {
-        let column = |parts: [&str; 4]| {
-            let [key, heading, label, unit] = parts.map(str::to_owned);
-            Column {
-                key,
-                heading,
-                label,
-                unit,
-            }
+        let column = |[key, heading, label, unit]: [&'static str; 4]| Column {
+            key,
+            heading,
+            label,
+            unit,
         };
         let factors = table.factors.iter().map(|it| column([it.key, it.label, it.label, ""]));
         let shown = table.filled();
@@ -253,7 +247,7 @@ impl Section {
         };
         let place = |key: &str| shown.iter().position(|at| table.axes[*at].key == key);
         Section {
-            key: table.key.to_owned(),
+            key: table.key,
             title: table.title.clone(),
             gold: table.gold.clone(),
             factors: factors.collect(),
@@ -274,8 +268,8 @@ impl Section {
 
     /// Returns the rows with some of the axes.
     fn table(&self, axes: &[usize]) -> table::Table {
-        let factors = self.factors.iter().map(|factor| Cell::from(factor.heading.as_str()));
-        let axis = |at: &usize| Cell::Explained(self.axes[*at].heading.clone(), self.axes[*at].label.clone());
+        let factors = self.factors.iter().map(|factor| Cell::from(factor.heading));
+        let axis = |at: &usize| Cell::Explained(self.axes[*at].heading.to_owned(), self.axes[*at].label.to_owned());
         let mut table = table::Table::new(factors.chain(axes.iter().map(axis)).chain(["".into()]));
         for (row, best) in self.judged() {
             let choices = row.choices.iter().map(|choice| Cell::from(choice.as_str()));

@@ -2,35 +2,14 @@ use super::*;
 use crate::base::report::plot::Marker;
 
 const FACTORS: [Factor; 3] = [
-    Factor {
-        key: "size",
-        label: "size",
-    },
-    Factor {
-        key: "way",
-        label: "way",
-    },
-    Factor { key: "on", label: "on" },
+    Factor::new("size", "size"),
+    Factor::new("way", "way"),
+    Factor::new("on", "on"),
 ];
 const AXES: [Axis; 3] = [
-    Axis {
-        key: "ms",
-        heading: "ms",
-        label: "time, ms",
-        log: true,
-    },
-    Axis {
-        key: "error",
-        heading: "err",
-        label: "relative error",
-        log: true,
-    },
-    Axis {
-        key: "mb",
-        heading: "MB",
-        label: "memory, MB",
-        log: false,
-    },
+    Axis::log("ms", "ms", "time, ms"),
+    Axis::log("error", "err", "relative error"),
+    Axis::linear("mb", "MB", "memory, MB"),
 ];
 
 fn row(table: &mut Table, choices: [&str; 3], values: [Option<f64>; 3], flag: Option<&str>) {

@@ -91,55 +91,29 @@ impl TissueOptions {
     }
 }
 
-const FACTORS: [Factor; 2] = [
-    Factor {
-        key: "scheme",
-        label: "scheme",
-    },
-    Factor {
-        key: "steps",
-        label: "steps",
-    },
-];
+const FACTORS: [Factor; 2] = [Factor::new("scheme", "scheme"), Factor::new("steps", "steps")];
 
-const MODELS: [Factor; 2] = [
-    Factor {
-        key: "model",
-        label: "model",
-    },
-    FACTORS[1],
-];
+const MODELS: [Factor; 2] = [Factor::new("model", "model"), FACTORS[1]];
 
-const fn axis(key: &'static str, heading: &'static str, label: &'static str, log: bool) -> Axis {
-    Axis {
-        key,
-        heading,
-        label,
-        log,
-    }
-}
-
-const MEDIAN: Axis = axis("median_ms", "ms", "time of a step (median), ms", true);
-const P95: Axis = axis("p95_ms", "p95 ms", "time of a step (95th percentile), ms", true);
-const TOTAL: Axis = axis("total_ms", "total ms", "time of all steps, ms", true);
-const ERROR: Axis = axis("error", "err u", "relative error of displacements", true);
-const ERROR_MM: Axis = axis("error_mm", "err mm", "largest error of displacements, mm", true);
-const ITERATIONS: Axis = axis("iterations", "iterations", "iterations of a step", false);
-const FACTORISATIONS: Axis = axis("factorisations", "factorisations", "factorisations of a step", false);
-const FORCE: Axis = axis("force_n", "force N", "force on the plate when it is down, N", false);
-const RELAXED: Axis = axis("relaxed_n", "end N", "force on the plate at the end, N", false);
-const ERROR_FORCE: Axis = axis(
+const MEDIAN: Axis = Axis::log("median_ms", "ms", "time of a step (median), ms");
+const P95: Axis = Axis::log("p95_ms", "p95 ms", "time of a step (95th percentile), ms");
+const TOTAL: Axis = Axis::log("total_ms", "total ms", "time of all steps, ms");
+const ERROR: Axis = Axis::log("error", "err u", "relative error of displacements");
+const ERROR_MM: Axis = Axis::log("error_mm", "err mm", "largest error of displacements, mm");
+const ITERATIONS: Axis = Axis::linear("iterations", "iterations", "iterations of a step");
+const FACTORISATIONS: Axis = Axis::linear("factorisations", "factorisations", "factorisations of a step");
+const FORCE: Axis = Axis::linear("force_n", "force N", "force on the plate when it is down, N");
+const RELAXED: Axis = Axis::linear("relaxed_n", "end N", "force on the plate at the end, N");
+const ERROR_FORCE: Axis = Axis::log(
     "error_force",
     "err force",
     "relative error of the force when the plate is down",
-    true,
 );
-const ERROR_N: Axis = axis("error_n", "err N", "error of the force when the plate is down, N", true);
-const OWN: Axis = axis(
+const ERROR_N: Axis = Axis::log("error_n", "err N", "error of the force when the plate is down, N");
+const OWN: Axis = Axis::log(
     "error_own",
     "err steps",
     "relative error of that force against four times as many steps",
-    true,
 );
 
 /// Tolerance of the schemes; the gold standard uses a hundredth of it.

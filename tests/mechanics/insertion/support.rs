@@ -1,38 +1,26 @@
 //! A block of tissue, and a hand that moves a needle.
 
-use insonify::mechanics::insertion::finite::{Finite, Options, Setup};
+use insonify::mechanics::insertion::finite::{Finite, Setup};
 use insonify::mechanics::insertion::{Event, EventKind, Instruments, Interaction, Model, Outcome};
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::needle::{Needle, Rigid, Shaft};
 use insonify::mechanics::tissue::material::Material;
-use insonify::mechanics::tissue::remesh::{Level, Precision};
-use nalgebra::{Isometry3, Matrix4, Point3, Translation3, UnitQuaternion, Vector3};
+use insonify::study::block;
+pub use insonify::study::block::USUAL;
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 
 /// Length of the needle, mm.
 pub const LENGTH: f64 = 150.0;
 
-/// Tissue that grips, resists cutting, and has a skin.
-pub const USUAL: Interaction = Interaction {
-    friction_n_per_mm: 0.02,
-    static_ratio: 1.0,
-    cutting_n: 0.5,
-    puncture_n: 1.0,
-    peak: None,
-    bone: None,
-    critical: false,
-};
-
 /// A block from the origin to `extent`, in cells of about `cell` mm, one region 0.
 pub fn block(extent: [f64; 3], cell: f64) -> TetMesh {
-    let cells = extent.map(|edge| (edge / cell).round() as usize);
-    TetMesh::lattice(cells, &Matrix4::new_nonuniform_scaling(&Vector3::from(extent))).expect("a lattice")
+    block::plain(extent, cell).expect("a lattice")
 }
 
 /// The same, each cell the mirror image of its neighbours: a needle along planes between them is drawn aside by nothing in the
 /// mesh.
 pub fn mirrored(extent: [f64; 3], cell: f64) -> TetMesh {
-    let cells = extent.map(|edge| (edge / cell).round() as usize);
-    TetMesh::mirrored_lattice(cells, &Matrix4::new_nonuniform_scaling(&Vector3::from(extent))).expect("a lattice")
+    block::mirrored(extent, cell).expect("a lattice")
 }
 
 /// Tissue on a table: a block of 60 x 60 x 80 mm, entered at z = 0, held at z = 80.
@@ -42,20 +30,8 @@ pub fn setup(interaction: Interaction) -> Setup {
 
 /// The same of another block: held at its far end along z.
 pub fn on_table(mesh: TetMesh, interaction: Interaction) -> Setup {
-    let end = mesh.bounds()[1][2];
-    let held = (0..mesh.nodes().len() as u32).filter(|node| mesh.nodes()[*node as usize][2] == end);
-    Setup {
-        materials: vec![Material::new(10.0, 0.45).expect("a material"); mesh.elements().len()],
-        fixed: held.flat_map(|node| [0, 1, 2].map(|axis| (node, axis))).collect(),
-        interactions: vec![(0, interaction)],
-        anatomy: None,
-        needle: rigid(),
-        probe: None,
-        level: Level::Exact,
-        precision: Precision::Double,
-        options: Options::default(),
-        mesh,
-    }
+    let material = Material::new(10.0, 0.45).expect("a material");
+    block::on_table(mesh, material, interaction, rigid())
 }
 
 pub fn rigid() -> Box<dyn Needle> {

@@ -17,8 +17,9 @@ fn random(seed: u64, poissons: [f64; 4], contrast: f64) -> Case {
         .collect();
     let mut case = Case::new(mesh, material(1.0, 0.3));
     case.materials = Materials::new(None, &materials).unwrap();
-    let size = case.mesh.nodes().len();
-    let bottom = |node: usize| case.mesh.nodes()[node][2] == 0.0;
+    let nodes = case.mesh.nodes().to_vec();
+    let size = nodes.len();
+    let bottom = |node: usize| nodes[node][2] == 0.0;
     for dof in (0..3 * size).filter(|&dof| bottom(dof / 3) || noise(seed, 3000 + dof) > 0.95) {
         case.fixes.push(Fix {
             node: (dof / 3) as u32,

@@ -38,8 +38,9 @@ fn a_pulled_block_lengthens() {
     for axis in 0..3u8 {
         case.fix(&[axis], |p| p[axis as usize] == 0.0, |_| [0.0; 3]);
     }
-    let nodes = case.mesh.nodes();
-    for corners in case.mesh.elements() {
+    let mesh = case.mesh.clone();
+    let nodes = mesh.nodes();
+    for corners in mesh.elements() {
         let top: Vec<u32> = corners
             .iter()
             .copied()

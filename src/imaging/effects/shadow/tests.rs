@@ -1,31 +1,6 @@
 use super::*;
 
 #[test]
-fn layers_follow_beer_and_lambert() {
-    // 30 mm at 1 dB/mm, then 20 mm at 0.25 dB/mm, sampled ever finer; the last sample's centre lies half a step short.
-    for samples in [50usize, 500, 5000] {
-        let step = 50.0 / samples as f64;
-        let mut down_to = vec![0; samples];
-        let own = |i: usize| {
-            units(if (i as f64) * step < 30.0 - 1e-9 {
-                step
-            } else {
-                0.25 * step
-            })
-        };
-        accumulate(own, &mut down_to);
-        let expected = 30.0 + 0.25 * (20.0 - step / 2.0);
-        let found = f64::from(down_to[samples - 1]) / UNITS_PER_DB;
-        assert!(
-            (found - expected).abs() < 1e-4 * expected,
-            "{samples}: {found} dB, not {expected}"
-        );
-        let amplitude: f64 = transmittance(down_to[samples - 1]);
-        assert!((amplitude / 10f64.powf(-expected / 20.0) - 1.0).abs() < 1e-3);
-    }
-}
-
-#[test]
 fn an_opaque_run_saturates_and_stays_dark() {
     let mut down_to = vec![0; 8192];
     accumulate(|_| units(1e9), &mut down_to);

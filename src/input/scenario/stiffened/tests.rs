@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::input::InputError;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::input::scenario::run::{Moment, Observer, Requests, Step, run};
 use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use crate::mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};
 use crate::mechanics::tissue::nonlinear::creep::Memory;
@@ -60,10 +60,6 @@ impl Observer for Watch {
 
     fn frame(&mut self, moment: &Moment<'_>) -> Result<(), StepError> {
         self.frames.push((self.force_n.len() - 1, moment.state.clone()));
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StepError> {
         Ok(())
     }
 }

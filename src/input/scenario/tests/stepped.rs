@@ -194,14 +194,6 @@ impl Observer for Written {
         self.record.step(step, &mut self.csv).expect("memory");
         Ok(())
     }
-
-    fn frame(&mut self, _: &Moment<'_>) -> Result<(), StepError> {
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StepError> {
-        Ok(())
-    }
 }
 
 #[test]

@@ -78,7 +78,6 @@ pub struct Line<const D: usize> {
 /// Crossing of an element by a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Crossing {
-    /// The element.
     pub element: u32,
     /// Start of the crossing, mm from the origin of the line.
     pub from_mm: f64,

@@ -1,5 +1,7 @@
 //! Distribution of values: range, median and histogram.
 
+use serde::Serialize;
+
 /// Bin edges in steps of ten degrees.
 pub(super) const ANGLES: [f64; 19] = [
     0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0, 100.0, 110.0, 120.0, 130.0, 140.0, 150.0, 160.0, 170.0,
@@ -34,13 +36,14 @@ pub struct Spread {
 }
 
 /// A range of values.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Bin {
     /// Lower edge.
     pub low: f64,
     /// Upper edge, which is the lower edge of the next bin.
     pub high: f64,
     /// Number of values in the bin.
+    #[serde(rename = "elements")]
     pub count: usize,
 }
 

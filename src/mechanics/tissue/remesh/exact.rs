@@ -187,13 +187,7 @@ impl Remesher for Exact {
         let (before, done) = self.meet(&change.support);
         self.held
             .extend(&mut *self.source, &change.support, self.contacts.dofs())?;
-        let computed = if self.options.rebuild_always {
-            mesh.difference_into(&mut self.difference);
-            self.recompute()
-        } else {
-            self.update(change, done)
-        };
-        let condition = match computed {
+        let condition = match self.update(change, done) {
             Ok(condition) => condition,
             Err(reciprocal_condition) => {
                 self.held.truncate(before);
@@ -209,13 +203,10 @@ impl Remesher for Exact {
             self.complete();
             self.held.release(mesh, &change.support);
         }
-        let always = self.options.rebuild_always.then_some(Rebuilt::Always);
-        let mut report = self.report(change.support.len(), condition, always);
+        let mut report = self.report(change.support.len(), condition, None);
         if self.held.is_empty() {
             self.contacts.forget_correction();
             (self.watch, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
-        } else if always.is_some() {
-            self.rebuilds += 1;
         } else {
             self.maintain(mesh, &mut report);
         }

@@ -16,8 +16,6 @@ pub struct Options {
     pub residual_double: f64,
     /// Level I in f32: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it.
     pub residual_single: f64,
-    /// Exact level: whether to recompute at every change instead of updating. For comparison: it costs O(|S|^3).
-    pub rebuild_always: bool,
     /// Exact level: whether to defer work not needed at once, the last product that completes C and due samples of
     /// errors, to [`Remesher::tend`](super::Remesher::tend), so that no step has to do it all. Work still pending at
     /// the next change is done then.
@@ -34,7 +32,6 @@ impl Default for Options {
             exact_tolerance: 1e-12,
             residual_double: 1e-9,
             residual_single: 1e-2,
-            rebuild_always: false,
             tended: false,
             single_poisson_limit: 0.49,
         }

@@ -5,8 +5,6 @@ use super::Level;
 /// Why a compliance was recomputed instead of updated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rebuilt {
-    /// The options require it for every change.
-    Always,
     /// The residual of a sample, given here, exceeded the tolerance.
     Residual(f64),
     /// The compliance at the contacts was no longer positive definite.

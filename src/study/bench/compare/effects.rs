@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
 use super::super::{Removal, removals};
-use super::{CompareOptions, Subject, factor};
+use super::{CompareOptions, Factor, Subject};
 use crate::base::report::statistics::Spread;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::plan::Plan;
@@ -21,10 +21,7 @@ const MOST: usize = 60;
 fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> bool) -> (Anatomy, Settings) {
     let (mut anatomy, mut settings) = (subject.anatomy.clone(), settings.clone());
     for removal in removals().filter(|removal| !keep(removal)) {
-        (removal.take)(&mut settings);
-        if removal.effect == "warp" {
-            anatomy.mesh = None;
-        }
+        removal.apply(&mut anatomy, &mut settings);
     }
     (anatomy, settings)
 }
@@ -134,7 +131,7 @@ const AXES: [Axis; 9] = [
 /// Measures frames with all effects, all but one, only one, and none.
 pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
-    let factors = [factor("backend", "backend"), factor("effect", "effect")];
+    let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
     let title = "What each effect costs in company and alone: a frame without it, and with it alone";
     let mut table = Table::new("compare_effects", title, &factors, &AXES);
     let present = present(subject, &settings)?;
@@ -208,7 +205,7 @@ fn own(plan: &Plan, effect: &str) -> BTreeSet<&'static Buffer> {
 /// must be nothing.
 pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
-    let factors = [factor("backend", "backend"), factor("effect", "effect")];
+    let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
     let axes = [
         Axis::log("own_bytes", "own bytes", "bytes that nothing else works on"),
         Axis::linear("passes", "passes", "passes"),

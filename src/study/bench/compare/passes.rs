@@ -1,8 +1,6 @@
 //! Times of passes, and of transfers to and from a GPU.
 
-use std::time::Instant;
-
-use super::{CPU_MS, Clock, CompareOptions, GPU_MS, RATIO, Subject, clock_options, factor, ratio};
+use super::{CPU_MS, Clock, CompareOptions, Factor, GPU_MS, RATIO, Subject, clock_options, ratio};
 use crate::base::report::statistics::Spread;
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
 use crate::imaging::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
@@ -106,10 +104,10 @@ fn all_sizes(
 /// Tabulates all sizes: each GPU beside the CPU, or only the CPU if there is no GPU.
 pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<String>) -> Result<Table, StudyError> {
     let factors = [
-        factor("gpu", "GPU"),
-        factor("what", "what"),
-        factor("grid", "grid"),
-        factor("stage", "stage"),
+        Factor::new("gpu", "GPU"),
+        Factor::new("what", "what"),
+        Factor::new("grid", "grid"),
+        Factor::new("stage", "stage"),
     ];
     let axes = [
         Axis::log("samples", "samples", "samples of a frame"),
@@ -175,7 +173,11 @@ pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Opti
     if options.gpus.is_empty() {
         return Ok(None);
     }
-    let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("grid", "grid")];
+    let factors = [
+        Factor::new("gpu", "GPU"),
+        Factor::new("what", "what"),
+        Factor::new("grid", "grid"),
+    ];
     let axes = [
         Axis::log("megabytes", "MB", "bytes moved, MB"),
         GPU_MS,
@@ -245,11 +247,5 @@ fn read_back(gpu: &Gpu, bytes: u64) -> Result<Option<f64>, GpuError> {
 
 fn timed(mut work: impl FnMut() -> Result<(), GpuError>) -> Result<Option<f64>, GpuError> {
     work()?;
-    let mut times = Vec::with_capacity(TIMES);
-    for _ in 0..TIMES {
-        let start = Instant::now();
-        work()?;
-        times.push(start.elapsed().as_secs_f64() * 1e3);
-    }
-    Ok(Spread::of(times).map(|spread| spread.median_ms))
+    Ok(Spread::of_runs(TIMES, work)?.map(|spread| spread.median_ms))
 }

@@ -97,7 +97,11 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
 
 #[test]
 fn the_gpu_wins_from_where_it_stays_ahead() {
-    let factors = [factor("gpu", "GPU"), factor("what", "what"), factor("grid", "grid")];
+    let factors = [
+        Factor::new("gpu", "GPU"),
+        Factor::new("what", "what"),
+        Factor::new("grid", "grid"),
+    ];
     let mut table = Table::new("compare_passes", "", &factors, &[RATIO]);
     let mut push = |what: &str, ratios: [Option<f64>; 4]| {
         for (size, ratio) in ["a", "b", "c", "d"].iter().zip(ratios) {

@@ -246,7 +246,7 @@ pub fn contrast(record: &mut Record<'_>) -> Result<(), Unexpected> {
             ("stiff base", (|middle| middle[2] < 4.0) as fn([f64; 3]) -> bool),
             ("stiff core", |middle| middle.iter().all(|x| (2.0..8.0).contains(x))),
         ] {
-            let mesh = with_regions(&shaken([5, 5, 5], [10.0; 3], 0.15, record.seed())?, |middle| {
+            let mesh = with_regions(&shaken([5, 5, 5], [10.0; 3], 0.15, record.seed())?, |_, middle| {
                 i32::from(is_stiff(middle))
             })?;
             let mut problem = Problem::new(mesh, Material::new(1.0, 0.45)?);
@@ -303,7 +303,7 @@ fn bar(record: &mut Record<'_>, young_kpa: [f64; 2]) -> Result<(), Unexpected> {
     const EXTENT: [f64; 3] = [8.0, 6.0, 12.0];
     const PULL_MM: f64 = 0.6;
     // The layers meet in a plane of nodes.
-    let mesh = with_regions(&lattice([3, 3, 6], EXTENT)?, |middle| i32::from(middle[2] > 6.0))?;
+    let mesh = with_regions(&lattice([3, 3, 6], EXTENT)?, |_, middle| i32::from(middle[2] > 6.0))?;
     let mut problem = Problem::new(mesh, Material::new(1.0, 0.0)?);
     let layers = [
         (0, Material::new(young_kpa[0], 0.0)?),

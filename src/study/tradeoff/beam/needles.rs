@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::{FINE_MM, axis, factor, solve};
+use super::{Axis, FINE_MM, Factor, solve};
 use crate::base::range::OutOfRange;
 use crate::base::report::statistics::{Spread, percentile};
 use crate::mechanics::needle::beam::{Base, BeamError, Compression, FoundationBeam, Material};
@@ -25,23 +25,21 @@ const CALLS: usize = 60;
 
 pub(super) fn table() -> Result<Table, OutOfRange> {
     let axes = [
-        axis("length_mm", "length mm", "length of a link or an element, mm", true),
-        axis(
+        Axis::log("length_mm", "length mm", "length of a link or an element, mm"),
+        Axis::log(
             "median_ms",
             "ms",
             "time of shape and flexibility at 20 contacts (median), ms",
-            true,
         ),
-        axis(
+        Axis::log(
             "p95_ms",
             "p95 ms",
             "time of shape and flexibility at 20 contacts (95th percentile), ms",
-            true,
         ),
-        axis("error_mm", "error mm", "largest error of the shaft, mm", true),
-        axis("tip_mm", "tip mm", "error of the tip, mm", true),
+        Axis::log("error_mm", "error mm", "largest error of the shaft, mm"),
+        Axis::log("tip_mm", "tip mm", "error of the tip, mm"),
     ];
-    let factors = [factor("model", "needle"), factor("length", "link or element")];
+    let factors = [Factor::new("model", "needle"), Factor::new("length", "link or element")];
     let title = "Models of a needle in insertion: 200 mm, EI 6131 N mm^2, bent by 20 contacts";
     let mut table = Table::new("needles", title, &factors, &axes)
         .against(format!("a beam in elements of {FINE_NEEDLE_MM} mm"))
@@ -141,20 +139,19 @@ struct Truth {
 
 pub(super) fn models_table() -> Result<Table, BeamError> {
     let axes = [
-        axis("inserted_mm", "l mm", "inserted depth, mm", false),
-        axis(
+        Axis::linear("inserted_mm", "l mm", "inserted depth, mm"),
+        Axis::linear(
             "median_mm",
             "median mm",
             "error of the tip (median over base motions), mm",
-            false,
         ),
-        axis("largest_mm", "largest mm", "error of the tip (largest), mm", false),
+        Axis::linear("largest_mm", "largest mm", "error of the tip (largest), mm"),
     ];
     let factors = [
-        factor("tissue", "tissue"),
-        factor("compression", "compression"),
-        factor("parameters", "parameters"),
-        factor("depth", "depth"),
+        Factor::new("tissue", "tissue"),
+        Factor::new("compression", "compression"),
+        Factor::new("parameters", "parameters"),
+        Factor::new("depth", "depth"),
     ];
     let title = "Models: error of the tip over base motions of 2.5 to 15 mm, 20 and 40 mm before the entry";
     let gold = format!("UEng for PVC and UTru for PSM with the right parameters, elements of {FINE_MM} mm");

@@ -6,37 +6,19 @@ use crate::mechanics::tissue::viscoelastic::Rule;
 use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 3] = [
-    Factor {
-        key: "rule",
-        label: "rule",
-    },
-    Factor {
-        key: "lengths",
-        label: "steps are",
-    },
-    Factor {
-        key: "count",
-        label: "steps",
-    },
+    Factor::new("rule", "rule"),
+    Factor::new("lengths", "steps are"),
+    Factor::new("count", "steps"),
 ];
 
-const fn log(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
-    Axis {
-        key,
-        heading,
-        label,
-        log: true,
-    }
-}
-
 const AXES: [Axis; 7] = [
-    log("steps", "steps", "steps"),
-    log("total_ms", "ms", "time of all steps, ms"),
-    log("slowest_ms", "slowest", "time of all steps (the slowest time over), ms"),
-    log("step_us", "us a step", "mean time of a step, us"),
-    log("memory_kb", "kB", "memory of the history, kB"),
-    log("error", "error", "error relative to the exact law"),
-    log("error_mm", "error mm", "error where tissue gives way by 10 mm, mm"),
+    Axis::log("steps", "steps", "steps"),
+    Axis::log("total_ms", "ms", "time of all steps, ms"),
+    Axis::log("slowest_ms", "slowest", "time of all steps (the slowest time over), ms"),
+    Axis::log("step_us", "us a step", "mean time of a step, us"),
+    Axis::log("memory_kb", "kB", "memory of the history, kB"),
+    Axis::log("error", "error", "error relative to the exact law"),
+    Axis::log("error_mm", "error mm", "error where tissue gives way by 10 mm, mm"),
 ];
 
 /// Indentation that converts a relative error to a length, mm.

@@ -1,7 +1,7 @@
 //! Grain of tissue: solid textures and speckle models.
 
 use super::{Apart, inside, picture, sampling, values};
-use super::{ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table, factor};
+use super::{Factor, ImageOptions, MEDIAN, MEMORY, P95, PICTURE, Table};
 use super::{Subject, coarsened, without_grain};
 use nalgebra::Matrix4;
 
@@ -38,7 +38,7 @@ fn textures(options: &ImageOptions) -> Result<Table, StudyError> {
     let inside = inside(&gold);
     let title = "Solid textures, without speckle, against trilinear look-ups in double precision";
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("solid textures");
-    let mut table = Table::new("image_texture", title, &[factor("texture", "texture")], &PICTURE)
+    let mut table = Table::new("image_texture", title, &[Factor::new("texture", "texture")], &PICTURE)
         .against("trilinear look-ups in double precision")
         .seeking(goal.beside(&["p95_ms", "p99_grey", "memory_mb"]));
     for (name, textured) in [("trilinear", true), ("none: constant echo", false)] {
@@ -156,7 +156,7 @@ fn models(options: &ImageOptions) -> Result<Table, StudyError> {
         axial_mm, lateral_mm
     );
     let goal = Goal::new("median_ms", "length_error_mm", HALF_A_CELL).choosing("grain");
-    let mut table = Table::new("image_grain", title, &[factor("model", "model")], &axes)
+    let mut table = Table::new("image_grain", title, &[Factor::new("model", "model")], &axes)
         .against("Rayleigh statistics, and the correlation lengths asked for")
         .seeking(goal.beside(&["p95_ms", "std_error_grey", "memory_mb"]));
     let ways = [

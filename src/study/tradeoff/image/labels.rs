@@ -3,7 +3,7 @@
 use nalgebra::Matrix4;
 
 use super::{
-    Apart, BACKEND, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, silent, single,
+    Apart, BACKEND, Factor, ImageOptions, PICTURE, Subject, Table, coarsened, inside, picture, silent, single,
     too_large, values, without_grain,
 };
 use crate::gpu::Gpu;
@@ -115,7 +115,7 @@ pub fn labels(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>,
     let title = format!(
         "Labels at boundaries: millimetres against their closed form, grey levels against voxels of {FINEST_MM} mm, voted"
     );
-    let factors = [factor("boundary", "label"), factor("voxel", "voxel")];
+    let factors = [Factor::new("boundary", "label"), Factor::new("voxel", "voxel")];
     let goal = Goal::new("median_ms", "boundary_mm", SHIFT_MM).choosing("labels at boundaries");
     let mut table = Table::new("image_labels", title, &factors, &axes)
         .against(format!(
@@ -171,7 +171,7 @@ pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Tabl
     };
     let largest = grids[grids.len() - 1];
     let title = format!("Beam grid, against {} in double precision", name(finest));
-    let factors = [factor("content", "content"), BACKEND, factor("grid", "grid")];
+    let factors = [Factor::new("content", "content"), BACKEND, Factor::new("grid", "grid")];
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS)
         .choosing("grid of the beam")
         .in_every(Beat::Frame, "p95_ms");
@@ -233,7 +233,7 @@ fn all(options: &ImageOptions) -> Vec<(String, Backend)> {
 /// Compares double precision, single precision and each GPU on the same scene, at the default scene's grid and one below it.
 pub fn backends(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
-    let factors = [factor("grid", "grid"), BACKEND];
+    let factors = [Factor::new("grid", "grid"), BACKEND];
     let title = "Precisions and backends, every usual effect, against double precision on the CPU";
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("backend of images");
     let mut table = Table::new("image_backend", title, &factors, &PICTURE)
@@ -328,7 +328,7 @@ pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>
     let mut table = Table::new(
         "image_effects",
         "Effects: what a frame without one saves, and by how much it differs from the frame with all",
-        &[factor("effects", "effects")],
+        &[Factor::new("effects", "effects")],
         &PICTURE,
     )
     .against("every usual effect in double precision")

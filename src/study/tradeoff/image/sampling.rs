@@ -3,7 +3,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use super::{Apart, ImageOptions, PICTURE, Subject, Table, coarsened, factor, inside, picture, values};
+use super::{Apart, Factor, ImageOptions, PICTURE, Subject, Table, coarsened, inside, picture, values};
 use crate::anatomy::acoustics::bank;
 use crate::anatomy::volume::texture::SolidTexture;
 use crate::base::report::statistics::Spread;
@@ -66,7 +66,7 @@ const WAYS: [Variant; 3] = [
 
 pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
-    let factors = [factor("effect", "effect"), factor("grid", "grid")];
+    let factors = [Factor::new("effect", "effect"), Factor::new("grid", "grid")];
     let title =
         "Sampling of shadow (samples) and blur (scanlines), each by itself, against the finest in double precision";
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("sampling of one effect");
@@ -166,7 +166,7 @@ pub fn lookups() -> Table {
             "the same after log compression, grey levels of 255",
         ),
     ];
-    let factors = [factor("texture", "texture"), factor("look", "look-up")];
+    let factors = [Factor::new("texture", "texture"), Factor::new("look", "look-up")];
     let goal = Goal::new("look_ns", "rms_grey", GREY_LEVELS).choosing("look-up of solid textures");
     let mut table = Table::new(
         "image_lookup",
@@ -312,7 +312,7 @@ pub fn location(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
         Axis::linear("differing", "differ", "answers that differ from the exhaustive search"),
         Axis::log("off_mm", "mm off", "largest error of a reference position, mm"),
     ];
-    let factors = [factor("method", "method"), factor("mesh", "mesh")];
+    let factors = [Factor::new("method", "method"), Factor::new("mesh", "mesh")];
     let title = "Point location in a deforming mesh, double precision, one thread, against trying every element";
     let goal = Goal::new("point_ns", "off_mm", SHIFT_MM).choosing("point location in the mesh");
     let mut table = Table::new("image_location", title, &factors, &axes)

@@ -1,7 +1,7 @@
 //! Deflection by the bevel, and lengths of links and beam elements.
 
 use super::{
-    Course, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, factor, largest, lines, points, timed, times,
+    Course, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, points, timed, times,
     unsettled,
 };
 use crate::base::range::OutOfRange;
@@ -32,9 +32,9 @@ const ADVANCE_MM: f64 = 0.5;
 const STRAIGHT_MM: f64 = 0.05;
 
 const FACTORS: [Factor; 3] = [
-    factor("length_mm", "length, mm"),
-    factor("r_mm", "r, mm"),
-    factor("cell_mm", "cells, mm"),
+    Factor::new("length_mm", "length, mm"),
+    Factor::new("r_mm", "r, mm"),
+    Factor::new("cell_mm", "cells, mm"),
 ];
 const DEPTH: Axis = Axis::linear("depth_mm", "depth mm", "depth of the tip, mm");
 const ASIDE: Axis = Axis::linear("deflection_mm", "aside mm", "deflection of the tip, mm");
@@ -191,7 +191,7 @@ pub(super) struct Pieces {
 /// Links joined by angular springs.
 pub(super) const LINKS: Pieces = Pieces {
     name: "links",
-    length: factor("link_mm", "links of, mm"),
+    length: Factor::new("link_mm", "links of, mm"),
     lengths_mm: &[20.0, 10.0, 5.0, 2.5, 1.25],
     choosing: "links of the needle",
     figure: ["insertion-links", "Links of the needle: what accuracy costs"],
@@ -201,7 +201,7 @@ pub(super) const LINKS: Pieces = Pieces {
 /// Elements of a beam.
 pub(super) const ELEMENTS: Pieces = Pieces {
     name: "elements",
-    length: factor("element_mm", "elements of, mm"),
+    length: Factor::new("element_mm", "elements of, mm"),
     lengths_mm: &[20.0, 10.0, 5.0, 2.5],
     choosing: "elements of a beam in an insertion",
     figure: ["insertion-elements", "Elements of a beam needle: what accuracy costs"],

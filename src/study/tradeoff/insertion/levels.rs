@@ -1,8 +1,8 @@
 //! Levels of remeshing, mesh sizes and probe candidates of an insertion.
 
 use super::{
-    Course, ENTRY_MM, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, factor, largest, lines,
-    mean_square, points, times, unsettled,
+    Course, ENTRY_MM, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, mean_square,
+    points, times, unsettled,
 };
 use crate::base::memory;
 use crate::mechanics::insertion::finite::{Finite, Setup};
@@ -31,7 +31,7 @@ const POINTS: usize = 400;
 /// nothing moves by more than 1e-5 mm, through stiffnesses of needle and tissue below 100 N/mm.
 const SAME_N: f64 = 1e-3;
 
-const FACTORS: [Factor; 2] = [factor("level", "level"), factor("probe", "probe")];
+const FACTORS: [Factor; 2] = [Factor::new("level", "level"), Factor::new("probe", "probe")];
 
 const DIFFERENCES: [Axis; 4] = [
     Axis::log(
@@ -259,7 +259,7 @@ pub(super) fn check_memory(nodes: usize, available: Option<usize>) -> Result<(),
 /// Factors on the requested number of nodes; the last and finest is the gold standard.
 const SHARES: [f64; 4] = [0.25, 0.5, 1.0, 2.0];
 
-const MESH_FACTORS: [Factor; 1] = [factor("nodes", "nodes")];
+const MESH_FACTORS: [Factor; 1] = [Factor::new("nodes", "nodes")];
 
 const MESH_AXES: [Axis; 4] = [
     Axis::log("elements", "elements", "elements of the mesh"),
@@ -346,7 +346,7 @@ pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> 
 /// Strides of the candidate rings; the first retains all of them.
 const THINNED: [usize; 5] = [1, 2, 3, 4, 6];
 
-const THINNING_FACTORS: [Factor; 1] = [factor("every", "ring stride")];
+const THINNING_FACTORS: [Factor; 1] = [Factor::new("every", "ring stride")];
 
 const THINNING_AXES: [Axis; 4] = [
     Axis::linear("candidates", "candidates", "candidates of the probe"),

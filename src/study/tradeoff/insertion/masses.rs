@@ -7,7 +7,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::{Findings, InsertionOptions, Progress};
 use super::{Step, timed};
-use super::{TIMES, UNSETTLED, factor, largest, mean_square, points, times, unsettled};
+use super::{TIMES, UNSETTLED, largest, mean_square, points, times, unsettled};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
 use crate::mechanics::insertion::{Anatomy, Imager, Interaction, Model, Snapshot, Tissue};
@@ -31,9 +31,9 @@ const FINITE: &str = "finite elements";
 const SPRINGS: &str = "masses and springs";
 
 const FACTORS: [Factor; 3] = [
-    factor("model", "model"),
-    factor("poisson", "Poisson's ratio"),
-    factor("spacing_mm", "spacing, mm"),
+    Factor::new("model", "model"),
+    Factor::new("poisson", "Poisson's ratio"),
+    Factor::new("spacing_mm", "spacing, mm"),
 ];
 
 const AXES: [Axis; 5] = [

@@ -11,22 +11,10 @@ use crate::study::StudyError;
 use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 4] = [
-    Factor {
-        key: "nodes",
-        label: "nodes",
-    },
-    Factor {
-        key: "level",
-        label: "level",
-    },
-    Factor {
-        key: "backend",
-        label: "backend",
-    },
-    Factor {
-        key: "precision",
-        label: "precision",
-    },
+    Factor::new("nodes", "nodes"),
+    Factor::new("level", "level"),
+    Factor::new("backend", "backend"),
+    Factor::new("precision", "precision"),
 ];
 
 const ERROR_CONDENSED: Axis = Axis::log(

@@ -125,14 +125,14 @@ impl Chapter {
     fn show(&self, page: &mut Page) -> Result<(), OutputError> {
         page.put(format_args!(
             "<h2 id=\"{0}\">{1}</h2>",
-            escape(&self.name),
-            escape(&self.title)
+            escape(self.name),
+            escape(self.title)
         ));
-        page.paragraph("", &self.question);
+        page.paragraph("", self.question);
         self.body(page)?;
         page.put(format_args!(
             "<p class=\"soft\">More of this: <code>insonify tradeoff {} --help</code></p>",
-            escape(&self.name)
+            escape(self.name)
         ));
         Ok(())
     }

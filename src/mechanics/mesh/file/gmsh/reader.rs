@@ -137,17 +137,14 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// Skips ints.
     pub fn skip_ints(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.int().map(drop))
     }
 
-    /// Skips sizes.
     pub fn skip_sizes(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.size().map(drop))
     }
 
-    /// Skips floats.
     pub fn skip_floats(&mut self, count: usize) -> Result<(), Fault> {
         (0..count).try_for_each(|_| self.float().map(drop))
     }

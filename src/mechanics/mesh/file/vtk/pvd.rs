@@ -4,8 +4,9 @@ use std::io::Write;
 use std::path::Path;
 
 use super::MeshFileError;
-use super::write::escape;
+
 use crate::base::output::atomic;
+use crate::base::text::escape;
 
 /// Writes a time series: the time of each file (any unit, finite) and its name, relative to the folder of `path`.
 ///

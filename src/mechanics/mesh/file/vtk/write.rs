@@ -16,6 +16,7 @@ use flate2::write::ZlibEncoder;
 use super::MeshFileError;
 use super::grid::TETRA;
 use crate::base::output::atomic;
+use crate::base::text::escape;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::DISPLACEMENT;
 
@@ -199,14 +200,6 @@ fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: 
         STANDARD.encode(header),
         STANDARD.encode(packed)
     )
-}
-
-/// Escapes text for an attribute.
-pub(super) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
 }
 
 #[cfg(test)]

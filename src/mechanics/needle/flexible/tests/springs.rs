@@ -1,49 +1,9 @@
-use std::f64::consts::PI;
+use nalgebra::SymmetricEigen;
 
-use nalgebra::{DMatrix, Point3, SymmetricEigen, Translation3, UnitQuaternion};
-
-use super::super::*;
-
-const LENGTH: f64 = 200.0;
+use super::*;
 
 fn needle(link_mm: f64, bevel: Option<Bevel>) -> Flexible {
     Flexible::springs(Shaft::default(), Stiffness::default(), link_mm, bevel).expect("needle")
-}
-
-fn load(arc_mm: f64, force: [f64; 3]) -> Load {
-    Load {
-        arc_mm,
-        force_n: force.into(),
-    }
-}
-
-/// Calls `place` until nothing moves; returns the number of calls.
-fn settle(needle: &mut Flexible, base: &Isometry3<f64>, loads: &[Load], line: &mut CentreLine) -> usize {
-    for count in 1..=200 {
-        let before = line.clone();
-        needle.place(base, None, loads, loads, line);
-        if line.distance(&before) < 1e-9 {
-            return count;
-        }
-    }
-    panic!("does not settle");
-}
-
-fn slanted() -> Isometry3<f64> {
-    let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.3);
-    Isometry3::from_parts(Translation3::new(31.0, -70.0, 12.5), turn)
-}
-
-fn rows() -> Vec<Row> {
-    let arcs = [200.0, 12.0, 150.0, 100.0, 103.0, 60.0, 195.5, 0.0];
-    let directions = [[1.0, 0.0, 0.0], [0.0, 0.6, 0.8], [0.36, 0.48, -0.8]];
-    let row = |arc_mm| {
-        directions.map(|direction| Row {
-            arc_mm,
-            direction: direction.into(),
-        })
-    };
-    arcs.into_iter().flat_map(row).collect()
 }
 
 fn flexibility(needle: &mut Flexible, line: &CentreLine, loads: &[Load], rows: &[Row]) -> DMatrix<f64> {
@@ -110,53 +70,6 @@ fn link_lengths_and_both_ways_to_give_stiffness_agree() {
     assert!((tilt - 1.0).abs() < 1e-12, "{tilt}");
 }
 
-/// Exact about the straight needle, also under an axial load; about a bent one up to the interaction of finite rotations:
-/// the square of the bend.
-#[test]
-fn linearisation_is_what_forces_move() {
-    let buckling = PI * PI * Stiffness::default().bending_nmm2() / (4.0 * LENGTH * LENGTH);
-    for (bend, along, tolerance) in [(0.0, 0.0, 1e-6), (0.0, 0.8 * buckling, 1e-6), (0.04, 0.04, 0.02)] {
-        let bevel = Bevel {
-            r_mm: 0.6,
-            length_mm: 4.0,
-        };
-        let bevel = (bend > 0.0).then_some(bevel);
-        let (mut needle, base, rows) = (needle(10.0, bevel), slanted(), rows());
-        let axis = base.rotation * Vector3::z();
-        let mut loads = vec![
-            load(200.0, (axis * -along + Vector3::x() * bend).into()),
-            load(120.0, [0.0, bend, 0.0]),
-        ];
-        let mut line = CentreLine::default();
-        settle(&mut needle, &base, &loads, &mut line);
-        let turned = line.at(0.0).tangent.angle(&line.at(190.0).tangent);
-        assert!(
-            (bend == 0.0) == (turned < 1e-9) && turned * turned <= tolerance,
-            "{turned}"
-        );
-        let found = flexibility(&mut needle, &line, &loads, &rows);
-        let size = rows.len();
-        let largest = (0..size).map(|i| found[(i, i)]).fold(0.0, f64::max);
-        for (j, row) in rows.iter().enumerate() {
-            let step = 1e-5;
-            let mut moved = |force: f64| {
-                loads.push(load(row.arc_mm, (row.direction * force).into()));
-                let mut line = line.clone();
-                settle(&mut needle, &base, &loads, &mut line);
-                loads.pop();
-                line
-            };
-            let [plus, minus] = [step, -step].map(&mut moved);
-            for (i, row) in rows.iter().enumerate() {
-                let difference = plus.at(row.arc_mm).point_mm - minus.at(row.arc_mm).point_mm;
-                let expected = difference.dot(&row.direction) / (2.0 * step);
-                let error = (found[(i, j)] - expected).abs();
-                assert!(error <= tolerance * largest, "{i} {j}: {} {expected}", found[(i, j)]);
-            }
-        }
-    }
-}
-
 /// The remaining motion is reported, and gone after a step.
 #[test]
 fn drift_is_what_the_shape_still_moves() {
@@ -174,31 +87,6 @@ fn drift_is_what_the_shape_still_moves() {
         let moved = line.at(row.arc_mm).point_mm - before.at(row.arc_mm).point_mm;
         let error = (moved.dot(&row.direction) - drift).abs();
         assert!(error < 0.02 * line.distance(&before), "{}: {moved} {drift}", row.arc_mm);
-    }
-}
-
-/// The free needle has as many buckling modes as Euler loads lie below the axial load.
-#[test]
-fn ways_to_buckle_are_counted() {
-    let buckling = PI * PI * Stiffness::default().bending_nmm2() / (4.0 * LENGTH * LENGTH);
-    let (mut needle, base) = (needle(10.0, None), slanted());
-    let mut line = CentreLine::default();
-    settle(&mut needle, &base, &[], &mut line);
-    // Each in two planes; (2 n - 1)^2 times the first. Links of finite length buckle a little earlier.
-    for (share, ways) in [
-        (-20.0, 0),
-        (0.5, 0),
-        (0.98, 0),
-        (1.02, 2),
-        (8.8, 2),
-        (9.2, 4),
-        (26.0, 6),
-    ] {
-        let axis = base.rotation * Vector3::z();
-        let loads = [load(LENGTH, (axis * (-share * buckling)).into())];
-        let (mut drift, mut out) = ([0.0], [0.0]);
-        let found = needle.linearise(&line, &loads, &rows()[..1], &mut drift, &mut out);
-        assert_eq!(found, ways, "{share}");
     }
 }
 
@@ -227,34 +115,10 @@ fn flexibility_is_symmetric_and_positive_semidefinite() {
     assert_eq!(twice, before);
 }
 
-#[test]
-fn a_turned_and_moved_base_turns_and_moves_all() {
-    let bevel = Some(Bevel {
-        r_mm: 0.6,
-        length_mm: 25.0,
-    });
-    let (mut needle, motion) = (needle(10.0, bevel), slanted());
-    let loads = [load(199.0, [0.2, -0.1, 0.05]), load(90.0, [0.0, 0.3, 0.0])];
-    let turned = loads.map(|load| Load {
-        force_n: motion.rotation * load.force_n,
-        ..load
-    });
-    let [mut here, mut there] = [CentreLine::default(), CentreLine::default()];
-    settle(&mut needle, &Isometry3::identity(), &loads, &mut here);
-    settle(&mut needle, &motion, &turned, &mut there);
-    let mut moved = CentreLine::default();
-    moved.set(here.nodes().iter().map(|&(arc, point)| (arc, motion * point)));
-    assert!(there.distance(&moved) < 1e-8, "{}", there.distance(&moved));
-}
-
 /// The frame at the tip is the base's, carried along by the smallest rotation from link to link.
 #[test]
 fn there_is_no_torsion() {
-    let bevel = Some(Bevel {
-        r_mm: 0.6,
-        length_mm: 4.0,
-    });
-    let (mut needle, base) = (needle(10.0, bevel), slanted());
+    let (mut needle, base) = (needle(10.0, Some(BEVEL)), slanted());
     // It bends in two planes. A force at the tip, off the centre line, has a torque along the shaft; forces elsewhere have
     // none at rest, since torsion is constant along a round rod.
     let loads = |arc_mm| [load(arc_mm, [0.2, -0.1, 0.05]), load(90.0, [-0.4, 0.9, 0.3])];
@@ -281,39 +145,6 @@ fn there_is_no_torsion() {
     assert!((offsets[0].angle(&offsets[1]) - 1.0).abs() < 1e-9);
 }
 
-#[test]
-fn no_force_tears_it() {
-    let bevel = Some(Bevel {
-        r_mm: 0.6,
-        length_mm: 4.0,
-    });
-    for force in [1.0, 1e3, 1e30, 1e155, f64::MAX] {
-        let (mut needle, mut line) = (needle(10.0, bevel), CentreLine::default());
-        let loads = [
-            load(200.0, [force, -force, 0.0]),
-            load(77.0, [0.0, force, force]),
-            load(30.0, [-force; 3]),
-        ];
-        for _ in 0..5 {
-            needle.place(&slanted(), None, &loads, &loads, &mut line);
-            let links = line.nodes().windows(2);
-            let directions: Vec<_> = links
-                .map(|pair| {
-                    let along = pair[1].1 - pair[0].1;
-                    assert!(
-                        (along.norm() - (pair[1].0 - pair[0].0)).abs() < 1e-12,
-                        "{force}: {along}"
-                    );
-                    along
-                })
-                .collect();
-            for pair in directions.windows(2) {
-                assert!(pair[0].angle(&pair[1]) < MAX_TURN + 1e-7, "{force}");
-            }
-        }
-    }
-}
-
 /// Newton's method takes a few steps, however close an axial force is to the buckling force.
 #[test]
 fn it_settles() {
@@ -324,7 +155,7 @@ fn it_settles() {
         // Deflections of some millimetres.
         let loads = [load(LENGTH, [0.02 * (1.0 - share), 0.0, -share * buckling])];
         let count = settle(&mut needle, &base, &loads, &mut line);
-        assert!(count <= 7, "{share}: {count}");
+        assert!(count <= 8, "{share}: {count}");
         // Beam columns deflect more by 1 / (1 - share), to 2 % (the shape is not quite the buckling mode).
         let straight = loads[0].force_n.x * LENGTH.powi(3) / (3.0 * stiffness);
         let column = line.tip().x / straight;
@@ -332,20 +163,6 @@ fn it_settles() {
         let settled = line.clone();
         needle.place(&base, None, &loads, &loads, &mut line);
         assert!(line.distance(&settled) < 1e-9);
-    }
-}
-
-#[test]
-fn without_loads_it_is_straight_to_the_bit() {
-    let (mut needle, base) = (needle(7.0, None), slanted());
-    let mut line = CentreLine::default();
-    settle(&mut needle, &base, &[load(200.0, [0.1, 0.1, 0.1])], &mut line);
-    for _ in 0..2 {
-        needle.place(&base, None, &[], &[load(150.0, [0.0; 3])], &mut line);
-        let along = base.rotation * Vector3::z();
-        for &(arc, point) in line.nodes() {
-            assert_eq!(point, Point3::from(base.translation.vector) + along * arc);
-        }
     }
 }
 
@@ -386,13 +203,7 @@ fn a_bevel_tilts_the_last_part() {
 
 #[test]
 fn numbers_out_of_range_are_named() {
-    let (shaft, bevel) = (
-        Shaft::default(),
-        Bevel {
-            r_mm: 0.6,
-            length_mm: 4.0,
-        },
-    );
+    let (shaft, bevel) = (Shaft::default(), BEVEL);
     let stiff = Stiffness::default();
     let spoiled = [
         (

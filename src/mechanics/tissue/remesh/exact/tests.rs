@@ -1,6 +1,10 @@
+use std::sync::Arc;
+
 use super::*;
+use crate::mechanics::tissue::columns::Columns;
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::factor::Factor;
 use crate::mechanics::tissue::remesh::testing::{
     adapted, dofs_of, free_nodes, gold, inner_nodes, inverse, nearby, part, rounding,
 };
@@ -270,4 +274,55 @@ fn nodes_beside_the_fixed_floor_move_too() {
     let report = go(&mut mesh, &mut exact, beside, 3);
     assert!(report.rank < 3 * mesh.neighbours(beside).len());
     check(&mesh, &mut exact);
+}
+
+#[test]
+fn columns_on_demand_serve_as_a_dense_inverse_does() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let factor = Arc::new(Factor::new(mesh.stiffness()).expect("a factor"));
+    // So few are kept that columns are solved again.
+    let columns = Columns::new(factor, 20);
+    let mut exact = Exact::new(&mesh, Box::new(columns), Precision::Double, Options::default()).expect("a remesher");
+    exact.set_contacts(&dofs_of(&mesh, &inner)).expect("contacts");
+    for (salt, node) in (1..).zip(&inner) {
+        go(&mut mesh, &mut exact, *node, salt);
+        check(&mesh, &mut exact);
+    }
+}
+
+/// One step of refinement in f64 multiplies the error by at most |I - X K|, which for an inverse X in f32 is the rounding unit of f32 times
+/// the condition of K (N. J. Higham, "Accuracy and Stability of Numerical Algorithms", section 12).
+#[test]
+fn a_refined_displacement_regains_what_single_precision_loses() {
+    let mut mesh = adapted(0.45);
+    let inner = inner_nodes(&mesh);
+    let single = Arc::new(inverse(&mesh).cast::<f32>());
+    let mut exact = Exact::new(&mesh, Box::new(single), Precision::Single, Options::default()).expect("a remesher");
+    let contacts = dofs_of(&mesh, &inner);
+    exact.set_contacts(&contacts).expect("contacts");
+    go(&mut mesh, &mut exact, inner[0], 1);
+    let forces: Vec<f64> = (0..contacts.len()).map(|i| (i as f64).cos()).collect();
+    let (mut plain, mut refined) = (vec![0.0; mesh.dofs().free()], vec![0.0; mesh.dofs().free()]);
+    exact.displacement(&forces, &mut plain).expect("displacements");
+    let left = exact
+        .displacement_refined(&mesh, &forces, &mut refined)
+        .expect("displacements");
+    let gold = gold(&mesh);
+    let factor = rounding(&mesh, &gold) * f64::from(f32::EPSILON) / f64::EPSILON;
+    assert!(factor < 1e-2 && left <= factor * factor, "{left:e} {factor:e}");
+    let expected = |i: usize| -> f64 {
+        contacts
+            .iter()
+            .zip(&forces)
+            .map(|(dof, force)| gold[(i, *dof)] * force)
+            .sum()
+    };
+    let off = |u: &[f64]| (0..u.len()).fold(0.0, |most: f64, i| most.max((u[i] - expected(i)).abs()));
+    assert!(
+        off(&refined) < 1e-3 * off(&plain),
+        "{:e} {:e}",
+        off(&refined),
+        off(&plain)
+    );
 }

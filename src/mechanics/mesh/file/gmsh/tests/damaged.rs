@@ -1,7 +1,5 @@
 //! Damaged Gmsh files and their errors.
 
-use proptest::prelude::*;
-
 use super::read;
 use super::written::{ALL, Model, ascii};
 
@@ -180,24 +178,5 @@ fn files_cut_short_anywhere_are_refused() {
             assert!(!error.is_machine(), "{encoding:?} cut to {length}");
         }
         assert!(read(&bytes[..whole]).is_ok(), "{encoding:?}");
-    }
-}
-
-proptest! {
-    #[test]
-    fn damaged_files_never_panic(
-        flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
-        cut in any::<prop::sample::Index>(),
-        which in 0..ALL.len(),
-        partitioned in any::<bool>(),
-    ) {
-        let mut bytes = ALL[which].write(&Model { partitioned, parametric: partitioned, ..Model::default() });
-        for (place, byte) in &flips {
-            let place = place.index(bytes.len());
-            bytes[place] = *byte;
-        }
-        let _ = read(&bytes);
-        bytes.truncate(cut.index(bytes.len()));
-        let _ = read(&bytes);
     }
 }

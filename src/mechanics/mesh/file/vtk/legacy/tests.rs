@@ -1,7 +1,5 @@
 use std::path::Path;
 
-use proptest::prelude::*;
-
 use super::super::tests::{expected, read, sample};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh_bytes};
@@ -131,19 +129,4 @@ fn hostile_counts_set_no_memory_aside() {
     let legacy =
         b"# vtk DataFile Version 3.0\nx\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS 6148914691236517205 double\n1 2";
     assert!(read(legacy).is_err());
-}
-
-proptest! {
-    #[test]
-    fn damaged_files_never_panic(flip in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6), cut in any::<prop::sample::Index>()) {
-        let (mesh, displacements) = sample();
-        let mut bytes = ascii(&mesh, &displacements).into_bytes();
-        for (place, byte) in &flip {
-            let place = place.index(bytes.len());
-            bytes[place] = *byte;
-        }
-        let _ = read(&bytes);
-        bytes.truncate(cut.index(bytes.len()));
-        let _ = read(&bytes);
-    }
 }

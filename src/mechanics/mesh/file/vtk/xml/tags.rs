@@ -2,6 +2,7 @@
 //! with its byte offset.
 
 use super::{Fault, quote};
+use crate::base::text::unescape;
 
 /// A tag with its attributes.
 #[derive(Clone, Debug)]
@@ -102,13 +103,4 @@ fn parse_tag(at: usize, inside: &[u8]) -> Result<Tag, Fault> {
         closing,
         empty,
     })
-}
-
-fn unescape(value: &str) -> String {
-    value
-        .replace("&lt;", "<")
-        .replace("&gt;", ">")
-        .replace("&quot;", "\"")
-        .replace("&apos;", "'")
-        .replace("&amp;", "&")
 }

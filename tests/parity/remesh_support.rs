@@ -58,7 +58,7 @@ pub fn gold(mesh: &AdaptedMesh) -> Mat<f64> {
 }
 
 /// All entries.
-pub fn dense(stiffness: &Stiffness) -> Mat<f64> {
+fn dense(stiffness: &Stiffness) -> Mat<f64> {
     let size = stiffness.dofs().free();
     let mut matrix = Mat::zeros(size, size);
     let lower = stiffness.lower();
@@ -76,7 +76,7 @@ pub fn single(mesh: &AdaptedMesh) -> Source {
     Source::Single(Arc::new(symmetric(gold(mesh).as_ref()).cast()))
 }
 
-pub fn symmetric(matrix: MatRef<'_, f64>) -> Symmetric<f64> {
+fn symmetric(matrix: MatRef<'_, f64>) -> Symmetric<f64> {
     Symmetric::from_fn(matrix.nrows(), |i, j| matrix[(i, j)])
 }
 
