@@ -34,7 +34,7 @@ pub mod warp;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::range::OutOfRange;
+use crate::base::range::{OutOfRange, Ranges};
 use crate::base::real::Real;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::effects::pass::Pass;
@@ -100,12 +100,14 @@ impl Effect {
 }
 
 /// Parameters of an effect that a scene may do without.
-pub trait Parameters: Default {
+pub trait Parameters: Default + Ranges {
     /// Whether it is among the usual effects.
     const USUAL: bool = true;
 
-    /// Checks the ranges.
-    fn validate(&self) -> Result<(), OutOfRange>;
+    /// Checks what the ranges of single numbers do not say.
+    fn check_others(&self) -> Result<(), OutOfRange> {
+        Ok(())
+    }
 }
 
 /// A key of [`Effects`].
@@ -114,7 +116,9 @@ pub trait Setting: Default {
     fn usual() -> Self;
 
     /// Checks the ranges.
-    fn validate(&self) -> Result<(), OutOfRange>;
+    fn validate(&self) -> Result<(), OutOfRange> {
+        Ok(())
+    }
 }
 
 impl<P: Parameters> Setting for Option<P> {
@@ -123,7 +127,12 @@ impl<P: Parameters> Setting for Option<P> {
     }
 
     fn validate(&self) -> Result<(), OutOfRange> {
-        self.as_ref().map_or(Ok(()), P::validate)
+        let Some(own) = self else { return Ok(()) };
+        own.check_others()?;
+        own.check_ranges().map_err(|error| OutOfRange {
+            expected: format!("a number from {}", error.expected),
+            ..error
+        })
     }
 }
 
@@ -157,7 +166,12 @@ macro_rules! registry {
 
             /// Checks every parameter against its range.
             pub fn validate(&self) -> Result<(), OutOfRange> {
-                $(Setting::validate(&self.$name)?;)+
+                $(
+                    Setting::validate(&self.$name).map_err(|error| OutOfRange {
+                        key: format!("{}.{}", stringify!($name), error.key),
+                        ..error
+                    })?;
+                )+
                 Ok(())
             }
         }
@@ -261,13 +275,4 @@ const fn in_order() -> [&'static Effect; LISTED.len()] {
         stage += 1;
     }
     order
-}
-
-/// Checks that `value` is a number within `range`.
-pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
-    if range.contains(&value) {
-        return Ok(());
-    }
-    let expected = format!("a number from {} to {}", range.start(), range.end());
-    Err(OutOfRange::new(key, value, expected))
 }
