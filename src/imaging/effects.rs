@@ -48,12 +48,32 @@ pub type Verdict = Result<String, String>;
 /// Part of a frame. Its effects run before those of the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
-    /// Places, labels and echoes of the samples.
+    /// Places and labels of the samples, and the echoes of their tissues.
+    Tissue,
+    /// Echoes of surfaces and needles.
     Echoes,
-    /// What the beam makes of the echoes.
+    /// Scatterers and the point spread.
+    Speckle,
+    /// Losses, artefacts and noise along the beam.
     Beam,
     /// Grey levels and pixels.
     Display,
+}
+
+impl Stage {
+    /// All stages, in order.
+    pub const ALL: [Self; 5] = [Self::Tissue, Self::Echoes, Self::Speckle, Self::Beam, Self::Display];
+
+    /// Name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tissue => "tissue",
+            Self::Echoes => "echoes",
+            Self::Speckle => "speckle",
+            Self::Beam => "beam",
+            Self::Display => "display",
+        }
+    }
 }
 
 /// An effect: when it runs, which passes it consists of, and what else depends on it.

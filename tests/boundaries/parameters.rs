@@ -2,11 +2,19 @@
 
 use std::mem::offset_of;
 
+use insonify::base::range::Ranges;
 use insonify::imaging::effects::{
     Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
     shadow, slice, speckle, texture, thickness, tone,
 };
+use insonify::imaging::quality::QualitySpec;
+use insonify::input::scene::ImageSpec;
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
+use insonify::mechanics::needle::BendingConstraint;
+use insonify::tracking::TrackingError;
+use insonify::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape, ProbeSpec};
+use schemars::{JsonSchema, schema_for};
+use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
 use super::shaders::{block_of, layout, parse, passes};
@@ -196,6 +204,10 @@ fn the_search_grids_in_the_block_of_the_warp_have_the_layout_of_their_struct() {
     }
 }
 
+fn read<T: DeserializeOwned>(table: Value) -> Result<T, String> {
+    serde_json::from_value(table).map_err(|error| error.to_string())
+}
+
 /// Follows the references of a node of a schema.
 fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
     let node = node.get("anyOf").map_or(node, |either| &either[0]);
@@ -229,8 +241,7 @@ fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String
         }
         for bad in [low - step, high + step] {
             let refused = accepts(key, value(bad)).expect_err(key);
-            let is_unsigned = bad < 0.0 && is("integer");
-            assert!(refused.contains(key) || is_unsigned, "{key} = {bad}: {refused}");
+            assert!(refused.contains(key) || is("integer"), "{key} = {bad}: {refused}");
         }
         ranges += 1;
     }
@@ -239,14 +250,46 @@ fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String
 
 #[test]
 fn schemas_say_what_effects_accept() {
-    let schema = schemars::schema_for!(Effects).to_value();
+    let schema = schema_for!(Effects).to_value();
     let mut ranges = 0;
     for (effect, table) in schema["properties"].as_object().expect("effects") {
         ranges += assert_true(resolved(&schema, table), |key, value| {
-            let effects = json!({ effect: { key: value } });
-            let effects: Effects = serde_json::from_value(effects).map_err(|error| error.to_string())?;
+            let effects: Effects = read(json!({ effect: { key: value } }))?;
             effects.validate().map_err(|error| error.to_string())
         });
     }
     assert!(ranges >= 35, "{ranges}");
+}
+
+#[test]
+fn schemas_say_what_other_tables_accept() {
+    fn ranges<T: DeserializeOwned + JsonSchema + Ranges>() -> usize {
+        assert_true(schema_for!(T).as_value(), |key, value| {
+            let table: T = read(json!({ key: value }))?;
+            table.check_ranges().map_err(|error| error.to_string())
+        })
+    }
+    assert_eq!((ranges::<QualitySpec>(), ranges::<BendingConstraint>()), (2, 3));
+    let text = |error: TrackingError| format!("{:?}: {error}", error.key());
+    let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 60.0).expect("a probe");
+    let beam = BeamGrid::new(&probe).expect("a grid");
+    let of_image = assert_true(schema_for!(ImageSpec).as_value(), |key, value| {
+        let image: ImageSpec = read(json!({ key: value }))?;
+        let fitted = ImageGrid::fit(&beam, image.width as usize, image.height as usize, image.margin);
+        fitted.map(drop).map_err(text)
+    });
+    assert_eq!(of_image, 4);
+    // Of probes the one with the widest range of a key.
+    let of_probe = assert_true(schema_for!(ProbeSpec).as_value(), |key, value| {
+        let mut table = match key {
+            "radius_mm" => json!({ "kind": "curvilinear", "angle_deg": 60 }),
+            "angle_deg" => json!({ "kind": "trus-transverse", "radius_mm": 10 }),
+            "length_mm" => json!({ "kind": "trus-sagittal" }),
+            _ => json!({ "kind": "linear", "width_mm": 40 }),
+        };
+        table["depth_mm"] = 60.into();
+        table[key] = value;
+        Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
+    });
+    assert_eq!(of_probe, 8);
 }

@@ -36,7 +36,7 @@ impl Parameters for Contact {}
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "contact",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&GAPS],

@@ -67,7 +67,7 @@ pub enum Boundary {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "slice",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     ..Effect::PLAIN

@@ -57,7 +57,7 @@ impl Parameters for Speckle {}
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "speckle",
-    stage: Stage::Beam,
+    stage: Stage::Speckle,
     wanted,
     passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
         (None, false) => vec![&GATHER, &AXIAL, &LATERAL],

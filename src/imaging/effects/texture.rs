@@ -35,7 +35,7 @@ impl Parameters for Texture {}
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "texture",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&TEXTURE_ENTRIES, &TEXTURE_ATLAS],

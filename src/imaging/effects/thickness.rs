@@ -62,7 +62,7 @@ const MAX_PLANES: usize = 9;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "thickness",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     remove: Some(|settings| settings.effects.thickness = None),
