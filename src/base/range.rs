@@ -1,4 +1,4 @@
-//! Checks of numbers against their ranges.
+//! Ranges of numbers: declared once with their parameters, and checked.
 
 use std::fmt;
 
@@ -41,3 +41,95 @@ pub(crate) fn check(key: &str, found: f64, holds: bool, expected: impl Into<Stri
         false => Err(OutOfRange::new(key, found, expected)),
     }
 }
+
+/// Checks that a number is in a range.
+pub(crate) fn within(key: &str, found: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
+    let expected = || format!("a number from {} to {}", range.start(), range.end());
+    match range.contains(&found) {
+        true => Ok(()),
+        false => Err(OutOfRange::new(key, found, expected())),
+    }
+}
+
+/// A table of parameters whose numbers have ranges; [`parameters!`] implements it.
+pub trait Ranges {
+    /// The first number out of its range, with its key and the range.
+    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)>;
+
+    /// Checks every number against its range.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] for the first that is outside.
+    fn check_ranges(&self) -> Result<(), OutOfRange> {
+        match self.out_of_range() {
+            Some((key, found, expected)) => Err(OutOfRange::new(key, found, expected)),
+            None => Ok(()),
+        }
+    }
+}
+
+/// A number that may be left out.
+pub trait Number {
+    /// The number, if it is stated.
+    fn stated(&self) -> Option<f64>;
+}
+
+impl Number for f64 {
+    fn stated(&self) -> Option<f64> {
+        Some(*self)
+    }
+}
+
+impl Number for u32 {
+    fn stated(&self) -> Option<f64> {
+        Some(f64::from(*self))
+    }
+}
+
+impl<N: Number> Number for Option<N> {
+    fn stated(&self) -> Option<f64> {
+        self.as_ref().and_then(N::stated)
+    }
+}
+
+/// Declares a table of parameters: each with its description, its type, its default after `=` if that is not the default of the type, and its range,
+/// ends included, after `in`, with the unit for errors. Range and default thus stand once and reach `Default`, [`Ranges`], the documentation and the
+/// JSON schema.
+macro_rules! parameters {
+    ($(#[$meta:meta])* pub struct $name:ident {
+        $($(#[$doc:meta])* $key:ident: $type:ty $(= $default:expr)? $(, in $low:literal..=$high:literal $($unit:literal)?)?;)+
+    }) => {
+        $(#[$meta])*
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct $name {
+            $(
+                $(#[$doc])*
+                $(#[doc = concat!("From ", $low, " to ", $high, ".")] #[schemars(range(min = $low, max = $high))])?
+                $(#[doc = concat!("Default ", stringify!($default), ".")])?
+                pub $key: $type,
+            )+
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($key: $crate::base::range::parameters!(@ $($default)?),)+ }
+            }
+        }
+
+        impl $crate::base::range::Ranges for $name {
+            fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
+                $($(
+                    let found = $crate::base::range::Number::stated(&self.$key);
+                    if let Some(found) = found.filter(|found| !(f64::from($low)..=f64::from($high)).contains(found)) {
+                        return Some((stringify!($key), found, concat!($low, " to ", $high $(, " ", $unit)?)));
+                    }
+                )?)+
+                None
+            }
+        }
+    };
+    (@ $default:expr) => { $default };
+    (@) => { Default::default() };
+}
+pub(crate) use parameters;

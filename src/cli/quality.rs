@@ -6,6 +6,7 @@ use std::time::Duration;
 use clap::Args;
 use nalgebra::Matrix4;
 
+use crate::base::range::Ranges;
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::Spread;
 use crate::cli::backend::BackendArgs;

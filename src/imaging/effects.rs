@@ -34,7 +34,7 @@ pub mod warp;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::base::range::OutOfRange;
+use crate::base::range::{OutOfRange, Ranges};
 use crate::base::real::Real;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::effects::pass::Pass;
@@ -48,12 +48,32 @@ pub type Verdict = Result<String, String>;
 /// Part of a frame. Its effects run before those of the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Stage {
-    /// Places, labels and echoes of the samples.
+    /// Places and labels of the samples, and the echoes of their tissues.
+    Tissue,
+    /// Echoes of surfaces and needles.
     Echoes,
-    /// What the beam makes of the echoes.
+    /// Scatterers and the point spread.
+    Speckle,
+    /// Losses, artefacts and noise along the beam.
     Beam,
     /// Grey levels and pixels.
     Display,
+}
+
+impl Stage {
+    /// All stages, in order.
+    pub const ALL: [Self; 5] = [Self::Tissue, Self::Echoes, Self::Speckle, Self::Beam, Self::Display];
+
+    /// Name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tissue => "tissue",
+            Self::Echoes => "echoes",
+            Self::Speckle => "speckle",
+            Self::Beam => "beam",
+            Self::Display => "display",
+        }
+    }
 }
 
 /// An effect: when it runs, which passes it consists of, and what else depends on it.
@@ -100,12 +120,14 @@ impl Effect {
 }
 
 /// Parameters of an effect that a scene may do without.
-pub trait Parameters: Default {
+pub trait Parameters: Default + Ranges {
     /// Whether it is among the usual effects.
     const USUAL: bool = true;
 
-    /// Checks the ranges.
-    fn validate(&self) -> Result<(), OutOfRange>;
+    /// Checks what the ranges of single numbers do not say.
+    fn check_others(&self) -> Result<(), OutOfRange> {
+        Ok(())
+    }
 }
 
 /// A key of [`Effects`].
@@ -114,7 +136,9 @@ pub trait Setting: Default {
     fn usual() -> Self;
 
     /// Checks the ranges.
-    fn validate(&self) -> Result<(), OutOfRange>;
+    fn validate(&self) -> Result<(), OutOfRange> {
+        Ok(())
+    }
 }
 
 impl<P: Parameters> Setting for Option<P> {
@@ -123,7 +147,12 @@ impl<P: Parameters> Setting for Option<P> {
     }
 
     fn validate(&self) -> Result<(), OutOfRange> {
-        self.as_ref().map_or(Ok(()), P::validate)
+        let Some(own) = self else { return Ok(()) };
+        own.check_others()?;
+        own.check_ranges().map_err(|error| OutOfRange {
+            expected: format!("a number from {}", error.expected),
+            ..error
+        })
     }
 }
 
@@ -157,7 +186,12 @@ macro_rules! registry {
 
             /// Checks every parameter against its range.
             pub fn validate(&self) -> Result<(), OutOfRange> {
-                $(Setting::validate(&self.$name)?;)+
+                $(
+                    Setting::validate(&self.$name).map_err(|error| OutOfRange {
+                        key: format!("{}.{}", stringify!($name), error.key),
+                        ..error
+                    })?;
+                )+
                 Ok(())
             }
         }
@@ -261,13 +295,4 @@ const fn in_order() -> [&'static Effect; LISTED.len()] {
         stage += 1;
     }
     order
-}
-
-/// Checks that `value` is a number within `range`.
-pub(crate) fn within(key: &str, value: f64, range: std::ops::RangeInclusive<f64>) -> Result<(), OutOfRange> {
-    if range.contains(&value) {
-        return Ok(());
-    }
-    let expected = format!("a number from {} to {}", range.start(), range.end());
-    Err(OutOfRange::new(key, value, expected))
 }

@@ -19,34 +19,23 @@ pub mod grid;
 mod tests;
 pub mod trial;
 
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::base::range::parameters;
 use crate::base::report::number::milliseconds;
 use crate::base::report::pareto;
 
-/// Time budgets of frames and steps. What a scene leaves open is picked from what it costs on this machine.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct QualitySpec {
-    /// Longest time of a frame, ms (0.01 to 10000): picks the scanlines and samples of a probe that states none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub frame_ms: Option<f64>,
-    /// Longest time of a step of an insertion, ms (0.01 to 10000): picks the level of remeshing, the nodes of a mesh made from the
-    /// scene, the length of links or of a beam's elements, and the thinning of the probe's candidates where a scenario states none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub step_ms: Option<f64>,
-}
-
-impl QualitySpec {
-    /// Expected range of both numbers.
-    pub const EXPECTED: &str = "0.01 to 10000 ms";
-
-    /// Returns the first number out of range, with its key.
-    pub fn out_of_range(&self) -> Option<(&'static str, f64)> {
-        let numbers = [("frame_ms", self.frame_ms), ("step_ms", self.step_ms)];
-        let given = numbers.into_iter().filter_map(|(key, ms)| Some((key, ms?)));
-        given.into_iter().find(|(_, ms)| !(0.01..=10_000.0).contains(ms))
+parameters! {
+    /// Time budgets of frames and steps. What a scene leaves open is picked from what it costs on this machine.
+    #[derive(Copy)]
+    pub struct QualitySpec {
+        /// Longest time of a frame, ms: picks the scanlines and samples of a probe that states none.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        frame_ms: Option<f64>, in 0.01..=10000 "ms";
+        /// Longest time of a step of an insertion, ms: picks the level of remeshing, the nodes of a mesh made from the scene, the length of
+        /// links or of a beam's elements, and the thinning of the probe's candidates where a scenario states none.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        step_ms: Option<f64>, in 0.01..=10000 "ms";
     }
 }
 

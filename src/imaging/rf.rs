@@ -12,8 +12,7 @@ pub mod truth;
 
 use serde::Serialize;
 
-use crate::base::range::OutOfRange;
-use crate::imaging::effects::within;
+use crate::base::range::{OutOfRange, within};
 
 /// Speed of sound in soft tissue, m/s.
 pub const SPEED_M_S: f64 = 1540.0;

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::trajectory::SkipReason;
 use crate::base::csv::CsvError;
+use crate::base::range::Ranges;
 use crate::base::read;
 
 /// Why a probe, pose, needle, image grid, path, placement or calibration is invalid.
@@ -116,9 +117,18 @@ impl TrackingError {
 pub(super) fn within(of: &str, key: &'static str, found: f64, [low, high]: [f64; 2]) -> Result<(), TrackingError> {
     match (low..=high).contains(&found) {
         true => Ok(()),
-        false => Err(TrackingError::at(
-            key,
-            format!("{of} key `{key}` is {found}; expected {low} to {high}"),
-        )),
+        false => Err(outside(of, key, found, &format!("{low} to {high}"))),
     }
+}
+
+/// An error unless every number of a table, `of`, lies within its range.
+pub(super) fn in_ranges(of: &str, table: &impl Ranges) -> Result<(), TrackingError> {
+    match table.out_of_range() {
+        None => Ok(()),
+        Some((key, found, expected)) => Err(outside(of, key, found, expected)),
+    }
+}
+
+fn outside(of: &str, key: &'static str, found: f64, expected: &str) -> TrackingError {
+    TrackingError::at(key, format!("{of} key `{key}` is {found}; expected {expected}"))
 }

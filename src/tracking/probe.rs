@@ -14,16 +14,7 @@ pub use spec::{ProbeKind, ProbeSpec};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::error::{TrackingError, within};
-
-/// Range of scanline depths, mm: the shallowest is a small-animal scan, the deepest exceeds any clinical one.
-pub const DEPTH_MM: [f64; 2] = [0.1, 1000.0];
-/// Range of centre frequencies, MHz: low transcranial to ultrasound biomicroscopy.
-pub const FREQUENCY_MHZ: [f64; 2] = [0.1, 100.0];
-/// Range of the number of scanlines of a frame.
-pub const LINES: [u32; 2] = [1, 8192];
-/// Range of the number of samples along a scanline.
-pub const SAMPLES: [u32; 2] = [1, 16384];
+use super::error::{TrackingError, in_ranges, within};
 
 /// Shape of a transducer's field of view.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -101,16 +92,13 @@ impl ProbeShape {
         }
     }
 
-    /// Checks every number against its documented range.
-    pub fn validate(&self) -> Result<(), TrackingError> {
+    /// Checks the ranges that are narrower than those of [`ProbeSpec`].
+    fn validate(&self) -> Result<(), TrackingError> {
         match *self {
-            Self::Linear { width_mm } => within("probe", "width_mm", width_mm, [1.0, 300.0]),
-            Self::Curvilinear { radius_mm, angle_deg } => within("probe", "radius_mm", radius_mm, [2.0, 200.0])
-                .and_then(|()| within("probe", "angle_deg", angle_deg, [1.0, 180.0])),
+            Self::Curvilinear { angle_deg, .. } => within("probe", "angle_deg", angle_deg, [1.0, 180.0]),
             Self::Phased { angle_deg } => within("probe", "angle_deg", angle_deg, [1.0, 120.0]),
-            Self::TrusTransverse { radius_mm, angle_deg } => within("probe", "radius_mm", radius_mm, [2.0, 50.0])
-                .and_then(|()| within("probe", "angle_deg", angle_deg, [1.0, 270.0])),
-            Self::TrusSagittal { length_mm } => within("probe", "length_mm", length_mm, [1.0, 300.0]),
+            Self::TrusTransverse { radius_mm, .. } => within("probe", "radius_mm", radius_mm, [2.0, 50.0]),
+            Self::Linear { .. } | Self::TrusSagittal { .. } => Ok(()),
         }
     }
 }
@@ -134,10 +122,7 @@ impl Probe {
     /// or depth is not.
     pub fn validate(&self) -> Result<(), TrackingError> {
         self.shape.validate()?;
-        within("probe", "depth_mm", self.depth_mm, DEPTH_MM)?;
-        within("probe", "frequency_mhz", self.frequency_mhz, FREQUENCY_MHZ)?;
-        within("probe", "lines", f64::from(self.lines), LINES.map(f64::from))?;
-        within("probe", "samples", f64::from(self.samples), SAMPLES.map(f64::from))
+        in_ranges("probe", &ProbeSpec::from(*self))
     }
 }
 

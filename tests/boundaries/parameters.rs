@@ -2,12 +2,20 @@
 
 use std::mem::offset_of;
 
+use insonify::base::range::Ranges;
 use insonify::imaging::effects::{
     Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
     shadow, slice, speckle, texture, thickness, tone,
 };
+use insonify::imaging::quality::QualitySpec;
+use insonify::input::scene::ImageSpec;
 use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
-use serde_json::Value;
+use insonify::mechanics::needle::BendingConstraint;
+use insonify::tracking::TrackingError;
+use insonify::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape, ProbeSpec};
+use schemars::{JsonSchema, schema_for};
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
 
 use super::shaders::{block_of, layout, parse, passes};
 
@@ -196,60 +204,92 @@ fn the_search_grids_in_the_block_of_the_warp_have_the_layout_of_their_struct() {
     }
 }
 
-/// Ranges stand in the description of a key and in its check: they are the same.
-#[test]
-fn ranges_are_those_described() {
-    let all = Effects {
-        thickness: Some(Default::default()),
-        noise: Some(Default::default()),
-        ..Effects::usual()
-    };
-    let all = serde_json::to_value(all).expect("effects");
-    let schema = serde_json::to_value(schemars::schema_for!(Effects)).expect("a schema");
-    let definitions = schema["$defs"].as_object().expect("definitions");
-    let mut checked = 0;
-    for (effect, values) in all.as_object().expect("effects") {
-        let keys = values.as_object().expect("keys");
-        let same = |definition: &&Value| {
-            let properties = definition["properties"].as_object();
-            properties.is_some_and(|properties| properties.keys().eq(keys.keys()))
-        };
-        let described = definitions
-            .values()
-            .find(same)
-            .unwrap_or_else(|| panic!("no schema of {effect}"));
-        for key in keys.keys() {
-            let description = described["properties"][key]["description"].as_str().unwrap_or_default();
-            let description = description.replace('\n', " ");
-            let Some((low, high)) = range(&description) else {
-                continue;
-            };
-            let above = high.parse::<f64>().expect("a number") + 2.0;
-            let mut changed = all.clone();
-            changed[effect][key] = match &keys[key] {
-                Value::Number(number) if number.is_u64() => (above as u64).into(),
-                _ => above.into(),
-            };
-            let changed: Effects =
-                serde_json::from_value(changed).unwrap_or_else(|error| panic!("{effect}.{key}: {error}"));
-            let refused = changed.validate().expect_err(key);
-            assert_eq!(refused.key, format!("{effect}.{key}"));
-            assert!(
-                refused.expected.ends_with(&format!("number from {low} to {high}")),
-                "{effect}.{key}: {refused}, described as {low} to {high}"
-            );
-            checked += 1;
-        }
-    }
-    assert!(checked >= 35, "{checked}");
+fn read<T: DeserializeOwned>(table: Value) -> Result<T, String> {
+    serde_json::from_value(table).map_err(|error| error.to_string())
 }
 
-/// The range in a description: `(-40 to 80)`.
-fn range(description: &str) -> Option<(&str, &str)> {
-    description.split('(').skip(1).find_map(|part| {
-        let (low, rest) = part.split_once(" to ")?;
-        let end = rest.find([')', ';', ',', ':'])?;
-        let is_number = |text: &str| text.parse::<f64>().is_ok();
-        (is_number(low) && is_number(&rest[..end])).then(|| (low, &rest[..end]))
-    })
+/// Follows the references of a node of a schema.
+fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
+    let node = node.get("anyOf").map_or(node, |either| &either[0]);
+    match node["$ref"].as_str() {
+        Some(at) => schema.pointer(at.trim_start_matches('#')).expect("a definition"),
+        None => node,
+    }
+}
+
+/// Checks the keys of a table of a schema against what is accepted: the default, both ends of the range, nothing just outside. Returns how many have a
+/// range.
+fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String>) -> usize {
+    let mut ranges = 0;
+    for (key, described) in table["properties"].as_object().expect("keys") {
+        if let Some(default) = described.get("default").filter(|default| !default.is_null()) {
+            assert_eq!(accepts(key, default.clone()), Ok(()), "{key}: default");
+        }
+        let is = |name: &str| described["type"] == name || described["type"][0] == name;
+        if !is("number") && !is("integer") {
+            continue;
+        }
+        let end = |name: &str| described[name].as_f64().unwrap_or_else(|| panic!("{key}: no {name}"));
+        let (low, high) = (end("minimum"), end("maximum"));
+        let value = |number: f64| match is("integer") {
+            true => (number as i64).into(),
+            false => number.into(),
+        };
+        let step = if is("integer") { 1.0 } else { 1e-9 * (high - low) };
+        for good in [low, high] {
+            assert_eq!(accepts(key, value(good)), Ok(()), "{key}: {good} of {low} to {high}");
+        }
+        for bad in [low - step, high + step] {
+            let refused = accepts(key, value(bad)).expect_err(key);
+            assert!(refused.contains(key) || is("integer"), "{key} = {bad}: {refused}");
+        }
+        ranges += 1;
+    }
+    ranges
+}
+
+#[test]
+fn schemas_say_what_effects_accept() {
+    let schema = schema_for!(Effects).to_value();
+    let mut ranges = 0;
+    for (effect, table) in schema["properties"].as_object().expect("effects") {
+        ranges += assert_true(resolved(&schema, table), |key, value| {
+            let effects: Effects = read(json!({ effect: { key: value } }))?;
+            effects.validate().map_err(|error| error.to_string())
+        });
+    }
+    assert!(ranges >= 35, "{ranges}");
+}
+
+#[test]
+fn schemas_say_what_other_tables_accept() {
+    fn ranges<T: DeserializeOwned + JsonSchema + Ranges>() -> usize {
+        assert_true(schema_for!(T).as_value(), |key, value| {
+            let table: T = read(json!({ key: value }))?;
+            table.check_ranges().map_err(|error| error.to_string())
+        })
+    }
+    assert_eq!((ranges::<QualitySpec>(), ranges::<BendingConstraint>()), (2, 3));
+    let text = |error: TrackingError| format!("{:?}: {error}", error.key());
+    let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 60.0).expect("a probe");
+    let beam = BeamGrid::new(&probe).expect("a grid");
+    let of_image = assert_true(schema_for!(ImageSpec).as_value(), |key, value| {
+        let image: ImageSpec = read(json!({ key: value }))?;
+        let fitted = ImageGrid::fit(&beam, image.width as usize, image.height as usize, image.margin);
+        fitted.map(drop).map_err(text)
+    });
+    assert_eq!(of_image, 4);
+    // Of probes the one with the widest range of a key.
+    let of_probe = assert_true(schema_for!(ProbeSpec).as_value(), |key, value| {
+        let mut table = match key {
+            "radius_mm" => json!({ "kind": "curvilinear", "angle_deg": 60 }),
+            "angle_deg" => json!({ "kind": "trus-transverse", "radius_mm": 10 }),
+            "length_mm" => json!({ "kind": "trus-sagittal" }),
+            _ => json!({ "kind": "linear", "width_mm": 40 }),
+        };
+        table["depth_mm"] = 60.into();
+        table[key] = value;
+        Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
+    });
+    assert_eq!(of_probe, 8);
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use insonify::gpu::buffer::SLOT_BYTES;
 use insonify::imaging::effects::REGISTRY;
+use insonify::imaging::effects::buffers::Buffer;
 use insonify::imaging::effects::pass::{Access, Band, Pass};
 use insonify::imaging::effects::shadow::aperture::RAYS;
 use insonify::imaging::synth::tables::Tables;
@@ -118,24 +119,25 @@ fn no_resource_is_bound_twice_to_a_pass() {
 /// Plans list buffers by place, and reports name them.
 #[test]
 fn buffers_have_names_and_places_of_their_own() {
-    let mut names: BTreeMap<&str, u32> = BTreeMap::new();
-    let mut places: BTreeMap<u32, &str> = BTreeMap::new();
+    let mut names: BTreeMap<&str, &Buffer> = BTreeMap::new();
+    let mut places: BTreeMap<u32, &Buffer> = BTreeMap::new();
     let bound = passes()
         .into_iter()
         .flat_map(|pass| pass.bindings)
         .map(|(buffer, _)| *buffer);
     let own = REGISTRY.iter().flat_map(|effect| effect.buffers.iter().copied());
     for buffer in bound.chain(own) {
-        assert_eq!(
-            *names.entry(buffer.name).or_insert(buffer.place),
-            buffer.place,
-            "{buffer:?}"
-        );
-        assert_eq!(
-            *places.entry(buffer.place).or_insert(buffer.name),
-            buffer.name,
-            "{buffer:?}"
-        );
+        for known in [
+            *names.entry(buffer.name).or_insert(buffer),
+            *places.entry(buffer.place).or_insert(buffer),
+        ] {
+            assert!(
+                std::ptr::eq(known, buffer),
+                "{buffer:?} at {}, {known:?} at {}",
+                buffer.place,
+                known.place
+            );
+        }
     }
     assert!(names.len() >= 30, "{names:?}");
 }

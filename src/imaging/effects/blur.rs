@@ -6,13 +6,12 @@
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
 use crate::imaging::synth::SynthError;
@@ -20,22 +19,17 @@ use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::{Inputs, Tables};
 use crate::tracking::probe::BeamGrid;
 
-/// Radial blur.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Blur {
-    /// Full width at half maximum at the array, mm (0 to 20). Default: 2.1 mm over the frequency in MHz.
-    pub width_mm: Option<f64>,
-    /// Growth of that width with depth, mm per cm (0 to 5). Default: 0.21 mm/cm over the frequency in MHz.
-    pub growth_mm_cm: Option<f64>,
-}
-
-impl Parameters for Blur {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("blur.width_mm", self.width_mm.unwrap_or(0.0), 0.0..=20.0)?;
-        within("blur.growth_mm_cm", self.growth_mm_cm.unwrap_or(0.0), 0.0..=5.0)
+parameters! {
+    /// Radial blur.
+    pub struct Blur {
+        /// Full width at half maximum at the array, mm. Default: 2.1 mm over the frequency in MHz.
+        width_mm: Option<f64>, in 0..=20;
+        /// Growth of that width with depth, mm per cm. Default: 0.21 mm/cm over the frequency in MHz.
+        growth_mm_cm: Option<f64>, in 0..=5;
     }
 }
+
+impl Parameters for Blur {}
 
 impl Blur {
     /// Full width at half maximum at a depth, mm: by default 0.6 mm and 0.06 mm/cm at 3.5 MHz, in proportion to the

@@ -10,48 +10,33 @@ use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use nalgebra::Point3;
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::imaging::synth::FrameState;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
-/// Contact between skin and array.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Contact {
-    /// Widest gap between array and body that is closed by pressure, mm (0 to 20).
-    pub reach_mm: f64,
-    /// Depth at which the shift vanishes, mm (50 to 1000).
-    pub fade_mm: f64,
-}
-
-impl Default for Contact {
-    fn default() -> Self {
-        Self {
-            reach_mm: 12.0,
-            fade_mm: 50.0,
-        }
+parameters! {
+    /// Contact between skin and array.
+    pub struct Contact {
+        /// Widest gap between array and body that is closed by pressure, mm.
+        reach_mm: f64 = 12.0, in 0..=20;
+        /// Depth at which the shift vanishes, mm.
+        fade_mm: f64 = 50.0, in 50..=1000;
     }
 }
 
-impl Parameters for Contact {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("contact.reach_mm", self.reach_mm, 0.0..=20.0)?;
-        within("contact.fade_mm", self.fade_mm, 50.0..=1000.0)
-    }
-}
+impl Parameters for Contact {}
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "contact",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&GAPS],

@@ -18,7 +18,7 @@ use crate::imaging::synth::tables::Tables;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "geometry",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     ..Effect::PLAIN

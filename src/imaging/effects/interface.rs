@@ -15,15 +15,14 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
 use super::common::{rows, scatterers};
 use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
 use super::slice::{Beyond, LabelReader};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::seed_words;
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
 use crate::imaging::synth::store::Store;
@@ -36,36 +35,19 @@ pub const ROUGHNESS_MM: f64 = 6.0;
 /// Spacing of the voxels used for normals, mm; finer voxels are subsampled.
 pub const NORMAL_MM: f64 = 0.75;
 
-/// Specular echoes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Interface {
-    /// Echo of a perfect mirror at perpendicular incidence, dB relative to liver (-40 to 80).
-    pub mirror_db: f64,
-    /// Exponent of the cosine of the angle of incidence (0 to 64).
-    pub directivity: f64,
-    /// Diffuse fraction of the power of the echo (0 to 1): 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the
-    /// surface.
-    pub roughness: f64,
-}
-
-impl Default for Interface {
-    fn default() -> Self {
-        Self {
-            mirror_db: 34.0,
-            directivity: 4.0,
-            roughness: 0.25,
-        }
+parameters! {
+    /// Specular echoes.
+    pub struct Interface {
+        /// Echo of a perfect mirror at perpendicular incidence, dB relative to liver.
+        mirror_db: f64 = 34.0, in -40..=80;
+        /// Exponent of the cosine of the angle of incidence.
+        directivity: f64 = 4.0, in 0..=64;
+        /// Diffuse fraction of the power of the echo: 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the surface.
+        roughness: f64 = 0.25, in 0..=1;
     }
 }
 
-impl Parameters for Interface {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("interface.mirror_db", self.mirror_db, -40.0..=80.0)?;
-        within("interface.directivity", self.directivity, 0.0..=64.0)?;
-        within("interface.roughness", self.roughness, 0.0..=1.0)
-    }
-}
+impl Parameters for Interface {}
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {

@@ -14,13 +14,12 @@ mod shaft;
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
 use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::seed_words;
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
@@ -28,52 +27,27 @@ use crate::imaging::synth::tables::Tables;
 pub use segments::{MAX_SEGMENTS, Segment, left_out, segments};
 pub use shaft::Shaft;
 
-/// Echo of the needle.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct NeedleEcho {
-    /// Echo of a shaft in the plane and perpendicular to the beam, dB relative to liver (-40 to 80).
-    pub echo_db: f64,
-    /// Thickness of the scan plane for the needle, mm (0.05 to 20); without it the needle's diameter.
-    pub thickness_mm: Option<f64>,
-    /// Exponent of the sine of the angle between shaft and beam (0 to 64).
-    pub directivity: f64,
-    /// Number of repetitions of the echo below the shaft (0 to 8).
-    pub reverberations: u32,
-    /// Distance between repetitions, mm (0.1 to 20).
-    pub reverberation_mm: f64,
-    /// Loss from one repetition to the next, dB (0 to 60).
-    pub reverberation_db: f64,
-    /// Diffuse fraction of the power of the echo (0 to 1): 0 is an even line; 0.2 has a standard deviation of 3 dB along
-    /// it.
-    pub roughness: f64,
-}
-
-impl Default for NeedleEcho {
-    fn default() -> Self {
-        Self {
-            echo_db: 30.0,
-            thickness_mm: None,
-            directivity: 4.0,
-            reverberations: 3,
-            reverberation_mm: 1.6,
-            reverberation_db: 9.0,
-            roughness: 0.2,
-        }
+parameters! {
+    /// Echo of the needle.
+    pub struct NeedleEcho {
+        /// Echo of a shaft in the plane and perpendicular to the beam, dB relative to liver.
+        echo_db: f64 = 30.0, in -40..=80;
+        /// Thickness of the scan plane for the needle, mm; without it the needle's diameter.
+        thickness_mm: Option<f64>, in 0.05..=20;
+        /// Exponent of the sine of the angle between shaft and beam.
+        directivity: f64 = 4.0, in 0..=64;
+        /// Number of repetitions of the echo below the shaft.
+        reverberations: u32 = 3, in 0..=8;
+        /// Distance between repetitions, mm.
+        reverberation_mm: f64 = 1.6, in 0.1..=20;
+        /// Loss from one repetition to the next, dB.
+        reverberation_db: f64 = 9.0, in 0..=60;
+        /// Diffuse fraction of the power of the echo: 0 is an even line; 0.2 has a standard deviation of 3 dB along it.
+        roughness: f64 = 0.2, in 0..=1;
     }
 }
 
-impl Parameters for NeedleEcho {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("needle.echo_db", self.echo_db, -40.0..=80.0)?;
-        within("needle.thickness_mm", self.thickness_mm.unwrap_or(1.0), 0.05..=20.0)?;
-        within("needle.directivity", self.directivity, 0.0..=64.0)?;
-        within("needle.reverberations", f64::from(self.reverberations), 0.0..=8.0)?;
-        within("needle.reverberation_mm", self.reverberation_mm, 0.1..=20.0)?;
-        within("needle.reverberation_db", self.reverberation_db, 0.0..=60.0)?;
-        within("needle.roughness", self.roughness, 0.0..=1.0)
-    }
-}
+impl Parameters for NeedleEcho {}
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {

@@ -6,38 +6,27 @@
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{IMAGE, SCAN_MAP};
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::{hash3, pcg3d, seed_words};
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
-/// Additive noise.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Noise {
-    /// Standard deviation, grey levels (0 to 128).
-    pub std_grey: f64,
-}
-
-impl Default for Noise {
-    fn default() -> Self {
-        Self { std_grey: 6.0 }
+parameters! {
+    /// Additive noise.
+    pub struct Noise {
+        /// Standard deviation, grey levels.
+        std_grey: f64 = 6.0, in 0..=128;
     }
 }
 
 impl Parameters for Noise {
     const USUAL: bool = false;
-
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("noise.std_grey", self.std_grey, 0.0..=128.0)
-    }
 }
 
 /// Registry entry.

@@ -17,15 +17,14 @@ mod clutter;
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
 use super::point_spread::PointSpread;
 use super::shadow::average_db_cm;
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::{hash3, pcg3d, seed_words};
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
 use crate::imaging::synth::SynthError;
@@ -33,29 +32,17 @@ use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::{Inputs, Settings, Tables};
 use crate::tracking::probe::BeamGrid;
 
-/// Electronic noise and acoustic clutter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Receiver {
-    /// Electronic noise before gain, dB relative to the echo of liver at the array (-200 to 20), independent in
-    /// every frame.
-    pub noise_db: f64,
-    /// Acoustic clutter at the array, dB relative to the echo of liver there (-200 to 20); it moves with the probe.
-    pub clutter_db: f64,
-    /// Decay of the clutter with depth in addition to the attenuation of average soft tissue, dB per cm (0 to 50).
-    pub clutter_decay_db_cm: f64,
-    /// Ring-down of the array at its face, dB relative to the echo of liver there (-200 to 60).
-    pub ring_down_db: f64,
-}
-
-impl Default for Receiver {
-    fn default() -> Self {
-        Self {
-            noise_db: -90.0,
-            clutter_db: -16.0,
-            clutter_decay_db_cm: 4.0,
-            ring_down_db: 14.0,
-        }
+parameters! {
+    /// Electronic noise and acoustic clutter.
+    pub struct Receiver {
+        /// Electronic noise before gain, dB relative to the echo of liver at the array, independent in every frame.
+        noise_db: f64 = -90.0, in -200..=20;
+        /// Acoustic clutter at the array, dB relative to the echo of liver there; it moves with the probe.
+        clutter_db: f64 = -16.0, in -200..=20;
+        /// Decay of the clutter with depth in addition to the attenuation of average soft tissue, dB per cm.
+        clutter_decay_db_cm: f64 = 4.0, in 0..=50;
+        /// Ring-down of the array at its face, dB relative to the echo of liver there.
+        ring_down_db: f64 = 14.0, in -200..=60;
     }
 }
 
@@ -64,14 +51,7 @@ impl Default for Receiver {
 /// linear one.
 const RING_DOWN_MM: f64 = 3.15;
 
-impl Parameters for Receiver {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("receiver.noise_db", self.noise_db, -200.0..=20.0)?;
-        within("receiver.clutter_db", self.clutter_db, -200.0..=20.0)?;
-        within("receiver.clutter_decay_db_cm", self.clutter_decay_db_cm, 0.0..=50.0)?;
-        within("receiver.ring_down_db", self.ring_down_db, -200.0..=60.0)
-    }
-}
+impl Parameters for Receiver {}
 
 impl Receiver {
     /// Power of the noise, relative to the echo of liver at the array.

@@ -14,36 +14,25 @@
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, LABEL, LABEL_ROWS};
 use super::common::spacing;
 use super::pass::{Access::*, Band, ParamBlock, Pass, View};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
-/// Refraction of beams.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Refraction {
-    /// Beam width over which refraction is averaged, mm (0.5 to 20).
-    pub beam_mm: f64,
-}
-
-impl Default for Refraction {
-    fn default() -> Self {
-        Self { beam_mm: 6.0 }
+parameters! {
+    /// Refraction of beams.
+    pub struct Refraction {
+        /// Beam width over which refraction is averaged, mm.
+        beam_mm: f64 = 6.0, in 0.5..=20;
     }
 }
 
-impl Parameters for Refraction {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("refraction.beam_mm", self.beam_mm, 0.5..=20.0)
-    }
-}
+impl Parameters for Refraction {}
 
 /// Largest gain of amplitude by focusing, 3 dB: the caustics of geometrical optics do not occur in beams.
 pub const MOST: f64 = 1.4;

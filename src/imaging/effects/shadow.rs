@@ -12,8 +12,6 @@ use std::ops::Range;
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
@@ -22,8 +20,9 @@ use super::buffers::{
 use super::common;
 use super::lateral::LateralKernel;
 use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
 use crate::anatomy::acoustics::Tissue;
+use crate::base::range::{check, parameters};
 use crate::base::real::Real;
 use crate::imaging::synth::SynthError;
 use crate::imaging::synth::store::Store;
@@ -34,42 +33,26 @@ pub mod mirror;
 pub mod penumbra;
 pub mod reverberation;
 
-/// Attenuation and shadows.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Shadow {
-    /// Whether tissues attenuate.
-    pub attenuation: bool,
-    /// Whether bone, gas and the like occlude.
-    pub occlusion: bool,
-    /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam (0 to 100); proportionally less
-    /// for a thinner one.
-    pub needle_db_mm: f64,
-    /// Full width at half maximum of the beam, mm (0 to 20), which is the softness of shadow edges. With 0, scanlines are
-    /// independent.
-    pub beam_mm: f64,
-    /// F-number on reception (0.5 to 20): the rate at which the edges of the shadows of bone, gas and needles widen. 4 lies between the 2
-    /// to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15 cm. 0 casts shadows straight down the scanlines.
-    pub f_number: f64,
-    /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array relative to the echo, before
-    /// attenuation and for a perfect reflector (0 to 1). 0 disables repeats.
-    pub reverberation: f64,
-    /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation (0 to 1): two reflections at a slightly rough
-    /// surface. Set by eye. 0 disables mirror images.
-    pub mirror: f64,
-}
-
-impl Default for Shadow {
-    fn default() -> Self {
-        Self {
-            attenuation: true,
-            occlusion: true,
-            needle_db_mm: 8.0,
-            beam_mm: 3.0,
-            f_number: 4.0,
-            reverberation: 0.35,
-            mirror: 0.5,
-        }
+parameters! {
+    /// Attenuation and shadows.
+    pub struct Shadow {
+        /// Whether tissues attenuate.
+        attenuation: bool = true;
+        /// Whether bone, gas and the like occlude.
+        occlusion: bool = true;
+        /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam; proportionally less for a thinner one.
+        needle_db_mm: f64 = 8.0, in 0..=100;
+        /// Full width at half maximum of the beam, mm, which is the softness of shadow edges. With 0, scanlines are independent.
+        beam_mm: f64 = 3.0, in 0..=20;
+        /// F-number on reception, 0.5 or more: the rate at which the edges of the shadows of bone, gas and needles widen. 4 lies between the 2
+        /// to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15 cm. 0 casts shadows straight down the scanlines.
+        f_number: f64 = 4.0, in 0..=20;
+        /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array relative to the echo, before
+        /// attenuation and for a perfect reflector. 0 disables repeats.
+        reverberation: f64 = 0.35, in 0..=1;
+        /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation: two reflections at a slightly rough
+        /// surface. Set by eye. 0 disables mirror images.
+        mirror: f64 = 0.5, in 0..=1;
     }
 }
 
@@ -97,18 +80,9 @@ pub const MOST_UNITS: u32 = 0x7fff_ffff;
 const FULL_OCCLUSION_DB_MM: f64 = 200.0;
 
 impl Parameters for Shadow {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("shadow.needle_db_mm", self.needle_db_mm, 0.0..=100.0)?;
-        within("shadow.beam_mm", self.beam_mm, 0.0..=20.0)?;
-        within("shadow.reverberation", self.reverberation, 0.0..=1.0)?;
-        within("shadow.mirror", self.mirror, 0.0..=1.0)?;
-        if self.f_number == 0.0 {
-            return Ok(());
-        }
-        within("shadow.f_number", self.f_number, 0.5..=20.0).map_err(|error| OutOfRange {
-            expected: format!("0, or {}", error.expected),
-            ..error
-        })
+    fn check_others(&self) -> Result<(), OutOfRange> {
+        let holds = self.f_number == 0.0 || (0.5..=20.0).contains(&self.f_number);
+        check("f_number", self.f_number, holds, "0, or a number from 0.5 to 20")
     }
 }
 

@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
-use super::{Effect, OutOfRange, Setting, Stage, Verdict};
+use super::{Effect, Setting, Stage, Verdict};
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
 use crate::imaging::synth::store::Store;
@@ -37,10 +37,6 @@ impl Setting for Slice {
             beyond: Beyond::Continue,
             ..Self::default()
         }
-    }
-
-    fn validate(&self) -> Result<(), OutOfRange> {
-        Ok(())
     }
 }
 
@@ -71,7 +67,7 @@ pub enum Boundary {
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "slice",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     ..Effect::PLAIN

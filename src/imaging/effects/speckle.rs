@@ -18,8 +18,6 @@ mod tables;
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use scatter::{add_specular, scatter};
 use spread::{axial, lateral};
@@ -29,46 +27,37 @@ use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULA
 use super::lateral::narrowed;
 use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
 use super::point_spread::PointSpread;
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, needle, within};
+use super::{Effect, Parameters, Stage, Verdict, needle};
 use crate::base::random::seed_words;
+use crate::base::range::parameters;
 use crate::imaging::synth::SynthError;
 use crate::imaging::synth::tables::{Inputs, Tables};
 
-/// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as
-/// measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Speckle {
-    /// Axial length, mm (0.05 to 10). Default: 2.8 mm over the frequency in MHz.
-    pub axial_mm: Option<f64>,
-    /// Lateral length at the focus, mm (0.05 to 20). Default: 5.25 mm over the frequency in MHz, and for phased probes at least the
-    /// diffraction limit of an aperture of 20 mm.
-    pub lateral_mm: Option<f64>,
-    /// Elevational length, mm (0.05 to 20). Default: 6.3 mm over the frequency in MHz. Limited to 4 times the shortest of the
-    /// three lengths.
-    pub elevational_mm: Option<f64>,
-    /// Depth of the lateral focus, mm (0 to 1000). Default: half the imaging depth.
-    pub focus_mm: Option<f64>,
-    /// Distance from the focus at which the lateral length has grown by sqrt 2, mm (1 to 10000): the Rayleigh length of a
-    /// Gaussian beam. Default: 175 mm over the frequency in MHz.
-    pub focal_zone_mm: Option<f64>,
-}
-
-impl Parameters for Speckle {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        let stated = |key: &str, value: Option<f64>, range| value.map_or(Ok(()), |value| within(key, value, range));
-        stated("speckle.axial_mm", self.axial_mm, 0.05..=10.0)?;
-        stated("speckle.lateral_mm", self.lateral_mm, 0.05..=20.0)?;
-        stated("speckle.elevational_mm", self.elevational_mm, 0.05..=20.0)?;
-        stated("speckle.focus_mm", self.focus_mm, 0.0..=1000.0)?;
-        stated("speckle.focal_zone_mm", self.focal_zone_mm, 1.0..=10_000.0)
+parameters! {
+    /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity, as
+    /// measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
+    pub struct Speckle {
+        /// Axial length, mm. Default: 2.8 mm over the frequency in MHz.
+        axial_mm: Option<f64>, in 0.05..=10;
+        /// Lateral length at the focus, mm. Default: 5.25 mm over the frequency in MHz, and for phased probes at least the diffraction limit of an
+        /// aperture of 20 mm.
+        lateral_mm: Option<f64>, in 0.05..=20;
+        /// Elevational length, mm. Default: 6.3 mm over the frequency in MHz. Limited to 4 times the shortest of the three lengths.
+        elevational_mm: Option<f64>, in 0.05..=20;
+        /// Depth of the lateral focus, mm. Default: half the imaging depth.
+        focus_mm: Option<f64>, in 0..=1000;
+        /// Distance from the focus at which the lateral length has grown by sqrt 2, mm: the Rayleigh length of a Gaussian beam. Default: 175 mm over
+        /// the frequency in MHz.
+        focal_zone_mm: Option<f64>, in 1..=10000;
     }
 }
+
+impl Parameters for Speckle {}
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "speckle",
-    stage: Stage::Beam,
+    stage: Stage::Speckle,
     wanted,
     passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
         (None, false) => vec![&GATHER, &AXIAL, &LATERAL],

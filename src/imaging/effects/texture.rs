@@ -9,44 +9,33 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, Parameters, Stage, Verdict};
 use crate::anatomy::acoustics::{Tissue, bank};
 use crate::anatomy::volume::VolumeError;
 use crate::anatomy::volume::texture::{Atlas, AtlasEntry, Placement, SolidTexture};
+use crate::base::range::parameters;
 use crate::base::real::Real;
 use crate::imaging::synth::SynthError;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::{Anatomy, Inputs, Settings, Tables};
 
-/// Solid textures.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Texture {
-    /// Scale of each texture's deviation from its mean (0 to 2; 1 leaves it unchanged).
-    pub strength: f64,
-}
-
-impl Default for Texture {
-    fn default() -> Self {
-        Self { strength: 1.0 }
+parameters! {
+    /// Solid textures.
+    pub struct Texture {
+        /// Scale of each texture's deviation from its mean; 1 leaves it unchanged.
+        strength: f64 = 1.0, in 0..=2;
     }
 }
 
-impl Parameters for Texture {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("texture.strength", self.strength, 0.0..=2.0)
-    }
-}
+impl Parameters for Texture {}
 
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "texture",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     buffers: &[&TEXTURE_ENTRIES, &TEXTURE_ATLAS],

@@ -6,46 +6,33 @@
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
 use rayon::prelude::*;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::buffers::AMPLITUDE;
 use super::common::plane_step;
 use super::pass::{Access::*, Band, ParamBlock, Pass, View, spread};
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
+use crate::base::range::{check, parameters};
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
-/// Elevational thickness of the scan plane.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Thickness {
-    /// Full width at half maximum of the beam's elevational power profile, mm (0.1 to 20).
-    pub width_mm: f64,
-    /// Number of sub-planes, odd (3 to 9).
-    pub planes: u32,
-}
-
-impl Default for Thickness {
-    fn default() -> Self {
-        Self {
-            width_mm: 3.0,
-            planes: 5,
-        }
+parameters! {
+    /// Elevational thickness of the scan plane.
+    pub struct Thickness {
+        /// Full width at half maximum of the beam's elevational power profile, mm.
+        width_mm: f64 = 3.0, in 0.1..=20;
+        /// Number of sub-planes, odd.
+        planes: u32 = 5, in 3..=9;
     }
 }
 
 impl Parameters for Thickness {
     const USUAL: bool = false;
 
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("thickness.width_mm", self.width_mm, 0.1..=20.0)?;
-        if self.planes % 2 == 1 && (3..=MAX_PLANES as u32).contains(&self.planes) {
-            return Ok(());
-        }
+    fn check_others(&self) -> Result<(), OutOfRange> {
+        let holds = self.planes % 2 == 1 && (3..=MAX_PLANES as u32).contains(&self.planes);
         let expected = format!("an odd number from 3 to {MAX_PLANES}");
-        Err(OutOfRange::new("thickness.planes", self.planes, expected))
+        check("planes", f64::from(self.planes), holds, expected)
     }
 }
 
@@ -75,7 +62,7 @@ const MAX_PLANES: usize = 9;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "thickness",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     remove: Some(|settings| settings.effects.thickness = None),

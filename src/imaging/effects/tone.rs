@@ -17,7 +17,8 @@ use super::pass::{
     Band, ParamBlock, Pass, View, groups,
 };
 use super::shadow::average_db_cm;
-use super::{Effect, OutOfRange, Parameters, Stage, Verdict, within};
+use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
+use crate::base::range::{check, parameters, within};
 use crate::base::real::{Numbers, Real};
 use crate::imaging::synth::SynthError;
 use crate::imaging::synth::store::Store;
@@ -46,57 +47,39 @@ pub enum Curve {
     S,
 }
 
-/// Mapping from echo amplitude to grey level.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Tone {
-    /// Overall gain, dB (-60 to 60).
-    pub gain_db: f64,
-    /// Time-gain compensation, dB per cm of depth (-20 to 20); without it, compensation matches the attenuation of
-    /// average soft tissue if the scene simulates attenuation, down to where the receiver's noise would show.
-    pub tgc_db_cm: Option<f64>,
-    /// Further time-gain compensation: points `[depth_mm, dB]` in ascending depth, linear between, constant
-    /// outside.
-    pub tgc_points: Vec<[f64; 2]>,
-    /// Fraction of the deviation of tissue from its usual level that automatic gain removes at each depth, frame by frame (0 to
-    /// 1).
-    pub auto_gain: f64,
-    /// Displayed dynamic range, dB (10 to 120).
-    pub dynamic_range_db: f64,
-    /// Shape of the grey map.
-    pub curve: Curve,
-    /// Exponent of the grey map after the curve (0.2 to 5); below 1 it lifts the dark greys.
-    pub gamma: f64,
-}
-
-impl Default for Tone {
-    fn default() -> Self {
-        Self {
-            gain_db: 0.0,
-            tgc_db_cm: None,
-            tgc_points: Vec::new(),
-            auto_gain: 0.8,
-            dynamic_range_db: 60.0,
-            curve: Curve::S,
-            gamma: 1.0,
-        }
+parameters! {
+    /// Mapping from echo amplitude to grey level.
+    pub struct Tone {
+        /// Overall gain, dB.
+        gain_db: f64 = 0.0, in -60..=60;
+        /// Time-gain compensation, dB per cm of depth; without it, compensation matches the attenuation of average soft tissue if the scene
+        /// simulates attenuation, down to where the receiver's noise would show.
+        tgc_db_cm: Option<f64>, in -20..=20;
+        /// Further time-gain compensation: points `[depth_mm, dB]` in ascending depth (0 to 1000, and -100 to 100), linear between, constant
+        /// outside.
+        tgc_points: Vec<[f64; 2]>;
+        /// Fraction of the deviation of tissue from its usual level that automatic gain removes at each depth, frame by frame.
+        auto_gain: f64 = 0.8, in 0..=1;
+        /// Displayed dynamic range, dB.
+        dynamic_range_db: f64 = 60.0, in 10..=120;
+        /// Shape of the grey map.
+        curve: Curve;
+        /// Exponent of the grey map after the curve; below 1 it lifts the dark greys.
+        gamma: f64 = 1.0, in 0.2..=5;
     }
 }
 
 impl Parameters for Tone {
-    fn validate(&self) -> Result<(), OutOfRange> {
-        within("tone.gain_db", self.gain_db, -60.0..=60.0)?;
-        within("tone.tgc_db_cm", self.tgc_db_cm.unwrap_or(0.0), -20.0..=20.0)?;
-        within("tone.auto_gain", self.auto_gain, 0.0..=1.0)?;
-        within("tone.dynamic_range_db", self.dynamic_range_db, 10.0..=120.0)?;
-        within("tone.gamma", self.gamma, 0.2..=5.0)?;
-        for (at, point) in self.tgc_points.iter().enumerate() {
-            within(&format!("tone.tgc_points[{at}][0]"), point[0], 0.0..=1000.0)?;
-            within(&format!("tone.tgc_points[{at}][1]"), point[1], -100.0..=100.0)?;
-            if at > 0 && point[0] <= self.tgc_points[at - 1][0] {
-                let expected = format!("more than the depth before it, {}", self.tgc_points[at - 1][0]);
-                return Err(OutOfRange::new(format!("tone.tgc_points[{at}][0]"), point[0], expected));
-            }
+    fn check_others(&self) -> Result<(), OutOfRange> {
+        for (at, &[depth, gain]) in self.tgc_points.iter().enumerate() {
+            let key = |axis: usize| format!("tgc_points[{at}][{axis}]");
+            within(&key(0), depth, 0.0..=1000.0)?;
+            within(&key(1), gain, -100.0..=100.0)?;
+            let before = at
+                .checked_sub(1)
+                .map_or(f64::NEG_INFINITY, |before| self.tgc_points[before][0]);
+            let expected = format!("more than the depth before it, {before}");
+            check(&key(0), depth, depth > before, expected)?;
         }
         Ok(())
     }

@@ -17,7 +17,7 @@ use crate::mechanics::mesh::pack::WarpParams;
 /// Registry entry.
 pub const EFFECT: Effect = Effect {
     name: "warp",
-    stage: Stage::Echoes,
+    stage: Stage::Tissue,
     wanted,
     passes: |_| PASSES.iter().collect(),
     // The mesh is part of the anatomy.

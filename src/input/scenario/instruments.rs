@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::document::RegionName;
 use crate::input::scene::NeedleMotionSpec;
+use crate::mechanics::needle::BendingConstraint;
 
 /// The needle. Its motion is that of an undeflected needle: base and direction are what the hand holds.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
@@ -36,7 +37,7 @@ pub struct NeedleTable {
     /// steel.
     pub young_gpa: Option<f64>,
     /// `constrained` only: limits of bending.
-    pub bending: Option<ConstraintSpec>,
+    pub bending: Option<BendingConstraint>,
     /// In place of `motion`: target of a straight insertion and withdrawal, at `plan.speed_mm_s` and with `plan.pause_s`: the name of
     /// a label or tissue, a part of one (the largest matching label counts), or a label value. The tip goes to the innermost point of
     /// it in the image plane. A probe without a pose is placed over it, and a mesh without `box_mm` is made around the path.
@@ -115,19 +116,6 @@ pub struct BevelSpec {
     /// Goksel et al. 2011, figure 10c, with `r_mm = 0.6`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub length_mm: Option<f64>,
-}
-
-/// Bending limits of a needle in the body: the weight of its entry direction rises with the inserted length, `max_weight /
-/// (1 + exp(-alpha (length - delta)))`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ConstraintSpec {
-    /// Largest weight of the entry direction (0 to 1). Default 0.9.
-    pub max_weight: Option<f64>,
-    /// Steepness of the transition to constrained bending, 1/mm (0 to 10). Default 0.06.
-    pub alpha_per_mm: Option<f64>,
-    /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
-    pub delta_mm: Option<f64>,
 }
 
 /// The probe as a rigid cylinder in frictionless contact with tissue. It moves with the scene's probe, and tissue is at rest at

@@ -145,12 +145,7 @@ impl ScenarioFile {
                 bevel: self.bevel(table, length_mm)?,
             }),
             NeedleModel::Constrained => {
-                let (spec, usual) = (table.bending.unwrap_or_default(), BendingConstraint::default());
-                let constraint = BendingConstraint {
-                    max_weight: spec.max_weight.unwrap_or(usual.max_weight),
-                    alpha_per_mm: spec.alpha_per_mm.unwrap_or(usual.alpha_per_mm),
-                    delta_mm: spec.delta_mm.unwrap_or(usual.delta_mm),
-                };
+                let constraint = table.bending.unwrap_or_default();
                 constraint.validate().map_err(|error| {
                     let key = error.key().unwrap_or_default();
                     self.fault(format!("needle.bending.{key}"), Cause::Tracking(error))

@@ -16,6 +16,7 @@ use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
 use crate::base::document::InvalidFile;
+use crate::base::range::Ranges;
 use crate::gpu::Gpu;
 use crate::imaging::quality::QualitySpec;
 use crate::input::InputError;
@@ -277,8 +278,7 @@ impl ScenarioFile {
     /// [`InputError`] with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, InputError> {
         let quality = self.quality();
-        if let Some((key, found)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
-            let expected = QualitySpec::EXPECTED;
+        if let Some((key, found, expected)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
             return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
         }
         let dt_s = self.step_s()?;

@@ -4,8 +4,8 @@ use super::error::At;
 use super::file::{SceneFile, VolumeSpec};
 use crate::anatomy::phantom::Phantom;
 use crate::base::document::InvalidFile;
+use crate::base::range::Ranges;
 use crate::imaging::effects::Effects;
-use crate::imaging::quality::QualitySpec;
 use crate::imaging::synth::tables::ImageSize;
 use crate::input::InputError;
 use crate::tracking::plus::PlusConfig;
@@ -33,8 +33,7 @@ impl SceneFile {
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Framing, InputError> {
-        if let Some((key, found)) = self.quality.and_then(|quality| quality.out_of_range()) {
-            let expected = QualitySpec::EXPECTED;
+        if let Some((key, found, expected)) = self.quality.and_then(|quality| quality.out_of_range()) {
             return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
         }
         let volume = self.volume()?;

@@ -14,6 +14,7 @@ use crate::anatomy::volume::complete::Unlabelled;
 use crate::anatomy::volume::texture::{Seam, Values};
 use crate::base::document::{self, Source, Version};
 use crate::base::matrix::Rows;
+use crate::base::range::parameters;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
 use crate::input::Cause;
@@ -214,32 +215,20 @@ pub enum GridSpec {
     Recorded,
 }
 
-/// Pixels of the frame.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ImageSpec {
-    /// Placement of the pixels. Default `fitted`.
-    pub grid: GridSpec,
-    /// Columns (1 to 16384). Default 640; with `recorded`, `width` and `height` are those of the recording, without
-    /// `margin`.
-    pub width: u32,
-    /// Rows (1 to 16384). Default 480.
-    pub height: u32,
-    /// Fraction of the image left free on each side of the sector (0 to 0.45). Default 0.02.
-    pub margin: f64,
-    /// Grey level outside the sector (0 to 255). Default 0.
-    pub fill: u8,
-}
-
-impl Default for ImageSpec {
-    fn default() -> Self {
-        Self {
-            grid: GridSpec::Fitted,
-            width: 640,
-            height: 480,
-            margin: 0.02,
-            fill: 0,
-        }
+parameters! {
+    /// Pixels of the frame.
+    #[derive(Copy)]
+    pub struct ImageSpec {
+        /// Placement of the pixels. Default `fitted`.
+        grid: GridSpec;
+        /// Columns. With `recorded`, `width` and `height` are those of the recording, without `margin`.
+        width: u32 = 640, in 1..=16384;
+        /// Rows.
+        height: u32 = 480, in 1..=16384;
+        /// Fraction of the image left free on each side of the sector.
+        margin: f64 = 0.02, in 0..=0.45;
+        /// Grey level outside the sector (0 to 255). Default 0.
+        fill: u8;
     }
 }
 

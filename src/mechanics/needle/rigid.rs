@@ -1,12 +1,10 @@
 //! Rigid needles.
 
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::chain::Chain;
 use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
-use crate::base::range::{OutOfRange, check};
+use crate::base::range::{OutOfRange, Ranges, parameters};
 
 /// A straight needle, with or without a bevel.
 #[derive(Clone, Debug)]
@@ -53,45 +51,27 @@ impl Needle for Rigid {
     }
 }
 
-/// Keeps the inserted part of a needle near the direction in which it entered, as tissue does, while the sensor at its hub
-/// follows the hand.
-///
-/// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured one
-/// `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the training
-/// system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al. 2007 give 0.9, 60 and 0.12
-/// without units: they suit a length in metres, so that bending is free at first and constrained from about 120 mm on. Here
-/// lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct BendingConstraint {
-    /// Largest weight of the entry direction (0 to 1). Default 0.9.
-    pub max_weight: f64,
-    /// Steepness of the transition to constrained bending, 1/mm (0 to 10). Default 0.06.
-    pub alpha_per_mm: f64,
-    /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
-    pub delta_mm: f64,
-}
-
-impl Default for BendingConstraint {
-    fn default() -> Self {
-        Self {
-            max_weight: 0.9,
-            alpha_per_mm: 0.06,
-            delta_mm: 120.0,
-        }
+parameters! {
+    /// Keeps the inserted part of a needle near the direction in which it entered, as tissue does, while the sensor at its hub
+    /// follows the hand.
+    ///
+    /// The constrained direction is `d_c = w d_e + (1 - w) d_m`, normalised, of the entry direction `d_e` and the measured one
+    /// `d_m`, with `w = max_weight / (1 + exp(-alpha (l - delta)))` of the inserted length `l` (section 2.3 of the training
+    /// system for ultrasound-guided needle insertion that the imaging model follows). Zhu et al. 2007 give 0.9, 60 and 0.12
+    /// without units: they suit a length in metres, so that bending is free at first and constrained from about 120 mm on. Here
+    /// lengths are millimetres: `alpha` is 0.06 per mm, `delta` 120 mm.
+    #[derive(Copy)]
+    pub struct BendingConstraint {
+        /// Largest weight of the entry direction.
+        max_weight: f64 = 0.9, in 0..=1;
+        /// Steepness of the transition to constrained bending, 1/mm.
+        alpha_per_mm: f64 = 0.06, in 0..=10;
+        /// Inserted length at which half the weight is reached, mm.
+        delta_mm: f64 = 120.0, in 0..=1000;
     }
 }
 
 impl BendingConstraint {
-    /// Returns every parameter with its key and its lowest and highest value.
-    pub fn ranges(&self) -> [(&'static str, f64, [f64; 2]); 3] {
-        [
-            ("max_weight", self.max_weight, [0.0, 1.0]),
-            ("alpha_per_mm", self.alpha_per_mm, [0.0, 10.0]),
-            ("delta_mm", self.delta_mm, [0.0, 1000.0]),
-        ]
-    }
-
     /// Returns the weight of the entry direction at an inserted length, mm.
     pub fn weight(&self, inserted_mm: f64) -> f64 {
         self.max_weight / (1.0 + (-self.alpha_per_mm * (inserted_mm - self.delta_mm)).exp())
@@ -126,9 +106,7 @@ impl Constrained {
     /// [`OutOfRange`].
     pub fn new(shaft: Shaft, constraint: BendingConstraint) -> Result<Self, OutOfRange> {
         shaft.check()?;
-        for (key, found, [low, high]) in constraint.ranges() {
-            check(key, found, (low..=high).contains(&found), format!("{low} to {high}"))?;
-        }
+        constraint.check_ranges()?;
         Ok(Self { shaft, constraint })
     }
 }

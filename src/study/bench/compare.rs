@@ -19,6 +19,7 @@ use std::time::{Duration, Instant};
 use super::{BenchOptions, Clock};
 use crate::base::report::machine::Machine;
 use crate::gpu::Gpu;
+use crate::imaging::effects::Stage;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{FrameState, SynthError, Synthesizer};
 use crate::study::StudyError;
@@ -168,7 +169,8 @@ fn ratio(cpu: Option<f64>, gpu: Option<f64>) -> Option<f64> {
 }
 
 fn figures() -> Vec<Figure> {
-    let ratios = passes::STAGES.into_iter().map(|stage| Figure {
+    let stages = [passes::FRAME].into_iter().chain(Stage::ALL.map(Stage::name));
+    let ratios = stages.map(|stage| Figure {
         only: vec![("stage", stage.to_owned())],
         ..Figure::new(
             format!("compare-ratio-{stage}"),

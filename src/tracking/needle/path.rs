@@ -4,7 +4,7 @@ use nalgebra::{Matrix4, Point3, Rotation3, Unit, Vector3};
 
 use super::{BendingConstraint, NeedlePose};
 use crate::tracking::TrackingError;
-use crate::tracking::error::within;
+use crate::tracking::error::in_ranges;
 use crate::tracking::pose::{Pose, unit};
 use crate::tracking::trajectory::{Interpolation, TrackedFrame, Trajectory};
 
@@ -126,8 +126,7 @@ impl NeedlePath {
 impl BendingConstraint {
     /// Checks every number against its documented range.
     pub fn validate(&self) -> Result<(), TrackingError> {
-        let mut numbers = self.ranges().into_iter();
-        numbers.try_for_each(|(key, found, range)| within("needle", key, found, range))
+        in_ranges("needle", self)
     }
 
     /// Returns the constrained shape of a needle whose straight measured pose enters at `entry_mm`: from the measured hub to

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Probe, ProbeShape};
+use crate::base::range::parameters;
 use crate::tracking::TrackingError;
 
 /// Default number of scanlines.
@@ -59,37 +60,38 @@ impl fmt::Display for ProbeKind {
     }
 }
 
-/// A probe as written in a file; `Probe::try_from` validates it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ProbeSpec {
-    /// Shape of the field of view. Required, unless the configuration of a tracked sequence states it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub kind: Option<ProbeKind>,
-    /// Linear only: length of the array, mm (1 to 300).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub width_mm: Option<f64>,
-    /// Curvilinear (2 to 200) and trus-transverse (2 to 50): radius of the array, mm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub radius_mm: Option<f64>,
-    /// Curvilinear (1 to 180), phased (1 to 120) and trus-transverse (1 to 270): field of view, degrees.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub angle_deg: Option<f64>,
-    /// Trus-sagittal only: length of the array, mm (1 to 300).
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub length_mm: Option<f64>,
-    /// Length of every scanline, mm (0.1 to 1000). Required, unless the configuration of a tracked sequence states it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub depth_mm: Option<f64>,
-    /// Centre frequency, MHz (0.1 to 100). Default: linear 9, curvilinear 3.5, phased 2.5, transrectal 7.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub frequency_mhz: Option<f64>,
-    /// Number of scanlines (1 to 8192). Default 256.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lines: Option<u32>,
-    /// Number of samples along each scanline (1 to 16384). Default 512.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub samples: Option<u32>,
+parameters! {
+    /// A probe as written in a file; `Probe::try_from` validates it.
+    #[derive(Copy)]
+    pub struct ProbeSpec {
+        /// Shape of the field of view. Required, unless the configuration of a tracked sequence states it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        kind: Option<ProbeKind>;
+        /// Linear only: length of the array, mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        width_mm: Option<f64>, in 1..=300;
+        /// Curvilinear, and trus-transverse (at most 50): radius of the array, mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        radius_mm: Option<f64>, in 2..=200;
+        /// Curvilinear (at most 180), phased (at most 120) and trus-transverse: field of view, degrees.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        angle_deg: Option<f64>, in 1..=270;
+        /// Trus-sagittal only: length of the array, mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        length_mm: Option<f64>, in 1..=300;
+        /// Length of every scanline, mm. Required, unless the configuration of a tracked sequence states it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        depth_mm: Option<f64>, in 0.1..=1000;
+        /// Centre frequency, MHz. Default: linear 9, curvilinear 3.5, phased 2.5, transrectal 7.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        frequency_mhz: Option<f64>, in 0.1..=100;
+        /// Number of scanlines. Default 256.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        lines: Option<u32>, in 1..=8192;
+        /// Number of samples along each scanline. Default 512.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        samples: Option<u32>, in 1..=16384;
+    }
 }
 
 impl ProbeSpec {

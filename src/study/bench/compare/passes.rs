@@ -3,30 +3,30 @@
 use super::{CPU_MS, Clock, CompareOptions, Factor, GPU_MS, RATIO, Subject, clock_options, ratio};
 use crate::base::report::statistics::Spread;
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
+use crate::imaging::effects::REGISTRY;
 use crate::imaging::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
 use crate::imaging::plan::Plan;
 use crate::imaging::synth::tables::Tables;
 use crate::imaging::synth::{Backend, Synthesizer};
 use crate::study::StudyError;
+use crate::study::bench::PassSpread;
 use crate::study::tradeoff::{Axis, Table};
 
-/// Stages of a frame, each plotted with a few passes.
-pub const STAGES: [&str; 5] = ["frame", "tissue", "speckle", "echoes", "display"];
+/// In place of the stage of a pass: the frame as a whole.
+pub const FRAME: &str = "frame";
 
-/// Returns the stage that a pass belongs to.
-fn stage(what: &str) -> &'static str {
-    match what {
-        WHOLE | LEFT => STAGES[0],
-        "geometry" | "contact" | "warp" | "slice" | "texture" | "thickness" => STAGES[1],
-        "interface" | "needle" | "refraction_phase" | "refraction" | "blur" => STAGES[3],
-        pass if pass.starts_with("shadow") => STAGES[3],
-        pass if pass.starts_with("speckle") => STAGES[2],
-        _ => STAGES[4],
-    }
+/// Name of the stage of a frame in which a pass runs.
+fn stage(plan: &Plan, pass: &str) -> &'static str {
+    let planned = plan.passes.iter().find(|planned| planned.pass.name == pass);
+    let effect = planned.and_then(|planned| REGISTRY.iter().find(|effect| effect.name == planned.effect));
+    effect.map_or(FRAME, |effect| effect.stage.name())
 }
 
-/// Names and median times (ms) of one backend at one size.
-type Times = Vec<(String, f64)>;
+/// A frame or a pass: its name, its stage and its median time, ms.
+type Timed = (String, &'static str, f64);
+
+/// Times of one backend at one size.
+type Times = Vec<Timed>;
 
 pub const WHOLE: &str = "frame, pixels on the CPU";
 pub const LEFT: &str = "frame, pixels left on the GPU";
@@ -46,7 +46,7 @@ fn at_size(
         options: &timing,
     };
     let frame = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
-    let mut times = vec![(WHOLE.to_owned(), frame.median_ms)];
+    let mut times: Times = vec![(WHOLE.to_owned(), FRAME, frame.median_ms)];
     if let Some(gpu) = synth.gpu().cloned()
         && synth.render_to_texture(subject.state).is_ok()
     {
@@ -54,14 +54,17 @@ fn at_size(
             synth.render_to_texture(state)?;
             Ok(gpu.wait("the end of a frame")?)
         })?;
-        times.push((LEFT.to_owned(), left.median_ms));
+        times.push((LEFT.to_owned(), FRAME, left.median_ms));
     }
     let (passes, _) = clock.passes(&mut synth)?;
-    times.extend(
-        passes
-            .into_iter()
-            .map(|pass| (pass.name.to_owned(), pass.time.median_ms)),
-    );
+    let timed = |pass: PassSpread| {
+        (
+            pass.name.to_owned(),
+            stage(synth.plan(), pass.name),
+            pass.time.median_ms,
+        )
+    };
+    times.extend(passes.into_iter().map(timed));
     Ok(times)
 }
 
@@ -82,7 +85,7 @@ fn all_sizes(
         }
         match at_size(subject, options, grid, backend()) {
             Ok(times) => {
-                stopped = times.first().is_some_and(|(_, ms)| *ms > options.most_ms);
+                stopped = times.first().is_some_and(|(_, _, ms)| *ms > options.most_ms);
                 if stopped && grid != options.grids[options.grids.len() - 1] {
                     notes.push(format!(
                         "{name}: a frame of {} x {} took over {} ms; larger ones were not measured",
@@ -129,14 +132,12 @@ pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<S
     }
     let find = |times: &Option<Times>, what: &str| {
         let times = times.as_ref()?;
-        times.iter().find(|(name, _)| name == what).map(|(_, ms)| *ms)
+        times.iter().find(|(name, ..)| name == what).map(|(_, _, ms)| *ms)
     };
     for (name, sizes) in &gpus {
         let seen = cpu.iter().chain(sizes).flatten();
         let longest = seen.max_by_key(|times| times.len());
-        let whats: Vec<String> =
-            longest.map_or(Vec::new(), |times| times.iter().map(|(what, _)| what.clone()).collect());
-        for what in whats {
+        for (what, stage, _) in longest.cloned().unwrap_or_default() {
             for ((grid, on_cpu), on_gpu) in options.grids.iter().zip(&cpu).zip(sizes) {
                 // A frame that stays on the GPU is compared with a finished frame on the CPU.
                 let (cpu_ms, gpu_ms) = (
@@ -152,7 +153,7 @@ pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<S
                         name.clone(),
                         what.clone(),
                         format!("{} x {}", grid[0], grid[1]),
-                        stage(&what).to_owned(),
+                        stage.to_owned(),
                     ],
                     vec![Some(samples), cpu_ms, gpu_ms, ratio(cpu_ms, gpu_ms)],
                     None,

@@ -1,20 +1,10 @@
 //! Random scenes: anatomy, mesh, probe, pose, image and effects, all from a seed.
 
 use nalgebra::{Matrix4, Rotation3, Translation3, Vector3};
+use serde::Deserialize;
+use serde_json::{Map, Value, json};
 
 use crate::imaging::effects::Effects;
-use crate::imaging::effects::blur::Blur;
-use crate::imaging::effects::interface::Interface;
-use crate::imaging::effects::needle::NeedleEcho;
-use crate::imaging::effects::noise::Noise;
-use crate::imaging::effects::receiver::Receiver;
-use crate::imaging::effects::refraction::Refraction;
-use crate::imaging::effects::shadow::Shadow;
-use crate::imaging::effects::slice::Boundary;
-use crate::imaging::effects::speckle::Speckle;
-use crate::imaging::effects::texture::Texture;
-use crate::imaging::effects::thickness::Thickness;
-use crate::imaging::effects::tone::{Curve, Tone};
 use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::imaging::synth::{FrameState, NeedleShaft};
 use crate::mechanics::mesh::Displacement;
@@ -43,10 +33,6 @@ impl Draw {
 
     fn chance(&mut self, share: f64) -> bool {
         self.within(0.0, 1.0) < share
-    }
-
-    fn maybe<T>(&mut self, share: f64, make: impl FnOnce(&mut Self) -> T) -> Option<T> {
-        self.chance(share).then(|| make(self))
     }
 
     fn point(&mut self, reach: f64) -> [f64; 3] {
@@ -237,62 +223,69 @@ fn deformed(draw: &mut Draw, anatomy: Anatomy, centre: [f64; 3], state: &mut Fra
     }
 }
 
+/// Draws the effects of a scene, and their parameters from the ranges that the JSON schema states. What an effect does not accept is drawn again.
 fn effects(draw: &mut Draw) -> Effects {
-    let mut effects = Effects {
-        texture: draw.maybe(0.6, |draw| Texture {
-            strength: draw.within(0.1, 1.0),
-        }),
-        thickness: draw.maybe(0.3, |draw| Thickness {
-            width_mm: draw.within(0.5, 5.0),
-            planes: [3, 5, 7][draw.below(3)],
-        }),
-        speckle: draw.maybe(0.6, |draw| Speckle {
-            axial_mm: Some(draw.within(0.4, 2.0)),
-            lateral_mm: Some(draw.within(0.6, 4.0)),
-            elevational_mm: Some(draw.within(0.6, 4.0)),
-            focus_mm: draw.maybe(0.5, |draw| draw.within(5.0, 30.0)),
-            ..Speckle::default()
-        }),
-        interface: draw.maybe(0.6, |draw| Interface {
-            directivity: draw.within(0.0, 20.0),
-            ..Interface::default()
-        }),
-        needle: draw.maybe(0.7, |draw| NeedleEcho {
-            thickness_mm: draw.maybe(0.5, |draw| draw.within(0.5, 4.0)),
-            ..NeedleEcho::default()
-        }),
-        shadow: draw.maybe(0.7, |draw| Shadow {
-            attenuation: draw.chance(0.7),
-            occlusion: draw.chance(0.7),
-            needle_db_mm: draw.within(0.0, 20.0),
-            beam_mm: if draw.chance(0.2) { 0.0 } else { draw.within(0.5, 6.0) },
-            f_number: if draw.chance(0.3) { 0.0 } else { draw.within(0.5, 8.0) },
-            reverberation: if draw.chance(0.5) { 0.0 } else { draw.within(0.0, 1.0) },
-            mirror: if draw.chance(0.5) { 0.0 } else { draw.within(0.0, 1.0) },
-        }),
-        refraction: draw.maybe(0.5, |draw| Refraction {
-            beam_mm: draw.within(0.5, 8.0),
-        }),
-        blur: draw.maybe(0.6, |draw| Blur {
-            width_mm: Some(draw.within(0.0, 4.0)),
-            growth_mm_cm: Some(draw.within(0.0, 0.5)),
-        }),
-        receiver: draw.maybe(0.5, |_| Receiver::default()),
-        tone: draw.maybe(0.8, |draw| Tone {
-            gain_db: draw.within(-10.0, 10.0),
-            dynamic_range_db: draw.within(30.0, 90.0),
-            gamma: if draw.chance(0.5) { 1.0 } else { draw.within(0.5, 2.2) },
-            auto_gain: if draw.chance(0.5) { draw.within(0.0, 1.0) } else { 0.0 },
-            curve: if draw.chance(0.5) { Curve::S } else { Curve::Linear },
-            ..Tone::default()
-        }),
-        noise: draw.maybe(0.5, |draw| Noise {
-            std_grey: draw.within(0.0, 20.0),
-        }),
-        ..Effects::default()
+    let schema = schemars::schema_for!(Effects).to_value();
+    let mut drawn = Map::new();
+    for (name, described) in schema["properties"].as_object().into_iter().flatten() {
+        // An effect that can be off is that, or its parameters.
+        let table = match described.get("anyOf") {
+            Some(_) if draw.chance(0.4) => continue,
+            Some(either) => &either[0],
+            None => described,
+        };
+        let valid = (0..MOST_DRAWS).find_map(|_| {
+            let table = parameters(draw, &schema, resolved(&schema, table));
+            let alone = Effects::deserialize(json!({ name: table })).ok()?;
+            alone.validate().is_ok().then_some(table)
+        });
+        drawn.extend(valid.map(|table| (name.clone(), table)));
+    }
+    Effects::deserialize(Value::from(drawn)).unwrap_or_default()
+}
+
+/// Most draws of an effect until its parameters fit together.
+const MOST_DRAWS: usize = 100;
+
+/// Follows the reference of a node of a schema.
+fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
+    let definition = node["$ref"]
+        .as_str()
+        .and_then(|at| schema.pointer(at.trim_start_matches('#')));
+    definition.unwrap_or(node)
+}
+
+/// Draws the parameters of a table; those that are neither numbers nor choices keep their defaults.
+fn parameters(draw: &mut Draw, schema: &Value, table: &Value) -> Value {
+    let mut drawn = Map::new();
+    for (key, described) in table["properties"].as_object().into_iter().flatten() {
+        let is = |name: &str| described["type"] == name || described["type"][0] == name;
+        let choices = resolved(schema, described)["oneOf"].as_array();
+        let value = match choices {
+            Some(choices) => choices[draw.below(choices.len())]["const"].clone(),
+            None if is("boolean") => draw.chance(0.7).into(),
+            None if described["type"].is_array() && draw.chance(0.4) => continue,
+            None if is("integer") => (number(draw, described).round() as u64).into(),
+            None if is("number") => number(draw, described).into(),
+            None => continue,
+        };
+        drawn.insert(key.clone(), value);
+    }
+    drawn.into()
+}
+
+/// Draws a number: an end of its range, or one between its default, or the low end without one, and an end, more often near the default.
+fn number(draw: &mut Draw, described: &Value) -> f64 {
+    let of = |name: &str| described[name].as_f64();
+    let (low, high) = (of("minimum").unwrap_or(0.0), of("maximum").unwrap_or(1.0));
+    let usual = of("default").unwrap_or(low);
+    let end = if draw.chance(0.5) { low } else { high };
+    let share = if draw.chance(0.1) {
+        1.0
+    } else {
+        draw.within(0.0, 1.0).powi(3)
     };
-    effects.slice.boundary = [Boundary::Nearest, Boundary::Vote, Boundary::Smooth][draw.below(3)];
-    effects
+    usual + share * (end - usual)
 }
 
 /// Compares all backends on randomly drawn scenes.

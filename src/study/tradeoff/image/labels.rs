@@ -7,9 +7,10 @@ use super::{
     too_large, values, without_grain,
 };
 use crate::gpu::Gpu;
-use crate::imaging::effects::Effects;
 use crate::imaging::effects::slice::{Beyond, Boundary};
 use crate::imaging::effects::tone::Tone;
+use crate::imaging::effects::{Effects, REGISTRY};
+use crate::imaging::plan::Plan;
 use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::StudyError;
@@ -273,23 +274,18 @@ pub fn rounding(apart: &Apart) -> Option<String> {
 /// Simplification of a frame: its name and the change of effects.
 type Simpler = (&'static str, fn(&mut Effects));
 
-const SIMPLER: [Simpler; 18] = [
-    ("every usual effect", |_| {}),
-    ("without contact", |effects| effects.contact = None),
+/// Simplifications within an effect, beside the removal of each.
+const SIMPLER: [Simpler; 9] = [
     ("body ends at the volume", |effects| effects.slice.beyond = Beyond::Void),
     ("labels voted", |effects| effects.slice.boundary = Boundary::Vote),
     ("labels of the nearest voxel", |effects| {
         effects.slice.boundary = Boundary::Nearest
     }),
-    ("without texture", |effects| effects.texture = None),
-    ("without interfaces", |effects| effects.interface = None),
     ("interfaces without roughness", |effects| {
         if let Some(interface) = &mut effects.interface {
             interface.roughness = 0.0;
         }
     }),
-    ("without speckle", |effects| effects.speckle = None),
-    ("without shadow", |effects| effects.shadow = None),
     ("shadows straight down", |effects| {
         if let Some(shadow) = &mut effects.shadow {
             shadow.f_number = 0.0;
@@ -305,9 +301,6 @@ const SIMPLER: [Simpler; 18] = [
             shadow.mirror = 0.0;
         }
     }),
-    ("without refraction", |effects| effects.refraction = None),
-    ("without blur", |effects| effects.blur = None),
-    ("without receiver", |effects| effects.receiver = None),
     ("without automatic gain", |effects| {
         if let Some(tone) = &mut effects.tone {
             tone.auto_gain = 0.0;
@@ -320,6 +313,24 @@ const SIMPLER: [Simpler; 18] = [
         };
     }),
 ];
+
+/// Settings of a frame with all effects, without each, and with each simplified.
+fn simplified(all: &Settings, plan: &Plan) -> Vec<(String, Settings)> {
+    let mut rows = vec![("every usual effect".to_owned(), all.clone())];
+    for effect in REGISTRY.iter().filter(|effect| plan.has(effect.name)) {
+        let mut settings = all.clone();
+        effect.remove.iter().for_each(|remove| remove(&mut settings));
+        if settings != *all {
+            rows.push((format!("without {}", effect.name), settings));
+        }
+    }
+    rows.extend(SIMPLER.iter().map(|(name, simplify)| {
+        let mut settings = all.clone();
+        simplify(&mut settings.effects);
+        ((*name).to_owned(), settings)
+    }));
+    rows
+}
 
 pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
@@ -337,14 +348,12 @@ pub fn effects(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>
     let standard = gold.render(&subject.state)?.pixels.clone();
     let inside = inside(&gold);
     let mut synth = subject.on(own.clone(), Backend::Cpu)?;
-    for (name, simplify) in SIMPLER {
-        let mut settings = own.clone();
-        simplify(&mut settings.effects);
+    for (name, settings) in simplified(&own, gold.plan()) {
         synth.set(settings)?;
         let found = picture(&mut synth, &subject.state, options.patience)?;
         let apart = Apart::of(&standard, &found.pixels, &inside);
         // Removing an effect may change the frame as a whole, so no row is flagged.
-        table.push(vec![name.to_owned()], values(&found, Some(&apart)), None);
+        table.push(vec![name], values(&found, Some(&apart)), None);
     }
     Ok(vec![table])
 }
