@@ -92,6 +92,9 @@ const STRAY: f64 = 2.0;
 const AGAIN: usize = 2;
 const NEIGHBOURS: usize = ASIDE.len() * ALONG.len();
 
+/// Share of the energy of a window without its mean, below which it is constant but for rounding.
+const FLAT: f64 = 1e-9;
+
 /// Correlation of places outside the frame.
 const OUTSIDE: f64 = -2.0;
 
@@ -422,8 +425,9 @@ impl Search<'_> {
             .iter_mut()
             .zip(values)
             .for_each(|(to, from)| *to = from - mean as f32);
-        let energy = self.template.values.iter().map(|value| f64::from(*value).powi(2));
-        self.template.norm = energy.sum::<f64>().sqrt();
+        let energy = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>();
+        let own = energy(&self.template.values);
+        self.template.norm = if own > FLAT * energy(values) { own.sqrt() } else { 0.0 };
     }
 
     /// Correlations at `N` consecutive shifts along a line, the first of which is given; [`OUTSIDE`] outside the frame.

@@ -65,11 +65,15 @@ fn kernels(upsampling: usize) -> Vec<[f32; 2 * HALF]> {
     let weight = |fraction: f64, at: usize| {
         let away = fraction + (HALF - 1) as f64 - at as f64;
         let window = bessel_i0(KAISER * (1.0 - (away / HALF as f64).powi(2)).max(0.0).sqrt()) / bessel_i0(KAISER);
-        ((PI * away).sin() / (PI * away) * window) as f32
+        (PI * away).sin() / (PI * away) * window
     };
-    (1..upsampling)
-        .map(|phase| std::array::from_fn(|at| weight(phase as f64 / upsampling as f64, at)))
-        .collect()
+    let kernel = |phase: usize| {
+        let weights: [f64; 2 * HALF] = std::array::from_fn(|at| weight(phase as f64 / upsampling as f64, at));
+        // Constants stay constant.
+        let sum: f64 = weights.iter().sum();
+        weights.map(|weight| (weight / sum) as f32)
+    };
+    (1..upsampling).map(kernel).collect()
 }
 
 /// Modified Bessel function of the first kind and order 0, by its series.
@@ -81,7 +85,7 @@ fn bessel_i0(x: f64) -> f64 {
     1.0 + terms.sum::<f64>()
 }
 
-/// Lines of `samples` upsampled by a factor: the samples themselves and band-limited values between them. Beyond its ends a line is 0.
+/// Lines of `samples` upsampled by a factor: the samples themselves and band-limited values between them. Beyond its ends a line keeps its end values.
 pub fn upsampled(lines: &[f32], samples: usize, upsampling: usize) -> Vec<f32> {
     let kernels = kernels(upsampling);
     let mut out = vec![0.0; lines.len() * upsampling];
@@ -89,7 +93,9 @@ pub fn upsampled(lines: &[f32], samples: usize, upsampling: usize) -> Vec<f32> {
     out.par_chunks_mut(samples * upsampling)
         .zip(lines.par_chunks(samples))
         .for_each_init(buffer, |padded, (out, line)| {
+            padded[..HALF - 1].fill(line[0]);
             padded[HALF - 1..HALF - 1 + samples].copy_from_slice(line);
+            padded[HALF - 1 + samples..].fill(line[samples - 1]);
             vectorised(Between {
                 padded,
                 kernels: &kernels,

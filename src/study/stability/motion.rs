@@ -12,8 +12,8 @@ pub const GROUP: Group = Group {
     cases: &[
         Case {
             name: "echoes that are none",
-            criterion: "zeros, constants, noise alone, tissue that jumps out of reach: everything finite, at most 1 % of the windows correlate, \
-                        and the reference stays",
+            criterion: "zeros, constants, noise alone: no window correlates, and the reference stays; tissue that jumps out of reach: at most a tenth \
+                        correlate by chance; everything finite",
             covers: &["cpu f32"],
             seed: 121,
             run: none,
@@ -21,7 +21,7 @@ pub const GROUP: Group = Group {
         Case {
             name: "damaged echoes",
             criterion: "cut off at half of their RMS, every fifth line constant, some samples at the limit: what correlates errs by less than \
-                        1 um in the mean and 3 um in standard deviation; constant lines do not correlate",
+                        0.5 um in the mean and 1 um in standard deviation; constant lines do not correlate",
             covers: &["cpu f32"],
             seed: 122,
             run: damaged,
@@ -29,6 +29,7 @@ pub const GROUP: Group = Group {
     ],
 };
 
+const JUMP: &str = "tissue moved by 6 mm";
 const LINES: usize = 40;
 const SAMPLES: usize = 1000;
 
@@ -67,15 +68,17 @@ fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
         ("constants", constant.clone(), constant),
         ("zeros after echoes", still.clone(), zeros),
         ("noise", noise(0), noise(1)),
-        ("tissue moved by 6 mm", still, away),
+        (JUMP, still, away),
     ];
     for (name, first, second) in cases {
         let mut tracker = Tracker::new(options(), LINES, &first);
         let found = tracker.next(&second);
-        record.under(format!("{name}: share of windows that correlate"), share(&found), 0.01);
+        let jumps = name == JUMP;
+        let limit = if jumps { 0.1 } else { 0.0 };
+        record.under(format!("{name}: share of windows that correlate"), share(&found), limit);
         // The reach of the search, and of its refinement, is far below a metre.
         record.under(format!("{name}: largest number"), magnitude(&found), 1e6);
-        if name != "tissue moved by 6 mm" {
+        if !jumps {
             record.zero(format!("{name}: changes of the reference"), tracker.switches as f64);
         }
     }
@@ -108,8 +111,8 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let errors: Vec<f64> = kept.map(|(_, it)| it.axial_um - 1e3 * MOVED_MM).collect();
         let mean = errors.iter().sum::<f64>() / errors.len() as f64;
         let square = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / errors.len() as f64;
-        record.under(format!("{name}: axial bias, um"), mean.abs(), 1.0);
-        record.under(format!("{name}: axial standard deviation, um"), square.sqrt(), 3.0);
+        record.under(format!("{name}: axial bias, um"), mean.abs(), 0.5);
+        record.under(format!("{name}: axial standard deviation, um"), square.sqrt(), 1.0);
         record.report(format!("{name}: share of windows that correlate"), share(&found));
         record.under(format!("{name}: largest number"), magnitude(&found), 1e6);
         if name == "constant lines" {

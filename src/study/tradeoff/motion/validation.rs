@@ -319,17 +319,23 @@ fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, 
     let frames = (FRAMES_PER_S / swing.hz).round() as i32;
     let share = |at: i32| 0.5 - 0.5 * (TAU * f64::from(at) / f64::from(frames)).cos();
     let centres = options.centres_mm(medium.samples);
+    let length_mm = medium.samples as f64 * medium.acquisition.sample_mm();
+    // The outer lines see beyond the array, and the tissue of the last windows leaves the image.
+    let of_interest = |index: usize| {
+        let (line, z) = (index / options.windows, centres[index % options.windows]);
+        let stays = z + (swing.most)(z)[0] + options.window_mm < length_mm;
+        (super::EDGE..medium.lines - super::EDGE).contains(&line) && stays
+    };
     let mut tracker = Tracker::new(options, medium.lines, &medium.frame(0, |_| [0.0; 2]));
     for at in 1..=frames {
         progress(f64::from(at) / f64::from(frames));
         let moved = |z: f64| (swing.most)(z).map(|mm| mm * share(at));
         let found = tracker.next(&medium.frame(at, moved));
-        // The outer lines see beyond the array; the tissue of the last windows leaves the image.
-        let inner = super::EDGE * options.windows..found.len() - super::EDGE * options.windows;
-        let truth: Vec<[f64; 2]> = (0..found.len())
-            .map(|index| moved(centres[index % options.windows]).map(|mm| mm * 1e3))
-            .collect();
-        course.push(swing.name, f64::from(at) / FRAMES_PER_S, &found[inner.clone()], &truth[inner]);
+        let pairs = found.iter().enumerate().filter(|(index, _)| of_interest(*index));
+        let (found, truth): (Vec<Estimate>, Vec<[f64; 2]>) = pairs
+            .map(|(index, it)| (*it, moved(centres[index % options.windows]).map(|mm| mm * 1e3)))
+            .unzip();
+        course.push(swing.name, f64::from(at) / FRAMES_PER_S, &found, &truth);
     }
     course.end(swing.name, tracker.switches);
 }
