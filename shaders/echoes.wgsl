@@ -37,22 +37,27 @@ struct Scatterer {
 
 const BIN = 64u;
 const PHASES = 128u;
+// Samples that an invocation adds up.
+const OWN = 8u;
 
 @compute @workgroup_size(64)
 fn echoes(@builtin(global_invocation_id) id: vec3<u32>) {
-    let sample = id.x;
+    let sample = id.x * OWN;
     let line = id.y;
     if sample >= params.samples {
         return;
     }
     let at = line * params.samples + sample;
-    var sum = 0.0;
+    let own = min(OWN, params.samples - sample);
+    var sums: array<f32, OWN>;
     if params.first > 0u {
-        sum = out[at];
+        for (var j = 0u; j < own; j++) {
+            sums[j] = out[at + j];
+        }
     }
     var seen = 0u;
-    let first_bin = (sample / BIN * BIN + params.ahead + 1u - params.length) / BIN;
-    let last_bin = (sample / BIN * BIN + params.ahead) / BIN;
+    let first_bin = (sample + params.ahead + 1u - params.length) / BIN;
+    let last_bin = (sample + params.ahead) / BIN;
     for (var bin = first_bin; bin <= last_bin; bin++) {
         let place = 2u * (bin * params.lines + line);
         let begin = ranges[place];
@@ -61,18 +66,26 @@ fn echoes(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var k = begin + clamp(params.first, seen, next) - seen; k < end; k++) {
             let it = scatterers[k];
             let along = i32(sample) - it.start;
-            if along < 0 || along >= i32(params.length) || line < (it.reach & 0xffffu) || line > (it.reach >> 16u) {
+            let reached = line >= (it.reach & 0xffffu) && line <= (it.reach >> 16u);
+            if !reached || along <= -i32(OWN) || along >= i32(params.length) {
                 continue;
             }
             let away = (f32(line) - it.line) / it.sigma;
             let weight = it.amplitude * exp(-0.5 * away * away);
             let phase = it.fraction * f32(PHASES);
             let low = min(u32(phase), PHASES - 1u);
-            let row = low * params.length + u32(along);
             let share = phase - f32(low);
-            sum += weight * (pulse[row] + share * (pulse[row + params.length] - pulse[row]));
+            for (var j = 0u; j < OWN; j++) {
+                let k = along + i32(j);
+                if k >= 0 && k < i32(params.length) {
+                    let row = low * params.length + u32(k);
+                    sums[j] += weight * (pulse[row] + share * (pulse[row + params.length] - pulse[row]));
+                }
+            }
         }
         seen = next;
     }
-    out[at] = sum;
+    for (var j = 0u; j < own; j++) {
+        out[at + j] = sums[j];
+    }
 }

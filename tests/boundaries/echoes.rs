@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use insonify::gpu::Access;
-use insonify::imaging::rf::device::{BIN, Params, SHADER, STORAGE};
+use insonify::imaging::rf::device::{BIN, INVOCATIONS, OWN, Params, SHADER, STORAGE};
 use insonify::imaging::rf::echoes::PHASES;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, StorageAccess};
@@ -17,7 +17,7 @@ fn the_pass_of_echoes_is_that_declared() {
     let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
     assert!(checked.is_ok(), "{:?}", checked.err());
     let entries: Vec<_> = module.entry_points.iter().map(|entry| (&*entry.name, entry.workgroup_size)).collect();
-    assert_eq!(entries, [("echoes", [BIN as u32, 1, 1])]);
+    assert_eq!(entries, [("echoes", [INVOCATIONS as u32, 1, 1])]);
     let bound = module.global_variables.iter().filter_map(|(_, variable)| Some((variable.binding?.binding, variable.space)));
     let bound: BTreeMap<u32, AddressSpace> = bound.collect();
     assert_eq!(bound.len(), 1 + STORAGE.len());
@@ -40,7 +40,7 @@ fn the_pass_of_echoes_is_that_declared() {
     ] {
         assert_eq!(members.get(name), Some(&offset), "{name}");
     }
-    for constant in [format!("const BIN = {BIN}u;"), format!("const PHASES = {PHASES}u;")] {
-        assert!(SHADER.contains(&constant), "{constant}");
+    for (name, value) in [("BIN", BIN), ("OWN", OWN), ("PHASES", PHASES)] {
+        assert!(SHADER.contains(&format!("const {name} = {value}u;")), "{name}");
     }
 }

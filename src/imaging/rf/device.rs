@@ -12,8 +12,13 @@ pub const SHADER: &str = include_str!("../../../shaders/echoes.wgsl");
 pub const STORAGE: [Access; 4] = [Access::Read, Access::Read, Access::Read, Access::Write];
 /// Samples of a bin; must equal the shader's constant.
 pub const BIN: usize = 64;
-/// Most scatterers that a dispatch adds to a sample: software Vulkan ends loops after 65,535 rounds.
-const ROUNDS: usize = 60_000;
+/// Invocations of a workgroup.
+pub const INVOCATIONS: usize = 64;
+/// Samples that an invocation adds up; must equal the shader's constant and divide [`BIN`].
+pub const OWN: usize = 8;
+/// Most scatterers that a dispatch adds to a sample: software Vulkan ends loops after 65,535 rounds, and each scatterer takes one for itself and
+/// one for each sample.
+const ROUNDS: usize = 7000;
 
 /// Parameters of a dispatch.
 #[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
@@ -131,7 +136,7 @@ impl Device {
             self.parameters.set(slot, &params)?;
         }
         self.parameters.write(&self.gpu)?;
-        let groups = self.params.samples.div_ceil(BIN as u32);
+        let groups = self.params.samples.div_ceil((INVOCATIONS * OWN) as u32);
         self.gpu.submit("echoes", |recorder| {
             let dispatch = |slot| Dispatch {
                 pipeline: &self.pipeline,

@@ -136,7 +136,10 @@ impl RfSynthesizer {
                 opened => Some(opened?),
             },
             Backend::Adapter(choice) => Some(open(&choice)?),
-            Backend::Host(lent) => Some(Gpu::from_host(lent.0, lent.1, &Needs::default())?),
+            Backend::Host(lent) => {
+                let (device, queue) = *lent;
+                Some(Gpu::from_host(device, queue, &Needs::default())?)
+            }
             Backend::Gpu(gpu) => Some(*gpu),
         };
         self.means = match gpu {
