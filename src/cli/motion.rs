@@ -227,7 +227,10 @@ impl Motion {
         let (echoes, options) = self.echoes()?;
         let Some(truth) = self.known(&echoes)? else {
             let expected = "give --truth, as `insonify rf --truth` writes it";
-            return Err(Failure::usage("--validate of a sequence without its true motion", expected));
+            return Err(Failure::usage(
+                "--validate of a sequence without its true motion",
+                expected,
+            ));
         };
         printed.run(|progress| {
             let axis = Axis::linear("frame", "frame", "frame");
@@ -243,7 +246,9 @@ impl Motion {
             course.end(name, tracker.switches);
             let line = &echoes.frames[0][echoes.lines / 2 * echoes.samples..][..echoes.samples];
             let about = [self.input.as_deref(), self.truth.as_deref()].into_iter().flatten();
-            let about = ["echoes", "truth"].into_iter().zip(about.map(|path| path.display().to_string()));
+            let about = ["echoes", "truth"]
+                .into_iter()
+                .zip(about.map(|path| path.display().to_string()));
             Ok(course.study(line, about.collect()))
         })
     }

@@ -13,12 +13,20 @@ use super::shaders::block_of;
 
 #[test]
 fn the_pass_of_echoes_is_that_declared() {
-    let module = naga::front::wgsl::parse_str(SHADER).unwrap_or_else(|error| panic!("{}", error.emit_to_string(SHADER)));
+    let module =
+        naga::front::wgsl::parse_str(SHADER).unwrap_or_else(|error| panic!("{}", error.emit_to_string(SHADER)));
     let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
     assert!(checked.is_ok(), "{:?}", checked.err());
-    let entries: Vec<_> = module.entry_points.iter().map(|entry| (&*entry.name, entry.workgroup_size)).collect();
+    let entries: Vec<_> = module
+        .entry_points
+        .iter()
+        .map(|entry| (&*entry.name, entry.workgroup_size))
+        .collect();
     assert_eq!(entries, [("echoes", [INVOCATIONS as u32, 1, 1])]);
-    let bound = module.global_variables.iter().filter_map(|(_, variable)| Some((variable.binding?.binding, variable.space)));
+    let bound = module
+        .global_variables
+        .iter()
+        .filter_map(|(_, variable)| Some((variable.binding?.binding, variable.space)));
     let bound: BTreeMap<u32, AddressSpace> = bound.collect();
     assert_eq!(bound.len(), 1 + STORAGE.len());
     for (number, access) in (0..).zip([Access::Read].iter().chain(&STORAGE)) {

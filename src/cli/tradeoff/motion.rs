@@ -27,6 +27,7 @@ pub struct Motion {
 
 impl Motion {
     pub fn run(&self) -> Result<(), Failure> {
-        self.printed.run(|progress| Ok(study(super::effort(self.quick), progress)))
+        self.printed
+            .run(|progress| Ok(study(super::effort(self.quick), progress)))
     }
 }

@@ -99,7 +99,11 @@ impl Device {
         )?;
         let bins = params.bins();
         let echoes = StorageBuffer::zeroed(gpu, "echoes", (lines * samples * size_of::<f32>()) as u64)?;
-        let ranges = StorageBuffer::zeroed(gpu, "ranges of scatterers", (bins * lines * size_of::<[u32; 2]>()) as u64)?;
+        let ranges = StorageBuffer::zeroed(
+            gpu,
+            "ranges of scatterers",
+            (bins * lines * size_of::<[u32; 2]>()) as u64,
+        )?;
         let pulse = StorageBuffer::upload(gpu, "pulse", pulse.table())?;
         let scatterers = StorageBuffer::zeroed(gpu, "scatterers", size_of::<Packed>() as u64)?;
         let parameters = Parameters::new(gpu, "echoes", 1)?;
@@ -214,7 +218,12 @@ impl Binned {
         let ranges: Vec<[u32; 2]> = ranges.collect();
         let near = params.ahead as usize / BIN + 1;
         let most = (0..lines).flat_map(|line| {
-            let counts: Vec<u32> = ranges.iter().skip(line).step_by(lines).map(|[from, to]| to - from).collect();
+            let counts: Vec<u32> = ranges
+                .iter()
+                .skip(line)
+                .step_by(lines)
+                .map(|[from, to]| to - from)
+                .collect();
             counts.windows(near).map(|counts| counts.iter().sum::<u32>()).max()
         });
         Self {

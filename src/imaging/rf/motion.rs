@@ -220,7 +220,11 @@ impl Tracker {
         let wide = samples * options.upsampling;
         let (window, starts) = options.layout(samples);
         let values = upsampled(frame, samples, options.upsampling);
-        let turns = |line: &[f32]| line.windows(2).filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0)).count();
+        let turns = |line: &[f32]| {
+            line.windows(2)
+                .filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0))
+                .count()
+        };
         let turns: usize = values.par_chunks(wide).map(turns).sum();
         Self {
             options,
@@ -254,7 +258,9 @@ impl Tracker {
         for _ in 0..if options.prior { AGAIN } else { 0 } {
             let before = found.clone();
             let again = found.par_chunks_mut(count).enumerate();
-            correlations += again.map(|(line, found)| this.again(&current, line, &before, found)).sum::<u64>();
+            correlations += again
+                .map(|(line, found)| this.again(&current, line, &before, found))
+                .sum::<u64>();
         }
         self.correlations += correlations;
         let scale = [self.options.sample_um(), self.options.pitch_mm * 1e3];
@@ -321,7 +327,10 @@ impl Tracker {
     /// Takes a window of the reference, where the tissue of that window of the first frame is.
     fn take(&self, search: &mut Search, line: usize, at: usize) {
         let carried = self.carried[line * self.options.windows + at].map(|moved| moved.round() as isize);
-        search.take(&self.reference, [self.starts[at] as isize + carried[0], line as isize + carried[1]]);
+        search.take(
+            &self.reference,
+            [self.starts[at] as isize + carried[0], line as isize + carried[1]],
+        );
     }
 
     /// Seeks windows again that do not correlate, or that follow another period than their neighbours, from the median of those; returns the number
@@ -331,9 +340,8 @@ impl Tracker {
         let mut near = [[0.0; 2]; NEIGHBOURS];
         for (at, found) in found.iter_mut().enumerate() {
             let near = self.neighbours(line, at, before, &mut near);
-            let apart = |a: &[f64; 2], b: &[f64; 2]| {
-                (a[0] - b[0]).abs() > self.half_period || (a[1] - b[1]).abs() > STRAY
-            };
+            let apart =
+                |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).abs() > self.half_period || (a[1] - b[1]).abs() > STRAY;
             let agreeing = near.iter().filter(|other| !apart(&found.0, other)).count();
             if near.len() < 3 || found.1 >= self.options.fallback && 2 * agreeing > near.len() {
                 continue;
@@ -511,7 +519,11 @@ impl Search<'_> {
             let step = if before > after { -1 } else { 1 };
             place[0] += step;
             let [next] = self.row([place[0] + step, place[1]]);
-            three = if step < 0 { [next, before, middle] } else { [middle, after, next] };
+            three = if step < 0 {
+                [next, before, middle]
+            } else {
+                [middle, after, next]
+            };
         }
     }
 

@@ -35,7 +35,12 @@ impl Lines {
     /// S. L. Marple, IEEE Transactions on Signal Processing 47, 1999).
     pub fn envelope(&self, lines: &[f32]) -> Vec<f32> {
         let mut out = vec![0.0; lines.len()];
-        let buffers = || (vec![Complex32::default(); self.length], vec![Complex32::default(); self.length]);
+        let buffers = || {
+            (
+                vec![Complex32::default(); self.length],
+                vec![Complex32::default(); self.length],
+            )
+        };
         out.par_chunks_mut(self.samples)
             .zip(lines.par_chunks(self.samples))
             .for_each_init(buffers, |(buffer, scratch), (out, line)| {

@@ -194,7 +194,11 @@ fn strain_costs_correlation_and_a_prior_saves_searches() {
 /// Windows at the array whose tissue has left the image, or came in, find no place of their own; none below may follow them.
 #[test]
 fn no_window_follows_a_wrong_place_near_the_array() {
-    for moved in [(|z| [-0.5 - 0.01 * z, 0.0]) as fn(f64) -> [f64; 2], |_| [0.6, 0.0], |_| [-0.7, 0.0]] {
+    for moved in [
+        (|z| [-0.5 - 0.01 * z, 0.0]) as fn(f64) -> [f64; 2],
+        |_| [0.6, 0.0],
+        |_| [-0.7, 0.0],
+    ] {
         let medium = Medium {
             before_mm: 3.0,
             ..medium()
@@ -203,10 +207,21 @@ fn no_window_follows_a_wrong_place_near_the_array() {
         let found = tracker.next(&medium.frame(1, moved));
         let centres = options().centres_mm(SAMPLES);
         let trusted = found.iter().enumerate().filter(|(_, it)| it.correlation >= 0.8);
-        let errors: Vec<f64> = trusted.map(|(at, it)| it.axial_um - 1e3 * moved(centres[at % 50])[0]).collect();
+        let errors: Vec<f64> = trusted
+            .map(|(at, it)| it.axial_um - 1e3 * moved(centres[at % 50])[0])
+            .collect();
         let wrong = errors.iter().filter(|error| error.abs() > 20.0).count();
-        assert!(errors.len() * 100 > found.len() * 95, "{} of {}", errors.len(), found.len());
-        assert!(wrong * 1000 <= errors.len(), "{wrong} of {} at a wrong place", errors.len());
+        assert!(
+            errors.len() * 100 > found.len() * 95,
+            "{} of {}",
+            errors.len(),
+            found.len()
+        );
+        assert!(
+            wrong * 1000 <= errors.len(),
+            "{wrong} of {} at a wrong place",
+            errors.len()
+        );
     }
 }
 
@@ -262,7 +277,9 @@ fn rounding(scatterers: &[Scatterer], pulse: &Pulse, lines: usize, samples: usiz
         }
     }
     // Products of errors, and numbers below the normal ones, which GPUs may take as 0.
-    sums.iter().map(|[each, total, n]| 1.01 * UNIT * (each + n * total) + n * f64::from(f32::MIN_POSITIVE)).collect()
+    sums.iter()
+        .map(|[each, total, n]| 1.01 * UNIT * (each + n * total) + n * f64::from(f32::MIN_POSITIVE))
+        .collect()
 }
 
 #[test]
@@ -285,7 +302,13 @@ fn both_backends_add_up_echoes_to_within_their_roundings() {
     let scattered = |lines, samples| Medium::new(lines, samples).scatterers(|z| [0.01 * z, 0.1]);
     let cases = [
         ("usual", acquisition(), 20, 500, scattered(20, 500)),
-        ("beams of any width", acquisition(), 20, 300, scattered(20, 300).into_iter().map(wide).collect()),
+        (
+            "beams of any width",
+            acquisition(),
+            20,
+            300,
+            scattered(20, 300).into_iter().map(wide).collect(),
+        ),
         ("long pulses", narrow, 5, 200, scattered(5, 200)),
         ("one line", acquisition(), 1, 63, scattered(1, 63)),
         ("none", acquisition(), 3, 100, Vec::new()),
@@ -312,7 +335,11 @@ fn both_backends_add_up_echoes_to_within_their_roundings() {
         for (backend, found) in found {
             for (at, (value, exact)) in found.iter().zip(&exact).enumerate() {
                 let off = (f64::from(*value) - exact).abs();
-                assert!(off <= bound[at], "{name}, {backend}: sample {at} is {value}, off by {off:e}, allowed {:e}", bound[at]);
+                assert!(
+                    off <= bound[at],
+                    "{name}, {backend}: sample {at} is {value}, off by {off:e}, allowed {:e}",
+                    bound[at]
+                );
             }
         }
     }

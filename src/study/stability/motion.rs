@@ -100,9 +100,9 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let cases: [(&str, &dyn Fn(usize, f32) -> f32); 3] =
         [("cut off", &cut), ("constant lines", &lines), ("spikes", &spikes)];
     for (name, damage) in cases {
-        let [first, second] = frames.each_ref().map(|frame| -> Vec<f32> {
-            frame.iter().enumerate().map(|(at, value)| damage(at, *value)).collect()
-        });
+        let [first, second] = frames
+            .each_ref()
+            .map(|frame| -> Vec<f32> { frame.iter().enumerate().map(|(at, value)| damage(at, *value)).collect() });
         let mut tracker = Tracker::new(options(), LINES, &first);
         let found = tracker.next(&second);
         let count = options().windows;
@@ -116,7 +116,11 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
         record.report(format!("{name}: share of windows that correlate"), share(&found));
         record.under(format!("{name}: largest number"), magnitude(&found), 1e6);
         if name == "constant lines" {
-            let stuck = found.chunks(count).step_by(5).flatten().filter(|it| it.correlation >= TRUSTED);
+            let stuck = found
+                .chunks(count)
+                .step_by(5)
+                .flatten()
+                .filter(|it| it.correlation >= TRUSTED);
             record.zero("windows of constant lines that correlate", stuck.count() as f64);
         }
     }

@@ -37,15 +37,19 @@ const REPEATS: usize = 5;
 /// Displacement (mm) away from the array and across the lines at a depth (mm).
 type Moved = fn(f64) -> [f64; 2];
 
-/// The medium of an effort, and the settings of the estimator for it: the field of Dehghan et al. 2008, or a part of it.
-fn medium(effort: Effort) -> (Medium, Options) {
-    let (lines, samples, windows) = effort.pick((48, 1600, 50), (178, 3896, 120));
+/// A medium of some lines and samples, and the settings of the estimator for it.
+fn field([lines, samples, windows]: [usize; 3]) -> (Medium, Options) {
     let medium = Medium::new(lines, samples);
     let options = Options {
         windows,
         ..Options::new(medium.acquisition.sampling_mhz, PITCH_MM)
     };
     (medium, options)
+}
+
+/// The field of Dehghan et al. 2008, or a part of it.
+fn medium(effort: Effort) -> (Medium, Options) {
+    field(effort.pick([32, 1000, 32], [178, 3896, 120]))
 }
 
 /// Errors of the windows that correlate, away from the edges.
@@ -65,10 +69,18 @@ impl Errors {
     fn of(options: &Options, medium: &Medium, found: &[Estimate], moved: impl Fn(f64) -> [f64; 2]) -> Self {
         let centres = options.centres_mm(medium.samples);
         let inner = |line: usize| (EDGE..medium.lines - EDGE).contains(&line);
-        let all = found.chunks(options.windows).enumerate().filter(|(line, _)| inner(*line));
+        let all = found
+            .chunks(options.windows)
+            .enumerate()
+            .filter(|(line, _)| inner(*line));
         // The last window ends where the echoes of the medium do.
-        let all: Vec<_> = all.flat_map(|(_, line)| line.iter().zip(&centres).take(centres.len() - 1)).collect();
-        let kept: Vec<_> = all.iter().filter(|(it, _)| it.correlation >= options.fallback).collect();
+        let all: Vec<_> = all
+            .flat_map(|(_, line)| line.iter().zip(&centres).take(centres.len() - 1))
+            .collect();
+        let kept: Vec<_> = all
+            .iter()
+            .filter(|(it, _)| it.correlation >= options.fallback)
+            .collect();
         let of = |axis: usize| -> Vec<f64> {
             let error = |it: &Estimate, depth: f64| [it.axial_um, it.lateral_um][axis] - 1e3 * moved(depth)[axis];
             kept.iter().map(|(it, depth)| error(it, **depth)).collect()
@@ -88,7 +100,11 @@ impl Errors {
 /// Least axial standard deviation, um, of any estimator of delays between two windows (W. F. Walker and G. E. Trahey, IEEE Transactions on
 /// Ultrasonics, Ferroelectrics and Frequency Control 42, 1995), for echoes whose noise-free correlation is `rho`. Noise counts within the band.
 fn bound_um(acquisition: &Acquisition, window_mm: f64, rho: f64) -> f64 {
-    let (f0, b, t) = (acquisition.frequency_mhz, acquisition.bandwidth, 2e3 * window_mm / SPEED_M_S);
+    let (f0, b, t) = (
+        acquisition.frequency_mhz,
+        acquisition.bandwidth,
+        2e3 * window_mm / SPEED_M_S,
+    );
     let snr2 = 10_f64.powf(acquisition.snr_db / 10.0) * (acquisition.sampling_mhz / 2.0) / (b * f0);
     let spread = ((1.0 + 1.0 / snr2) / rho).powi(2) - 1.0;
     (1.5 / (f0.powi(3) * PI * PI * t * (b.powi(3) + 12.0 * b)) * spread).sqrt() * SPEED_M_S / 2.0
@@ -147,7 +163,11 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> St
     let upsampled = |upsampling| Options { upsampling, ..usual };
     let exhaustive = Options { prior: false, ..usual };
     let ways = [0.5, 1.0, 2.0, 4.0].map(window);
-    let ways: Vec<_> = ways.into_iter().chain([1, 4].map(upsampled)).chain([exhaustive]).collect();
+    let ways: Vec<_> = ways
+        .into_iter()
+        .chain([1, 4].map(upsampled))
+        .chain([exhaustive])
+        .collect();
     let title = format!(
         "Windows, upsampling and search: {} lines of {:.1} mm with {} windows, noise at -30 dB",
         medium.lines,

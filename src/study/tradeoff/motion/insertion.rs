@@ -66,10 +66,14 @@ fn scenario(effort: Effort) -> String {
     let width_mm = f64::from(lines - 1) * medium::PITCH_MM;
     let mut text = SCENARIO
         .replace("[run]", &format!("[run]\nframe_rate_hz = {rate}"))
-        .replace("[scene.probe]", &format!("[scene.probe]\nlines = {lines}\nwidth_mm = {width_mm}"));
+        .replace(
+            "[scene.probe]",
+            &format!("[scene.probe]\nlines = {lines}\nwidth_mm = {width_mm}"),
+        );
     for [time_s, depth_mm] in keyframes {
         let z = depth_mm - 45.0;
-        text += &format!("[[needle.motion.keyframes]]\ntime_s = {time_s}\ntip_mm = [0, 5, {z}]\ndirection = [0, 0, 1]\n");
+        text +=
+            &format!("[[needle.motion.keyframes]]\ntime_s = {time_s}\ntip_mm = [0, 5, {z}]\ndirection = [0, 0, 1]\n");
     }
     text
 }
@@ -131,7 +135,11 @@ impl Observer for Watch<'_> {
 }
 
 /// Runs the insertion into the tables of a course; returns the table of the needle.
-pub(super) fn run_into(effort: Effort, course: &mut Course, progress: &mut dyn FnMut(f64)) -> Result<Table, StudyError> {
+pub(super) fn run_into(
+    effort: Effort,
+    course: &mut Course,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Table, StudyError> {
     let scenario = ScenarioFile::parse(&scenario(effort), "two-layer phantom")?.resolve("".as_ref(), |_| {})?;
     let scene = &scenario.scene;
     let acquisition = Acquisition::new(scene.settings.probe.frequency_mhz);
@@ -177,7 +185,11 @@ pub(super) fn figures() -> [Figure; 2] {
         ..Figure::new(file, title, "needle", ["time_s", y], "part")
     };
     [
-        figure("figure-9a", "Figure 9 a: length of the needle in the tissue", "inserted_mm"),
+        figure(
+            "figure-9a",
+            "Figure 9 a: length of the needle in the tissue",
+            "inserted_mm",
+        ),
         figure("figure-9b", "Figure 9 b: force on the needle", "force_n"),
     ]
 }

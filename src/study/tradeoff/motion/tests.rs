@@ -34,7 +34,7 @@ fn no_estimate_beats_the_bound_and_long_windows_come_near_to_it() {
     let ratio = value("1", "prior", 1, "sd_um") / bound_um(&medium.acquisition, usual.window_mm, rho);
     assert!((0.9..1.8).contains(&ratio), "{rho}: {ratio} of the bound");
     // Strain spoils long windows, noise short ones.
-    assert!(value("4", "prior", 2, "sd_um") > value("1", "prior", 2, "sd_um"));
+    assert!(value("4", "prior", 1, "sd_um") > 2.0 * value("1", "prior", 1, "sd_um"));
     assert!(value("1", "exhaustive", 0, "correlations") > 8.0 * value("1", "prior", 0, "correlations"));
     for row in &table.rows {
         let wrong = table.value(row, "wrong").expect("a share");
@@ -46,16 +46,26 @@ fn no_estimate_beats_the_bound_and_long_windows_come_near_to_it() {
 #[test]
 fn estimates_follow_swings_and_a_needle() {
     let study = validation::study(Effort::Quick, &mut |_, _| {}).unwrap();
-    let table = study.tables.iter().find(|table| table.key == "errors").expect("table I");
+    let table = study
+        .tables
+        .iter()
+        .find(|table| table.key == "errors")
+        .expect("table I");
     let value = |motion: &str, key: &str| {
         let row = table.rows.iter().find(|row| row.choices[0] == motion).expect("a row");
         table.value(row, key).expect("a value")
     };
     let rigid = "1 mm at 1 Hz";
-    assert!(value(rigid, "mean_error_um") < 0.5 && value(rigid, "sd_um") < 1.5, "{table:?}");
+    assert!(
+        value(rigid, "mean_error_um") < 0.5 && value(rigid, "sd_um") < 1.5,
+        "{table:?}"
+    );
     // The reference changes with the strain, and residuals add up: less than a tenth of the paper's 0.5 mm.
     let strained = "strain of 4 % at 0.25 Hz";
-    assert!(value(strained, "switches") > 0.0 && value(strained, "drift_um").abs() < 50.0, "{table:?}");
+    assert!(
+        value(strained, "switches") > 0.0 && value(strained, "drift_um").abs() < 50.0,
+        "{table:?}"
+    );
     assert!(value("insertion", "mean_error_um") < 20.0, "{table:?}");
     assert!(study.plots().len() >= 8, "{}", study.plots().len());
     for key in ["media", "line", "courses", "places", "sides", "needle"] {

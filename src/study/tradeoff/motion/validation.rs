@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{Errors, MOTIONS, Moved, about, bound_um, insertion, medium, strained_correlation};
+use super::{Errors, MOTIONS, Moved, about, bound_um, field, insertion, medium, strained_correlation};
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::{mean, std};
 use crate::imaging::rf::medium::Medium;
@@ -73,8 +73,18 @@ impl Course {
             lines,
             table: Table::new("errors", "Table I: errors of axial motion", &[MOTION], &axes),
             means: of("courses", "Figure 8: motion of the medium", MOTION, &[time, moved]),
-            places: of("places", "Figure 9 c: axial motion of places on the middle line", place, &[time, axial]),
-            sides: of("sides", "Figure 9 d: lateral motion of the halves of the image", side, &[time, lateral]),
+            places: of(
+                "places",
+                "Figure 9 c: axial motion of places on the middle line",
+                place,
+                &[time, axial],
+            ),
+            sides: of(
+                "sides",
+                "Figure 9 d: lateral motion of the halves of the image",
+                side,
+                &[time, lateral],
+            ),
             worst: [0.0; 2],
             last: 0.0,
             frames: 0,
@@ -129,15 +139,23 @@ impl Course {
             let found_um = mean(&kept.iter().map(|(it, _)| it.lateral_um).collect::<Vec<_>>());
             for (source, um) in TRUTH.iter().zip([true_um, found_um]) {
                 let values = vec![Some(time), Some(um * 1e-3)];
-                self.sides.push(vec![name.to_owned(), (*source).to_owned()], values, None);
+                self.sides
+                    .push(vec![name.to_owned(), (*source).to_owned()], values, None);
             }
         }
     }
 
     /// Ends a sequence: its row of table I.
     pub fn end(&mut self, motion: &str, switches: usize) {
-        let values = [self.worst[0], self.worst[1], self.last, switches as f64, self.frames as f64];
-        self.table.push(vec![motion.to_owned()], values.map(Some).to_vec(), None);
+        let values = [
+            self.worst[0],
+            self.worst[1],
+            self.last,
+            switches as f64,
+            self.frames as f64,
+        ];
+        self.table
+            .push(vec![motion.to_owned()], values.map(Some).to_vec(), None);
         (self.worst, self.last, self.frames) = ([0.0; 2], 0.0, 0);
     }
 
@@ -160,9 +178,8 @@ impl Course {
             )
         });
         let mut figures: Vec<Figure> = means.collect();
-        let places = |file: &str, table: &Table, y, colour| {
-            course(file.to_owned(), table.title.clone(), table.key, y, colour)
-        };
+        let places =
+            |file: &str, table: &Table, y, colour| course(file.to_owned(), table.title.clone(), table.key, y, colour);
         figures.push(places("figure-9c", &self.places, "axial_mm", "place"));
         figures.push(places("figure-9d", &self.sides, "lateral_mm", "side"));
         figures
@@ -177,7 +194,13 @@ impl Course {
             title: "Motion from echoes against the truth",
             about,
             machine: Machine::here(),
-            tables: vec![self.table, line_table(&self.options, line), self.means, self.places, self.sides],
+            tables: vec![
+                self.table,
+                line_table(&self.options, line),
+                self.means,
+                self.places,
+                self.sides,
+            ],
             figures,
             notes: Vec::new(),
         }
@@ -204,10 +227,16 @@ fn line_table(options: &Options, line: &[f32]) -> Table {
     };
     let three = middle.saturating_sub(1)..(middle + 2).min(depths.len());
     let portion = around(depths[middle], 1.5 * options.window_mm.max(depths[1] - depths[0]));
-    let most = line[portion.clone()].iter().fold(0.0_f32, |most, value| most.max(value.abs()));
+    let most = line[portion.clone()]
+        .iter()
+        .fold(0.0_f32, |most, value| most.max(value.abs()));
     let parts = three.clone().map(|window| {
         let name = format!("window {window}");
-        (name, around(depths[window], options.window_mm / 2.0), 2.0 * (window + 1 - three.start) as f64)
+        (
+            name,
+            around(depths[window], options.window_mm / 2.0),
+            2.0 * (window + 1 - three.start) as f64,
+        )
     });
     for (name, samples, lower) in std::iter::once(("line".to_owned(), portion, 0.0)).chain(parts) {
         for at in samples {
@@ -221,7 +250,13 @@ fn line_table(options: &Options, line: &[f32]) -> Table {
 fn line_figure() -> Figure {
     Figure {
         marked: false,
-        ..Figure::new("figure-6", "Figure 6: a line of echoes and three windows", "line", ["depth_mm", "value"], "part")
+        ..Figure::new(
+            "figure-6",
+            "Figure 6: a line of echoes and three windows",
+            "line",
+            ["depth_mm", "value"],
+            "part",
+        )
     }
 }
 
@@ -249,7 +284,10 @@ fn media(effort: Effort, progress: Progress<'_>) -> Table {
         Axis::linear("wrong", "wrong", "share of these at a wrong place"),
         Axis::linear("correlations", "correlations", "correlations of a frame"),
     ];
-    let title = format!("Shifts and strains: {} lines with {} windows", medium.lines, options.windows);
+    let title = format!(
+        "Shifts and strains: {} lines with {} windows",
+        medium.lines, options.windows
+    );
     let mut table = Table::new("media", title, &[MOTION], &axes);
     let first = medium.frame(0, |_| [0.0; 2]);
     for (at, (name, moved)) in MEDIA.iter().chain(&MOTIONS).enumerate() {
@@ -347,7 +385,7 @@ fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, 
 pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, StudyError> {
     let media = media(effort, progress);
     let time = Axis::linear("time_s", "time s", "time, s");
-    let (small, options) = medium(Effort::Quick);
+    let (small, options) = field(effort.pick([24, 1000, 32], [48, 1600, 50]));
     let mut course = Course::new(options, small.lines, small.samples, time);
     let swings = &SWINGS[effort.pick(4, 0)..];
     for (at, it) in swings.iter().enumerate() {
@@ -361,14 +399,19 @@ pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, StudyError
             progress(it.name, begun + 0.3 * share / swings.len() as f64);
         });
     }
-    let needle = insertion::run_into(effort, &mut course, &mut |share| progress("insertion", 0.6 + 0.4 * share))?;
+    let needle = insertion::run_into(effort, &mut course, &mut |share| {
+        progress("insertion", 0.6 + 0.4 * share)
+    })?;
     let first = small.frame(0, |_| [0.0; 2]);
     let line = &first[small.lines / 2 * small.samples..][..small.samples];
     let mut study = course.study(line, about(&small));
     study.tables.splice(0..0, [media]);
     study.tables.push(needle);
     study.figures.extend(insertion::figures());
-    study.about.push(("sinusoids", "48 lines of 31 mm at 20 frames a second, one cycle".to_owned()));
+    study.about.push((
+        "sinusoids",
+        "48 lines of 31 mm at 20 frames a second, one cycle".to_owned(),
+    ));
     study.about.push(("insertion", insertion::ABOUT.to_owned()));
     study.notes = vec![
         "figure 7, the set-up of a moving probe in water, has no counterpart: the medium is moved".to_owned(),
