@@ -207,16 +207,18 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> St
                 if options.prior { "prior" } else { "exhaustive" }.to_owned(),
                 name.to_owned(),
             ];
-            let values = [
-                Spread::of(times).map(|spread| spread.median_ms),
-                Some(each),
-                Some(errors.axial[0]),
-                Some(errors.axial[1]),
-                Some(errors.lateral[1]),
-                Some(errors.trusted),
-                Some(errors.wrong),
+            let errors = [
+                errors.axial[0],
+                errors.axial[1],
+                errors.lateral[1],
+                errors.trusted,
+                errors.wrong,
             ];
-            table.push(choices.to_vec(), values.to_vec(), None);
+            // Without windows that correlate there are no errors.
+            let errors = errors.map(|value| Some(value).filter(|value| value.is_finite()));
+            let cost = [Spread::of(times).map(|spread| spread.median_ms), Some(each)];
+            let values = cost.into_iter().chain(errors).collect();
+            table.push(choices.to_vec(), values, None);
         }
     }
     progress("done", 1.0);

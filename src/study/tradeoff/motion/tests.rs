@@ -37,7 +37,8 @@ fn no_estimate_beats_the_bound_and_long_windows_come_near_to_it() {
     assert!(value("4", "prior", 1, "sd_um") > 2.0 * value("1", "prior", 1, "sd_um"));
     assert!(value("1", "exhaustive", 0, "correlations") > 8.0 * value("1", "prior", 0, "correlations"));
     for row in &table.rows {
-        let wrong = table.value(row, "wrong").expect("a share");
+        // Hardly any of the longest windows correlates under the largest strain, or none.
+        let wrong = table.value(row, "wrong").unwrap_or(1.0);
         let long = row.choices[0] == "4" && row.choices[3] == MOTIONS[2].0;
         assert!(wrong < 0.01 || row.choices[2] == "exhaustive" || long, "{row:?}");
     }
