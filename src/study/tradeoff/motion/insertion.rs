@@ -19,7 +19,7 @@ pub const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of the pl
 const SCENARIO: &str = r#"
 version = 1
 [run]
-dt_ms = 10
+dt_ms = 20
 [scene]
 seed = 3
 [scene.volume]
@@ -61,8 +61,10 @@ const KEYFRAMES: [[f64; 2]; 6] = [
     [12.7, -1.0],
 ];
 
+const SHORT: [[f64; 2]; 2] = [[0.0, -1.0], [2.1, 20.0]];
+
 fn scenario(effort: Effort) -> String {
-    let (lines, rate, keyframes) = effort.pick((16, 5, &KEYFRAMES[..2]), (96, 10, &KEYFRAMES[..]));
+    let (lines, rate, keyframes) = effort.pick((16, 5, &SHORT[..]), (96, 10, &KEYFRAMES[..]));
     let width_mm = f64::from(lines - 1) * medium::PITCH_MM;
     let mut text = SCENARIO
         .replace("[run]", &format!("[run]\nframe_rate_hz = {rate}"))
