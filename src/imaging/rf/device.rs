@@ -183,7 +183,7 @@ impl Params {
     fn packed(&self, it: &Scatterer) -> Option<Packed> {
         let (start, [low, high]) = (it.sample.floor(), it.lines(self.lines as usize)?);
         let first = start - (self.length / 2 - 1) as f64;
-        (first < f64::from(self.samples) && first > -f64::from(self.length)).then(|| Packed {
+        (first < f64::from(self.samples) && first > -f64::from(self.length)).then_some(Packed {
             start: first as i32,
             fraction: (it.sample - start) as f32,
             line: it.line,

@@ -92,7 +92,7 @@ fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let frames = [medium.frame(0, |_| [0.0; 2]), medium.frame(1, |_| [MOVED_MM, 0.0])];
     let rms = (frames[0].iter().map(|value| value * value).sum::<f32>() / frames[0].len() as f32).sqrt();
     let cut = |_: usize, value: f32| value.clamp(-0.5 * rms, 0.5 * rms);
-    let lines = |at: usize, value: f32| if at / SAMPLES % 5 == 0 { rms } else { value };
+    let lines = |at: usize, value: f32| if (at / SAMPLES).is_multiple_of(5) { rms } else { value };
     let spikes = |at: usize, value: f32| match hash3([at as i32, 0, 0], seed)[0] % 2000 {
         0 => 20.0 * rms,
         _ => value,
