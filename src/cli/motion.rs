@@ -1,7 +1,7 @@
 //! `insonify motion`: motion of tissue between radio-frequency frames.
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use image::{Rgb, RgbImage};
@@ -13,12 +13,16 @@ use crate::imaging::rf::SPEED_M_S;
 use crate::imaging::rf::bmode::{envelope, grey, scan_converted, white};
 use crate::imaging::rf::file::Echoes;
 use crate::imaging::rf::motion::{Estimate, Options, Tracker};
+use crate::study::stability::Effort;
+use crate::study::tradeoff::Axis;
+use crate::study::tradeoff::motion::validation::{self, Course};
 use crate::tracking::TrackingError;
 use crate::tracking::probe::{BeamGrid, ImageGrid};
 
 use super::failure::Failure;
 use super::output::Force;
 use super::rf::{Geometry, laid_out};
+use super::study::Printed;
 use super::terminal;
 
 const EXAMPLES: &str = "\
@@ -31,6 +35,8 @@ against the first frame; counts from 0, depth_mm the centre of the window there,
 Examples:
   insonify rf liver-biopsy -o rf.igs.mha --truth truth.csv
   insonify motion rf.igs.mha -o u.csv --truth truth.csv            errors against the truth
+  insonify motion --validate -o study                              accuracy on media and an insertion of known motion, with plots
+  insonify motion rf.igs.mha --truth truth.csv --validate -o study the same plots of a sequence
   insonify motion rf.igs.mha -o u.csv --strain strain.png          axial strain of the last frame in colour over its B-mode
   insonify motion rf.mha -o u.csv --sampling-mhz 40 --pitch-mm 0.15
 
@@ -41,9 +47,9 @@ docs/motion.md has the model, its accuracy and its cost.";
 #[command(after_help = EXAMPLES)]
 pub struct Motion {
     /// Sequence of echoes: RF_REAL, at least two frames
-    #[arg(value_name = "RF")]
-    input: PathBuf,
-    /// Table to write
+    #[arg(value_name = "RF", required_unless_present = "validate")]
+    input: Option<PathBuf>,
+    /// Table to write; with --validate a folder
     #[arg(short, long, value_name = "FILE.csv")]
     output: PathBuf,
     /// Sampling rate, if the file does not state it
@@ -72,6 +78,13 @@ pub struct Motion {
     /// Report errors against the true motion, as `insonify rf --truth` writes it
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
+    /// Draw estimates against the truth into the folder -o, as Dehghan et al. 2008: those of RF against --truth, or without RF those of media and an
+    /// insertion whose motion is known
+    #[arg(long, conflicts_with_all = ["strain", "displacement"])]
+    validate: bool,
+    /// With --validate and without RF: smaller media and a shorter insertion
+    #[arg(long, requires = "validate", conflicts_with = "input")]
+    quick: bool,
     /// Write the axial strain of the last frame in colour over its B-mode
     #[arg(long, value_name = "FILE.png")]
     strain: Option<PathBuf>,
@@ -129,23 +142,16 @@ const OPACITY: f64 = 0.55;
 
 impl Motion {
     pub fn run(&self) -> Result<(), Failure> {
-        let read: Vec<PathBuf> = [Some(&self.input), self.truth.as_ref()]
-            .into_iter()
-            .flatten()
-            .cloned()
-            .collect();
+        if self.validate {
+            return self.validation();
+        }
+        let read: Vec<PathBuf> = self.input.iter().chain(&self.truth).cloned().collect();
         self.force.check_ending(&self.output, "csv", "tables", &read)?;
         for picture in self.strain.iter().chain(&self.displacement) {
             self.force.check_ending(picture, "png", "pictures", &read)?;
         }
-        let echoes = Echoes::read(&self.input)?;
-        echoes.notes.iter().for_each(terminal::note);
-        let options = self.options(&echoes)?;
-        let truth = self
-            .truth
-            .as_deref()
-            .map(|path| truth(path, &echoes, options.windows))
-            .transpose()?;
+        let (echoes, options) = self.echoes()?;
+        let truth = self.known(&echoes)?;
         let depths = options.centres_mm(echoes.samples);
         let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
         let bar = terminal::progress(echoes.frames.len() - 1);
@@ -197,9 +203,59 @@ impl Motion {
         }
     }
 
-    fn options(&self, echoes: &Echoes) -> Result<Options, Failure> {
+    fn echoes(&self) -> Result<(Echoes, Options), Failure> {
+        let path = self.input.as_deref().unwrap_or(Path::new(""));
+        let echoes = Echoes::read(path)?;
+        echoes.notes.iter().for_each(terminal::note);
+        let options = self.options(path, &echoes)?;
+        Ok((echoes, options))
+    }
+
+    /// True axial and lateral motion of the windows, by frame, if asked for.
+    fn known(&self, echoes: &Echoes) -> Result<Option<Vec<Vec<[f64; 2]>>>, Failure> {
+        let read = |path| truth(path, echoes, usize::from(self.windows));
+        self.truth.as_deref().map(read).transpose()
+    }
+
+    fn validation(&self) -> Result<(), Failure> {
+        let printed = Printed::new(Some(self.output.clone()), self.force, self.json);
+        if self.input.is_none() {
+            let effort = if self.quick { Effort::Quick } else { Effort::Whole };
+            return printed.run(|progress| Ok(validation::study(effort, progress)?));
+        }
+        printed.check()?;
+        let (echoes, options) = self.echoes()?;
+        let Some(truth) = self.known(&echoes)? else {
+            let expected = "give --truth, as `insonify rf --truth` writes it";
+            return Err(Failure::usage(
+                "--validate of a sequence without its true motion",
+                expected,
+            ));
+        };
+        printed.run(|progress| {
+            let axis = Axis::linear("frame", "frame", "frame");
+            let mut course = Course::new(options, echoes.lines, echoes.samples, axis);
+            let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
+            let name = "sequence";
+            for (frame, (values, truth)) in echoes.frames.iter().zip(&truth).enumerate().skip(1) {
+                progress(name, frame as f64 / echoes.frames.len() as f64);
+                let found = tracker.next(values);
+                course.push(name, frame as f64, &found, truth);
+                course.push_places(frame as f64, &found, truth);
+            }
+            course.end(name, tracker.switches);
+            let line = &echoes.frames[0][echoes.lines / 2 * echoes.samples..][..echoes.samples];
+            let about = [self.input.as_deref(), self.truth.as_deref()].into_iter().flatten();
+            let about = ["echoes", "truth"]
+                .into_iter()
+                .zip(about.map(|path| path.display().to_string()));
+            Ok(course.study(line, about.collect()))
+        })
+    }
+
+    fn options(&self, path: &Path, echoes: &Echoes) -> Result<Options, Failure> {
         let wrong = |found: String, expected: &str| Err(Failure::usage(found, expected));
-        let file = self.input.display();
+        let file = path.display();
         if echoes.baseband {
             return wrong(
                 format!("{file}: baseband values (IQ)"),
@@ -361,7 +417,7 @@ fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], en
 }
 
 /// True axial and lateral motion by frame, in the order of the estimates.
-fn truth(path: &std::path::Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2]>>, Failure> {
+fn truth(path: &Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2]>>, Failure> {
     let table = Csv::read(
         path,
         &["frame", "line", "window", "axial_um", "lateral_um"],

@@ -18,12 +18,13 @@ use crate::imaging::rf::scatterers::RfSynthesizer;
 use crate::imaging::rf::truth::{self, Followed};
 use crate::imaging::rf::{Acquisition, SPEED_M_S};
 use crate::imaging::sequence::{FrameInfo, SequenceWriter};
-use crate::imaging::synth::FrameState;
+use crate::imaging::synth::{Backend, FrameState};
 use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
 use crate::input::scenario::{self, ScenarioFile};
 use crate::input::scene::{self, Scene, SceneFile};
 use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
 
+use super::backend::{BackendArgs, BackendName};
 use super::failure::Failure;
 use super::output::{Force, inputs};
 use super::render::frame_count;
@@ -78,6 +79,11 @@ pub struct Rf {
     /// Scatterers per resolution cell
     #[arg(long, value_name = "N", default_value_t = 10.0)]
     scatterers: f64,
+    /// Write 32-bit floating-point samples on the same scale: neither rounded nor cut off
+    #[arg(long, conflicts_with = "bmode")]
+    float: bool,
+    #[command(flatten)]
+    backend: BackendArgs,
     /// Write the true motion at the centres of windows: frame,line,window,depth_mm,axial_um,lateral_um,elevational_um
     #[arg(long, value_name = "FILE.csv")]
     truth: Option<PathBuf>,
@@ -210,7 +216,14 @@ impl Rf {
             let expected = format!("give 0.05 to {} mm, half of the depth", probe.depth_mm / 2.0);
             return Err(Failure::usage(format!("--window-mm {}", self.window_mm), expected));
         }
+        self.backend.check()?;
         let synthesizer = RfSynthesizer::new(scene.anatomy.clone(), scene.settings.clone(), acquisition)?;
+        let synthesizer = synthesizer.on(match self.backend.backend {
+            BackendName::Cpu => Backend::Cpu,
+            BackendName::CpuF64 => Backend::CpuF64,
+            BackendName::Auto if self.backend.choice().name.is_none() => Backend::Auto,
+            BackendName::Auto | BackendName::Gpu => Backend::Adapter(self.backend.choice()),
+        })?;
         let mut recorder = Recorder::new(self, synthesizer, &acquisition)?;
         let count = match &source {
             Source::Scene(scene) => self.frames.unwrap_or_else(|| scene.frames()),
@@ -362,6 +375,7 @@ struct Recorder {
     nodes: Option<Table>,
     followed: Vec<Followed>,
     frames: usize,
+    float: bool,
     saturated: usize,
     sampling_mhz: f64,
 }
@@ -411,7 +425,12 @@ impl Table {
 impl Recorder {
     fn new(options: &Rf, synthesizer: RfSynthesizer, acquisition: &Acquisition) -> Result<Self, Failure> {
         let grid = synthesizer.grid();
-        let mut writer = SequenceWriter::create_echoes(&options.output, synthesizer.samples(), synthesizer.lines())?;
+        let mut writer = SequenceWriter::create_echoes(
+            &options.output,
+            synthesizer.samples(),
+            synthesizer.lines(),
+            options.float,
+        )?;
         let angle = grid.angular_spacing() * (grid.lines() - 1) as f64;
         let radius = grid.virtual_apex_mm();
         let pitch = radius.is_none().then(|| grid.lateral_spacing_mm(0.0));
@@ -442,6 +461,7 @@ impl Recorder {
             writer,
             followed: Vec::new(),
             frames: 0,
+            float: options.float,
             saturated: 0,
             sampling_mhz: acquisition.sampling_mhz,
         })
@@ -451,10 +471,14 @@ impl Recorder {
         let echoes = self.synthesizer.render(state)?;
         let most = f64::from(i16::MAX);
         let counts = echoes.iter().map(|value| f64::from(*value) * COUNTS);
-        self.saturated += counts.clone().filter(|count| count.abs() > most).count();
-        let bytes: Vec<u8> = counts
-            .flat_map(|count| (count.clamp(-most, most).round() as i16).to_le_bytes())
-            .collect();
+        let bytes: Vec<u8> = match self.float {
+            true => counts.flat_map(|count| (count as f32).to_le_bytes()).collect(),
+            false => {
+                self.saturated += counts.clone().filter(|count| count.abs() > most).count();
+                let rounded = counts.map(|count| count.clamp(-most, most).round() as i16);
+                rounded.flat_map(i16::to_le_bytes).collect()
+            }
+        };
         let info = FrameInfo {
             timestamp: time_s,
             transforms: &[("TransducerToWorld", state.probe_to_world, true)],

@@ -4,6 +4,7 @@ mod beam;
 mod history;
 mod image;
 mod insertion;
+mod motion;
 mod remesh;
 mod tissue;
 
@@ -71,6 +72,7 @@ enum Study {
     History(history::History),
     Tissue(tissue::Tissue),
     Image(image::Image),
+    Motion(motion::Motion),
 }
 
 impl Tradeoff {
@@ -82,6 +84,7 @@ impl Tradeoff {
             Some(Study::History(history)) => history.run(),
             Some(Study::Tissue(tissue)) => tissue.run(),
             Some(Study::Image(image)) => image.run(),
+            Some(Study::Motion(motion)) => motion.run(),
             None => self.gather(),
         }
     }

@@ -1,8 +1,10 @@
 //! Radio-frequency echoes: synthesis from point scatterers that move with the tissue, envelopes and B-mode frames, and estimates of motion.
 
 pub mod bmode;
+pub mod device;
 pub mod echoes;
 pub mod file;
+pub mod medium;
 pub mod motion;
 pub mod scatterers;
 pub mod signal;

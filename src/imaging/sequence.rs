@@ -65,6 +65,7 @@ enum Pixels {
     Grey,
     Layer,
     Echoes,
+    FloatEchoes,
 }
 
 impl Pixels {
@@ -72,6 +73,7 @@ impl Pixels {
         match self {
             Self::Grey => 1,
             Self::Layer | Self::Echoes => 2,
+            Self::FloatEchoes => 4,
         }
     }
 }
@@ -147,14 +149,15 @@ impl SequenceWriter {
         })
     }
 
-    /// Starts a sequence of radio-frequency echoes (`RF_REAL`): a row of signed 16-bit samples for each line, away from the probe.
+    /// Starts a sequence of radio-frequency echoes (`RF_REAL`): a row of samples for each line, away from the probe, signed 16-bit numbers or
+    /// 32-bit floating-point ones.
     ///
     /// # Errors
     /// The errors of [`SequenceWriter::create`].
-    pub fn create_echoes(path: &Path, samples: usize, lines: usize) -> Result<Self, OutputError> {
+    pub fn create_echoes(path: &Path, samples: usize, lines: usize, float: bool) -> Result<Self, OutputError> {
         let images = Self::create(path, samples, lines)?;
         Ok(Self {
-            pixels: Pixels::Echoes,
+            pixels: if float { Pixels::FloatEchoes } else { Pixels::Echoes },
             ..images
         })
     }
@@ -269,6 +272,7 @@ impl SequenceWriter {
             Pixels::Grey => ("MET_UCHAR", "BRIGHTNESS", "MF"),
             Pixels::Layer => ("MET_USHORT", "BRIGHTNESS", "MF"),
             Pixels::Echoes => ("MET_SHORT", "RF_REAL", "FM"),
+            Pixels::FloatEchoes => ("MET_FLOAT", "RF_REAL", "FM"),
         };
         let head = format!(
             "ObjectType = Image\nNDims = 3\nAnatomicalOrientation = RAI\nBinaryData = True\n\
@@ -286,6 +290,7 @@ impl SequenceWriter {
             Pixels::Grey => ("uint8", "BRIGHTNESS", "MF"),
             Pixels::Layer => ("uint16", "BRIGHTNESS", "MF"),
             Pixels::Echoes => ("int16", "RF_REAL", "FM"),
+            Pixels::FloatEchoes => ("float", "RF_REAL", "FM"),
         };
         let head = format!(
             "NRRD0004\ntype: {element}\ndimension: 3\nspace dimension: 2\nsizes: {} {} {}\n\

@@ -14,11 +14,13 @@
 //! | `contact` | contact, needle, time |
 //! | `memory` | fading memory, stiffening at a knee |
 //! | `images` | image synthesis |
+//! | `motion` | motion from radio-frequency echoes |
 
 mod contact;
 pub mod fixtures;
 mod images;
 mod memory;
+mod motion;
 pub mod record;
 mod remeshing;
 pub mod report;
@@ -39,6 +41,7 @@ pub const GROUPS: &[Group] = &[
     contact::GROUP,
     memory::GROUP,
     images::GROUP,
+    motion::GROUP,
 ];
 
 /// Returns the cases whose name or group name contains `only`, ignoring case, each with its group's name; all cases if `None`.

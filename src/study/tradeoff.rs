@@ -14,6 +14,7 @@
 //! | [`history`] | quadrature rules of fading memory |
 //! | [`tissue`] | schemes and models of tissue that stiffens and creeps |
 //! | [`image`] | grids, labels, sampling, grain and backends of images |
+//! | [`motion`] | estimates of motion from radio-frequency echoes |
 
 mod advice;
 pub mod beam;
@@ -21,6 +22,7 @@ pub mod gather;
 pub mod history;
 pub mod image;
 pub mod insertion;
+pub mod motion;
 mod real_time;
 pub mod remesh;
 mod render;

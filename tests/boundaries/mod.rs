@@ -1,5 +1,6 @@
 //! Rules of the house: who may name whom, what declarations and shaders say of each other, and what a plan holds.
 
+mod echoes;
 mod names;
 mod parameters;
 mod plans;

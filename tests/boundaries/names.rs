@@ -179,7 +179,7 @@ fn every_effect_has_its_source_its_shader_and_its_parity_test() {
 }
 
 #[test]
-fn every_shader_belongs_to_an_effect_or_to_remeshing_or_is_shared() {
+fn every_shader_belongs_to_an_effect_to_remeshing_or_to_echoes_or_is_shared() {
     for entry in std::fs::read_dir(root().join("shaders"))
         .expect("the shaders")
         .flatten()
@@ -188,7 +188,7 @@ fn every_shader_belongs_to_an_effect_or_to_remeshing_or_is_shared() {
         if path.is_file() {
             let stem = path.file_stem().and_then(|stem| stem.to_str()).expect("a name");
             assert!(
-                stem == "remesh" || REGISTRY.iter().any(|effect| effect.name == stem),
+                ["remesh", "echoes"].contains(&stem) || REGISTRY.iter().any(|effect| effect.name == stem),
                 "no effect is called {stem}"
             );
         }

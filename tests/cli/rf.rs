@@ -89,6 +89,25 @@ fn motion_of_a_deforming_mesh_is_found_in_its_echoes() {
             "{name}: {blue} blue pixels"
         );
     }
+    // The same against the truth, drawn.
+    let study = bench
+        .run("motion rf.igs.mha --truth truth.csv --windows 40 --validate -o study --quiet --json")
+        .json();
+    let row = &study["tables"]["errors"]["rows"][0];
+    assert!(
+        row["sd_um"].as_f64() < Some(1.5) && row["frames"].as_f64() == Some(2.0),
+        "{row}"
+    );
+    let files = bench.files("study");
+    for name in [
+        "figure-6.svg",
+        "figure-8-1.svg",
+        "figure-9c.png",
+        "places.csv",
+        "index.html",
+    ] {
+        assert!(files.iter().any(|file| file == name), "{name} is not among {files:?}");
+    }
     bench.run("rf rf.igs.mha --bmode -o frame.png --frame 2").text();
     let frame = image::open(bench.path("frame.png")).expect("a picture").into_luma8();
     let mean =
@@ -113,6 +132,36 @@ fn the_same_scene_gives_the_same_echoes_and_another_seed_others() {
 }
 
 #[test]
+fn samples_of_32_bits_are_those_of_16_bits_without_rounding() {
+    let bench = Bench::new();
+    bench.write("scene.toml", &COMPRESSED.replace("depth_mm = 30", "depth_mm = 10"));
+    let read = |options: &str| {
+        bench
+            .run(&format!("rf scene.toml -o rf.igs.mha --frames 1 --force {options}"))
+            .text();
+        let echoes = insonify::imaging::rf::file::Echoes::read(&bench.path("rf.igs.mha")).expect("echoes");
+        echoes.frames[0].clone()
+    };
+    let whole = read("--backend cpu");
+    let single = read("--backend cpu --float");
+    let double = read("--backend cpu-f64 --float");
+    assert!(
+        whole
+            .iter()
+            .zip(&single)
+            .all(|(whole, single)| single.round() == *whole)
+    );
+    assert!(single != double && single.iter().any(|value| value.fract() != 0.0));
+    let apart = single
+        .iter()
+        .zip(&double)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f32::max);
+    // A count is a thousandth of the RMS of liver.
+    assert!(apart < 0.1, "{apart} counts");
+}
+
+#[test]
 fn bad_echoes_and_options_are_refused() {
     let bench = Bench::new();
     bench.write("scene.toml", COMPRESSED);
@@ -131,6 +180,11 @@ fn bad_echoes_and_options_are_refused() {
         ("rf one.igs.mha --bmode -o f.png --range-db 5", &["10 to 200 dB"]),
         ("motion one.igs.mha -o u.csv", &["one frame", "two frames or more"]),
         ("motion nowhere.mha -o u.csv", &["nowhere.mha"]),
+        ("motion -o u.csv", &["RF"]),
+        (
+            "rf scene.toml -o rf.mha --backend cpu --adapter none",
+            &["--adapter none"],
+        ),
         ("motion one.igs.mha -o u.txt", &[".csv"]),
     ] {
         bench.run(arguments).fails(2, words);
@@ -139,6 +193,9 @@ fn bad_echoes_and_options_are_refused() {
     bench
         .run("motion two.igs.mha -o u.csv --window-mm 0")
         .fails(2, &["--window-mm 0"]);
+    bench
+        .run("motion two.igs.mha --validate -o study")
+        .fails(2, &["--truth"]);
     bench
         .run("motion two.igs.mha -o u.csv --truth short.csv")
         .fails(2, &["short.csv", "rows are missing"]);

@@ -43,6 +43,11 @@ fn images_hold() {
 }
 
 #[test]
+fn motion_from_echoes_holds() {
+    check("Motion from echoes");
+}
+
+#[test]
 fn every_group_is_tested() {
     let names: Vec<&str> = GROUPS.iter().map(|group| group.name).collect();
     assert_eq!(
@@ -52,7 +57,8 @@ fn every_group_is_tested() {
             "Remeshing",
             "Contact, needle, time",
             "Fading memory",
-            "Images"
+            "Images",
+            "Motion from echoes"
         ],
         "a test for each, please"
     );

@@ -18,7 +18,7 @@ pub fn envelope(echoes: &Echoes, frame: usize) -> Vec<f32> {
     let values = &echoes.frames[frame];
     match echoes.baseband {
         true => values.chunks_exact(2).map(|iq| iq[0].hypot(iq[1])).collect(),
-        false => Lines::new(echoes.samples, 1).envelope(values),
+        false => Lines::new(echoes.samples).envelope(values),
     }
 }
 

@@ -3,15 +3,16 @@
 use rayon::prelude::*;
 
 use super::Acquisition;
+use crate::base::real::Real;
 
 /// Lines rendered together: the pulse of a scatterer is interpolated once for all of them.
 const BLOCK: usize = 16;
 /// Reach of Gaussian profiles, standard deviations.
-const REACH: f64 = 3.0;
+pub const REACH: f64 = 3.0;
 /// Half length of a pulse, standard deviations.
 const PULSE_REACH: f64 = 4.0;
 /// Fractions of a sample at which the pulse is tabulated; linear between them (error 5e-6 at 8 samples a period).
-const PHASES: usize = 128;
+pub const PHASES: usize = 128;
 
 /// Gaussian pulse exp(-t^2 / 2 s^2) cos(2 pi f t).
 #[derive(Clone, Debug)]
@@ -42,8 +43,14 @@ impl Pulse {
         }
     }
 
-    fn length(&self) -> usize {
+    /// Number of samples.
+    pub fn length(&self) -> usize {
         2 * self.half + 2
+    }
+
+    /// The pulse at `PHASES + 1` fractions of a sample.
+    pub fn table(&self) -> &[f32] {
+        &self.table
     }
 
     /// Sum of the squares of the samples.
@@ -55,13 +62,14 @@ impl Pulse {
     }
 
     /// Writes the pulse at a fraction (0 to 1) of a sample behind its middle.
-    fn at(&self, fraction: f32, into: &mut [f32]) {
+    fn at<R: Real>(&self, fraction: f32, into: &mut [R]) {
         let phase = fraction * PHASES as f32;
         let low = (phase as usize).min(PHASES - 1);
-        let share = phase - low as f32;
+        let share = R::of(f64::from(phase - low as f32));
         let rows = &self.table[low * self.length()..(low + 2) * self.length()];
         let (a, b) = rows.split_at(self.length());
         for ((out, a), b) in into.iter_mut().zip(a).zip(b) {
+            let [a, b] = [*a, *b].map(|value| R::of(f64::from(value)));
             *out = a + share * (b - a);
         }
     }
@@ -80,38 +88,49 @@ pub struct Scatterer {
     pub sigma: f32,
 }
 
-/// Adds the echoes of scatterers to `lines` scanlines of `samples`, line by line. The result does not depend on the number of threads.
-pub fn echoes(scatterers: &mut [Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<f32> {
+impl Scatterer {
+    /// First and last of `lines` lines that the beam reaches; `None` for none.
+    pub fn lines(&self, lines: usize) -> Option<[usize; 2]> {
+        let reach = REACH as f32 * self.sigma;
+        let low = (self.line - reach).ceil().max(0.0);
+        let high = (self.line + reach).floor().min((lines - 1) as f32);
+        (low <= high).then_some([low as usize, high as usize])
+    }
+}
+
+/// Adds the echoes of scatterers to `lines` scanlines of `samples`, line by line. The result does not depend on the number of threads. In double
+/// precision it is the gold standard of both backends.
+pub fn echoes<R: Real>(scatterers: &mut [Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<R> {
     scatterers.par_sort_by(|a, b| a.line.total_cmp(&b.line));
     let widest = scatterers.iter().map(|it| it.sigma).fold(0.0, f32::max) * REACH as f32;
-    let mut out = vec![0.0_f32; lines * samples];
+    let mut out = vec![R::default(); lines * samples];
     out.par_chunks_mut(BLOCK * samples)
         .enumerate()
         .for_each(|(block, rows)| {
-            let first = (block * BLOCK) as f32;
-            let last = first + (rows.len() / samples - 1) as f32;
-            let from = scatterers.partition_point(|it| it.line < first - widest);
-            let to = scatterers.partition_point(|it| it.line <= last + widest);
-            let mut wave = vec![0.0_f32; pulse.length()];
+            let (first, last) = (block * BLOCK, block * BLOCK + rows.len() / samples - 1);
+            let from = scatterers.partition_point(|it| it.line < first as f32 - widest);
+            let to = scatterers.partition_point(|it| it.line <= last as f32 + widest);
+            let mut wave = vec![R::default(); pulse.length()];
             for it in &scatterers[from..to] {
-                let reach = REACH as f32 * it.sigma;
-                let (low, high) = ((it.line - reach).max(first).ceil(), (it.line + reach).min(last).floor());
+                let Some([low, high]) = it.lines(lines) else { continue };
+                let (low, high) = (low.max(first), high.min(last));
                 let start = it.sample.floor();
                 let begin = start - pulse.half as f64;
                 if low > high || begin >= samples as f64 || begin + (pulse.length() as f64) < 0.0 {
                     continue;
                 }
                 pulse.at((it.sample - start) as f32, &mut wave);
-                let skip = (-begin).max(0.0) as usize;
+                let skip = ((-begin).max(0.0) as usize).min(wave.len());
                 let begin = begin.max(0.0) as usize;
                 let wave = &wave[skip..];
                 let count = wave.len().min(samples - begin);
-                for line in low as usize..=high as usize {
-                    let away = (line as f32 - it.line) / it.sigma;
-                    let weight = it.amplitude * (-0.5 * away * away).exp();
-                    let row = (line - block * BLOCK) * samples + begin;
+                let [centre, sigma, amplitude] = [it.line, it.sigma, it.amplitude].map(|value| R::of(f64::from(value)));
+                for line in low..=high {
+                    let away = (R::of(line as f64) - centre) / sigma;
+                    let weight = amplitude * (R::of(-0.5) * away * away).exp();
+                    let row = (line - first) * samples + begin;
                     for (out, value) in rows[row..row + count].iter_mut().zip(wave) {
-                        *out += weight * value;
+                        *out += weight * *value;
                     }
                 }
             }

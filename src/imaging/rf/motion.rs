@@ -4,7 +4,8 @@
 
 use rayon::prelude::*;
 
-use super::signal::Lines;
+use super::signal::upsampled;
+use crate::base::simd::{Lanes, Simd, WithSimd, dispatch};
 
 /// Settings of the estimator.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +35,7 @@ pub struct Options {
 }
 
 /// Reach of the narrow search about the prior, samples after upsampling.
-const NARROW: isize = 2;
+const NARROW: usize = 2;
 
 impl Options {
     /// Windows of 1 mm, 120 a line, twofold upsampling.
@@ -78,6 +79,22 @@ impl Options {
     }
 }
 
+/// Motion of a window in samples and lines, and its correlation.
+type Found = ([f64; 2], f64);
+
+/// Neighbours of a window in lines and windows, whose median motion it is compared with: some beam widths aside, as windows on lines within a beam
+/// width have the same echoes and err together.
+const ASIDE: [isize; 9] = [-16, -8, -4, -2, 0, 2, 4, 8, 16];
+const ALONG: [isize; 3] = [-2, 0, 2];
+/// Lateral motion beside that of the neighbours beyond which an estimate has strayed, lines.
+const STRAY: f64 = 2.0;
+/// Passes over the windows that differ from their neighbours; in the second most of the neighbours are right.
+const AGAIN: usize = 2;
+const NEIGHBOURS: usize = ASIDE.len() * ALONG.len();
+
+/// Share of the energy of a window without its mean, below which it is constant but for rounding.
+const FLAT: f64 = 1e-9;
+
 /// Correlation of places outside the frame.
 const OUTSIDE: f64 = -2.0;
 
@@ -92,11 +109,11 @@ pub struct Estimate {
     pub correlation: f64,
 }
 
-/// Lines of a frame after upsampling, with running sums for means and energies.
+/// Lines of a frame after upsampling.
 struct Frame {
     values: Vec<f32>,
-    sums: Vec<f64>,
-    squares: Vec<f64>,
+    /// Running sums of the values and of their squares: where every search is wide they cost less than sums over each window.
+    sums: Option<[Vec<f64>; 2]>,
 }
 
 /// Tracks motion frame by frame against the first one.
@@ -105,7 +122,6 @@ pub struct Tracker {
     lines: usize,
     samples: usize,
     window: usize,
-    transform: Lines,
     reference: Frame,
     /// First sample of each window in the first frame.
     starts: Vec<usize>,
@@ -113,6 +129,8 @@ pub struct Tracker {
     carried: Vec<[f64; 2]>,
     /// Windows with echoes: those that correlated with the first frame after the reference. Noise alone does not change the reference.
     echoing: Option<Vec<bool>>,
+    /// Half a period of the echoes, samples: neighbours further apart follow different periods.
+    half_period: f64,
     /// Last estimate of each window against the reference that correlated, in samples and lines.
     last: Vec<Option<[f64; 2]>>,
     /// Number of correlations computed so far.
@@ -122,21 +140,19 @@ pub struct Tracker {
 }
 
 impl Frame {
-    fn new(values: Vec<f32>, samples: usize) -> Self {
-        let rows = values.len() / samples;
-        let mut sums = vec![0.0; rows * (samples + 1)];
-        let mut squares = sums.clone();
-        let both = sums
-            .par_chunks_mut(samples + 1)
-            .zip(squares.par_chunks_mut(samples + 1));
-        both.zip(values.par_chunks(samples)).for_each(|((sums, squares), row)| {
-            for (at, value) in row.iter().enumerate() {
-                let value = f64::from(*value);
-                sums[at + 1] = sums[at] + value;
-                squares[at + 1] = squares[at] + value * value;
-            }
-        });
-        Self { values, sums, squares }
+    fn new(values: Vec<f32>, samples: usize, summed: bool) -> Self {
+        let running = |each: fn(f64) -> f64| {
+            let mut sums = vec![0.0; values.len() / samples * (samples + 1)];
+            let rows = sums.par_chunks_mut(samples + 1).zip(values.par_chunks(samples));
+            rows.for_each(|(sums, row)| {
+                for (at, value) in row.iter().enumerate() {
+                    sums[at + 1] = sums[at] + each(f64::from(*value));
+                }
+            });
+            sums
+        };
+        let sums = summed.then(|| [running(|value| value), running(|value| value * value)]);
+        Self { values, sums }
     }
 }
 
@@ -146,16 +162,44 @@ struct Template {
     norm: f64,
 }
 
-fn dot(a: &[f32], b: &[f32]) -> f64 {
-    let mut sums = [0.0_f32; 16];
-    let (a16, b16) = (a.chunks_exact(16), b.chunks_exact(16));
-    let rest: f32 = a16.remainder().iter().zip(b16.remainder()).map(|(a, b)| a * b).sum();
-    for (a, b) in a16.zip(b16) {
-        for lane in 0..16 {
-            sums[lane] += a[lane] * b[lane];
+/// Sums over a window at consecutive places: of the products with the template, and with `moments` of the values and of their squares.
+struct Products<'a> {
+    window: &'a [f32],
+    values: &'a [f32],
+    moments: bool,
+    sums: &'a mut [[f64; 3]],
+}
+
+impl WithSimd for Products<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let length = self.window.len();
+        let window = f32::vectors::<S>(self.window);
+        let zero = f32::splat(simd, 0.0);
+        let one = f32::splat(simd, 1.0);
+        let rest = size_of_val(window) / size_of::<f32>();
+        for (at, out) in self.sums.iter_mut().enumerate() {
+            let values = &self.values[at..at + length];
+            let mut sums = [zero; 3];
+            for (a, b) in window.iter().zip(f32::vectors::<S>(values)) {
+                sums[0] = f32::multiply_add(simd, *a, *b, sums[0]);
+                if self.moments {
+                    sums[1] = f32::multiply_add(simd, *b, one, sums[1]);
+                    sums[2] = f32::multiply_add(simd, *b, *b, sums[2]);
+                }
+            }
+            for (total, sum) in out.iter_mut().zip(sums) {
+                *total = f64::from(f32::total(simd, sum));
+            }
+            for (a, b) in self.window[rest..].iter().zip(&values[rest..]) {
+                out[0] += f64::from(a * b);
+                out[1] += f64::from(*b);
+                out[2] += f64::from(b * b);
+            }
         }
     }
-    sums.iter().map(|sum| f64::from(*sum)).sum::<f64>() + f64::from(rest)
 }
 
 /// Peak between samples of a cosine through three values (I. Cespedes et al., Ultrasonic Imaging 17, 1995): its offset in samples and height.
@@ -173,16 +217,22 @@ impl Tracker {
     /// Starts at the first frame: `lines` lines of equal length, one after the other.
     pub fn new(options: Options, lines: usize, frame: &[f32]) -> Self {
         let samples = frame.len() / lines;
-        let transform = Lines::new(samples, options.upsampling);
         let wide = samples * options.upsampling;
         let (window, starts) = options.layout(samples);
+        let values = upsampled(frame, samples, options.upsampling);
+        let turns = |line: &[f32]| {
+            line.windows(2)
+                .filter(|pair| (pair[0] < 0.0) != (pair[1] < 0.0))
+                .count()
+        };
+        let turns: usize = values.par_chunks(wide).map(turns).sum();
         Self {
             options,
             lines,
             samples: wide,
             window,
-            reference: Frame::new(transform.upsampled(frame), wide),
-            transform,
+            half_period: values.len() as f64 / turns.max(1) as f64,
+            reference: Frame::new(values, wide, false),
             starts,
             carried: vec![[0.0; 2]; lines * options.windows],
             last: vec![None; lines * options.windows],
@@ -194,15 +244,24 @@ impl Tracker {
 
     /// Estimates the motion of each window, line by line, from the first frame to this one.
     pub fn next(&mut self, frame: &[f32]) -> Vec<Estimate> {
-        let current = Frame::new(self.transform.upsampled(frame), self.samples);
-        let count = self.options.windows;
+        let options = &self.options;
+        let values = upsampled(frame, frame.len() / self.lines, options.upsampling);
+        let current = Frame::new(values, self.samples, !options.prior);
+        let count = options.windows;
         let mut found = vec![([0.0; 2], 0.0); self.lines * count];
         let this = &*self;
-        let correlations: u64 = found
+        let mut correlations: u64 = found
             .par_chunks_mut(count)
             .enumerate()
             .map(|(line, found)| this.line(&current, line, found))
             .sum();
+        for _ in 0..if options.prior { AGAIN } else { 0 } {
+            let before = found.clone();
+            let again = found.par_chunks_mut(count).enumerate();
+            correlations += again
+                .map(|(line, found)| this.again(&current, line, &before, found))
+                .sum::<u64>();
+        }
         self.correlations += correlations;
         let scale = [self.options.sample_um(), self.options.pitch_mm * 1e3];
         let estimates: Vec<Estimate> = found
@@ -250,9 +309,8 @@ impl Tracker {
         estimates
     }
 
-    /// Estimates along a line; returns the number of correlations.
-    fn line(&self, current: &Frame, line: usize, found: &mut [([f64; 2], f64)]) -> u64 {
-        let mut search = Search {
+    fn search<'a>(&self, current: &'a Frame) -> Search<'a> {
+        Search {
             frame: current,
             samples: self.samples,
             lines: self.lines as isize,
@@ -261,8 +319,66 @@ impl Tracker {
                 norm: 0.0,
             },
             origin: [0, 0],
+            sums: Vec::new(),
             count: 0,
-        };
+        }
+    }
+
+    /// Takes a window of the reference, where the tissue of that window of the first frame is.
+    fn take(&self, search: &mut Search, line: usize, at: usize) {
+        let carried = self.carried[line * self.options.windows + at].map(|moved| moved.round() as isize);
+        search.take(
+            &self.reference,
+            [self.starts[at] as isize + carried[0], line as isize + carried[1]],
+        );
+    }
+
+    /// Seeks windows again that do not correlate, or that follow another period than their neighbours, from the median of those; returns the number
+    /// of correlations.
+    fn again(&self, current: &Frame, line: usize, before: &[Found], found: &mut [Found]) -> u64 {
+        let mut search = self.search(current);
+        let mut near = [[0.0; 2]; NEIGHBOURS];
+        for (at, found) in found.iter_mut().enumerate() {
+            let near = self.neighbours(line, at, before, &mut near);
+            let apart =
+                |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).abs() > self.half_period || (a[1] - b[1]).abs() > STRAY;
+            let agreeing = near.iter().filter(|other| !apart(&found.0, other)).count();
+            if near.len() < 3 || found.1 >= self.options.fallback && 2 * agreeing > near.len() {
+                continue;
+            }
+            let median = [0, 1].map(|axis| {
+                let half = near.len() / 2;
+                near.select_nth_unstable_by(half, |a, b| a[axis].total_cmp(&b[axis])).1[axis]
+            });
+            self.take(&mut search, line, at);
+            let near = search.climb(median.map(|moved| moved.round() as isize));
+            let refined = search.refined(near.0);
+            *found = match apart(&refined.0, &median) {
+                true => (median, near.1.max(0.0)),
+                false => refined,
+            };
+        }
+        search.count
+    }
+
+    /// Motion of the neighbours of a window that correlate.
+    fn neighbours<'a>(&self, line: usize, at: usize, found: &[Found], near: &'a mut [[f64; 2]]) -> &'a mut [[f64; 2]] {
+        let count = self.options.windows;
+        let mut number = 0;
+        for line in ASIDE.iter().filter_map(|aside| line.checked_add_signed(*aside)) {
+            for at in ALONG.iter().filter_map(|along| at.checked_add_signed(*along)) {
+                if line < self.lines && at < count && found[line * count + at].1 >= self.options.fallback {
+                    near[number] = found[line * count + at].0;
+                    number += 1;
+                }
+            }
+        }
+        &mut near[..number]
+    }
+
+    /// Estimates along a line; returns the number of correlations.
+    fn line(&self, current: &Frame, line: usize, found: &mut [Found]) -> u64 {
+        let mut search = self.search(current);
         let count = self.options.windows;
         let wide = (self.options.wide_mm * 1e3 / self.options.sample_um()).ceil() as isize;
         let across = self.options.wide_lines as isize;
@@ -270,17 +386,10 @@ impl Tracker {
         let mut trusted: Option<[isize; 2]> = None;
         for at in 0..count {
             let index = line * count + at;
-            let carried = self.carried[index];
-            search.take(
-                &self.reference,
-                [
-                    self.starts[at] as isize + carried[0].round() as isize,
-                    line as isize + carried[1].round() as isize,
-                ],
-            );
+            self.take(&mut search, line, at);
             let last = self.last[index].map(|moved| moved.map(|moved| moved.round() as isize));
             let mut best = match prior.or(last) {
-                Some(start) if self.options.prior => search.climb(start, NARROW),
+                Some(start) if self.options.prior => search.climb(start),
                 _ => ([0; 2], OUTSIDE),
             };
             if best.1 < self.options.fallback {
@@ -306,6 +415,7 @@ struct Search<'a> {
     template: Template,
     /// First sample and line of the window in the reference.
     origin: [isize; 2],
+    sums: Vec<[f64; 3]>,
     count: u64,
 }
 
@@ -323,37 +433,59 @@ impl Search<'_> {
             .iter_mut()
             .zip(values)
             .for_each(|(to, from)| *to = from - mean as f32);
-        self.template.norm = dot(&self.template.values, &self.template.values).sqrt();
+        let energy = |values: &[f32]| values.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>();
+        let own = energy(&self.template.values);
+        self.template.norm = if own > FLAT * energy(values) { own.sqrt() } else { 0.0 };
     }
 
-    /// Correlation at a shift; -1 outside the frame.
-    fn at(&mut self, [down, aside]: [isize; 2]) -> f64 {
+    /// Correlations at `N` consecutive shifts along a line, the first of which is given; [`OUTSIDE`] outside the frame.
+    fn row<const N: usize>(&mut self, [down, aside]: [isize; 2]) -> [f64; N] {
+        let mut found = [OUTSIDE; N];
+        self.fill([down, aside], &mut found);
+        found
+    }
+
+    fn fill(&mut self, [down, aside]: [isize; 2], found: &mut [f64]) {
         let length = self.template.values.len();
         let (start, line) = (self.origin[0] + down, self.origin[1] + aside);
-        if start < 0 || start as usize + length > self.samples || !(0..self.lines).contains(&line) {
-            return OUTSIDE;
+        found.fill(OUTSIDE);
+        let first = (-start).max(0);
+        let count = (found.len() as isize).min((self.samples - length) as isize + 1 - start) - first;
+        if count <= 0 || !(0..self.lines).contains(&line) {
+            return;
         }
-        self.count += 1;
-        let (start, line) = (start as usize, line as usize);
+        let found = &mut found[first as usize..(first + count) as usize];
+        let (start, line) = ((start + first) as usize, line as usize);
+        self.count += found.len() as u64;
+        self.sums.resize(found.len(), [0.0; 3]);
         let from = line * self.samples + start;
-        let product = dot(&self.template.values, &self.frame.values[from..from + length]);
-        let sums = line * (self.samples + 1) + start;
-        let sum = self.frame.sums[sums + length] - self.frame.sums[sums];
-        let square = self.frame.squares[sums + length] - self.frame.squares[sums];
-        let norm = (square - sum * sum / length as f64).max(0.0).sqrt() * self.template.norm;
-        if norm > 0.0 { product / norm } else { 0.0 }
+        dispatch(Products {
+            window: &self.template.values,
+            values: &self.frame.values[from..from + length + found.len() - 1],
+            moments: self.frame.sums.is_none(),
+            sums: &mut self.sums,
+        });
+        if let Some([sums, squares]) = &self.frame.sums {
+            let from = from + line;
+            for (at, out) in self.sums.iter_mut().enumerate() {
+                let over = |sums: &[f64]| sums[from + at + length] - sums[from + at];
+                (out[1], out[2]) = (over(sums), over(squares));
+            }
+        }
+        for (found, [product, sum, square]) in found.iter_mut().zip(&self.sums) {
+            let norm = (square - sum * sum / length as f64).max(0.0).sqrt() * self.template.norm;
+            *found = if norm > 0.0 { product / norm } else { 0.0 };
+        }
     }
 
-    /// Highest correlation within a reach along the line, followed while it lies at the end of the reach.
-    fn climb(&mut self, start: [isize; 2], reach: isize) -> ([isize; 2], f64) {
-        let mut best = (start, self.at(start));
-        for step in 1..=reach {
-            for down in [-step, step] {
-                let place = [start[0] + down, start[1]];
-                let value = self.at(place);
-                if value > best.1 {
-                    best = (place, value);
-                }
+    /// Highest correlation within a narrow reach along the line.
+    fn climb(&mut self, [down, aside]: [isize; 2]) -> ([isize; 2], f64) {
+        const REACH: isize = NARROW as isize;
+        let found: [f64; 2 * NARROW + 1] = self.row([down - REACH, aside]);
+        let mut best = ([down, aside], found[NARROW]);
+        for (step, value) in (-REACH..).zip(found) {
+            if value > best.1 {
+                best = ([down + step, aside], value);
             }
         }
         best
@@ -362,12 +494,13 @@ impl Search<'_> {
     /// Highest correlation within a reach along and across lines.
     fn all(&mut self, start: [isize; 2], reach: [isize; 2]) -> ([isize; 2], f64) {
         let mut best = (start, OUTSIDE);
+        let mut found = vec![OUTSIDE; 2 * reach[0] as usize + 1];
         for aside in -reach[1]..=reach[1] {
-            for down in -reach[0]..=reach[0] {
-                let place = [start[0] + down, start[1] + aside];
-                let value = self.at(place);
-                if value > best.1 {
-                    best = (place, value);
+            let first = [start[0] - reach[0], start[1] + aside];
+            self.fill(first, &mut found);
+            for (step, value) in (0..).zip(&found) {
+                if *value > best.1 {
+                    best = ([first[0] + step, first[1]], *value);
                 }
             }
         }
@@ -376,15 +509,21 @@ impl Search<'_> {
 
     /// Peak along the line through a place: its offset, height and the sample below it.
     fn along(&mut self, mut place: [isize; 2]) -> (f64, f64, [isize; 2], f64) {
-        let mut middle = self.at(place);
+        let mut three: [f64; 3] = self.row([place[0] - 1, place[1]]);
         loop {
-            let (before, after) = (self.at([place[0] - 1, place[1]]), self.at([place[0] + 1, place[1]]));
+            let [before, middle, after] = three;
             if before.max(after) <= middle {
-                let (offset, height) = cosine_peak([before, middle, after]);
+                let (offset, height) = cosine_peak(three);
                 return (offset, height, place, middle);
             }
-            place[0] += if before > after { -1 } else { 1 };
-            middle = before.max(after);
+            let step = if before > after { -1 } else { 1 };
+            place[0] += step;
+            let [next] = self.row([place[0] + step, place[1]]);
+            three = if step < 0 {
+                [next, before, middle]
+            } else {
+                [middle, after, next]
+            };
         }
     }
 

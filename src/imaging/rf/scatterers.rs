@@ -6,14 +6,17 @@ use nalgebra::{Matrix4, Point3};
 use rayon::prelude::*;
 
 use super::Acquisition;
+use super::device::Device;
 use super::echoes::{Pulse, Scatterer, echoes};
 use crate::base::matrix::inverse_rigid;
 use crate::base::random::{hash3, seed_words, unit};
+use crate::gpu::adapter::{self, hardware};
+use crate::gpu::{AdapterChoice, Gpu, Needs};
 use crate::imaging::effects::point_spread::PointSpread;
 use crate::imaging::effects::shadow::Shadow;
 use crate::imaging::effects::texture;
 use crate::imaging::synth::tables::{Anatomy, Inputs, Settings};
-use crate::imaging::synth::{FrameState, SynthError};
+use crate::imaging::synth::{Backend, FrameState, SynthError};
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::tracking::probe::BeamGrid;
 
@@ -43,6 +46,15 @@ struct Region {
     margin_mm: f64,
 }
 
+/// What adds up the echoes.
+enum Means {
+    /// The CPU in single precision.
+    Single,
+    /// The CPU in double precision.
+    Double,
+    Gpu(Box<Device>),
+}
+
 /// Synthesises the echoes of an anatomy frame by frame.
 pub struct RfSynthesizer {
     anatomy: Anatomy,
@@ -61,6 +73,7 @@ pub struct RfSynthesizer {
     region: Option<Region>,
     points: Vec<Point>,
     samples: usize,
+    means: Means,
 }
 
 impl RfSynthesizer {
@@ -96,12 +109,44 @@ impl RfSynthesizer {
             samples: (grid.depth_mm() / acquisition.sample_mm()).round() as usize,
             region: None,
             points: Vec::new(),
+            means: Means::Single,
             atlas,
             anatomy,
             settings,
             acquisition,
             grid,
         })
+    }
+
+    /// Adds up echoes on a backend; without this, on the CPU in single precision. Scatterers are carried and noise is added on the CPU.
+    ///
+    /// # Errors
+    /// [`SynthError`] where the GPU cannot be opened, or the echoes exceed its limits.
+    pub fn on(mut self, backend: Backend) -> Result<Self, SynthError> {
+        let open = |choice: &AdapterChoice| Gpu::open(choice, &Needs::default());
+        let gpu = match backend {
+            Backend::Cpu => None,
+            Backend::CpuF64 => {
+                self.means = Means::Double;
+                return Ok(self);
+            }
+            Backend::Auto if hardware(&adapter::list()).is_err() => None,
+            Backend::Auto => match open(&AdapterChoice::default()) {
+                Err(error) if error.is_machine() => None,
+                opened => Some(opened?),
+            },
+            Backend::Adapter(choice) => Some(open(&choice)?),
+            Backend::Host(lent) => {
+                let (device, queue) = *lent;
+                Some(Gpu::from_host(device, queue, &Needs::default())?)
+            }
+            Backend::Gpu(gpu) => Some(*gpu),
+        };
+        self.means = match gpu {
+            None => Means::Single,
+            Some(gpu) => Means::Gpu(Box::new(Device::new(&gpu, &self.pulse, self.lines(), self.samples)?)),
+        };
+        Ok(self)
     }
 
     /// Number of lines.
@@ -158,7 +203,15 @@ impl RfSynthesizer {
             })
         });
         let mut seen: Vec<Scatterer> = seen.collect();
-        let mut out = echoes(&mut seen, &self.pulse, self.lines(), self.samples);
+        let (lines, samples) = (self.lines(), self.samples);
+        let mut out = match &mut self.means {
+            Means::Single => echoes(&mut seen, &self.pulse, lines, samples),
+            Means::Double => {
+                let out: Vec<f64> = echoes(&mut seen, &self.pulse, lines, samples);
+                out.into_iter().map(|value| value as f32).collect()
+            }
+            Means::Gpu(device) => device.echoes(&seen)?,
+        };
         self.add_noise(&mut out, state.frame);
         Ok(out)
     }

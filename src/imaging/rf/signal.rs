@@ -1,83 +1,147 @@
-//! Analytic signals and band-limited upsampling of lines.
+//! Envelopes and band-limited upsampling of lines.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
 use rayon::prelude::*;
 use rustfft::num_complex::Complex32;
 use rustfft::{Fft, FftPlanner};
 
+use crate::base::simd::{Kernel, vectorised};
+
 /// Transforms of lines of one length.
 pub struct Lines {
     samples: usize,
     /// Length of the transform: the next power of two.
     length: usize,
-    upsampling: usize,
     forward: Arc<dyn Fft<f32>>,
     inverse: Arc<dyn Fft<f32>>,
 }
 
 impl Lines {
-    /// Plans transforms of lines of `samples`, upsampled by a factor.
-    pub fn new(samples: usize, upsampling: usize) -> Self {
+    /// Plans transforms of lines of `samples`.
+    pub fn new(samples: usize) -> Self {
         let mut planner = FftPlanner::new();
         let length = samples.next_power_of_two();
         Self {
             samples,
             length,
-            upsampling,
             forward: planner.plan_fft_forward(length),
-            inverse: planner.plan_fft_inverse(length * upsampling),
+            inverse: planner.plan_fft_inverse(length),
         }
     }
 
-    /// Analytic signal of each line, upsampled: the negative half of the spectrum is removed and the rest extended with zeros (the Hilbert
-    /// transform by S. L. Marple, IEEE Transactions on Signal Processing 47, 1999).
-    pub fn analytic(
-        &self,
-        lines: &[f32],
-        each: impl Fn(&mut dyn Iterator<Item = Complex32>, &mut [f32]) + Sync,
-    ) -> Vec<f32> {
-        let mut out = vec![0.0; lines.len() * self.upsampling];
-        let wide = self.samples * self.upsampling;
-        out.par_chunks_mut(wide)
+    /// Envelopes: magnitudes of the analytic signals, in which the negative half of the spectrum is removed (the Hilbert transform by
+    /// S. L. Marple, IEEE Transactions on Signal Processing 47, 1999).
+    pub fn envelope(&self, lines: &[f32]) -> Vec<f32> {
+        let mut out = vec![0.0; lines.len()];
+        let buffers = || {
+            (
+                vec![Complex32::default(); self.length],
+                vec![Complex32::default(); self.length],
+            )
+        };
+        out.par_chunks_mut(self.samples)
             .zip(lines.par_chunks(self.samples))
-            .for_each_init(
-                || {
-                    (
-                        vec![Complex32::default(); self.length * self.upsampling],
-                        vec![Complex32::default(); self.length * self.upsampling],
-                    )
-                },
-                |(buffer, scratch), (out, line)| {
-                    buffer.fill(Complex32::default());
-                    for (to, from) in buffer.iter_mut().zip(line) {
-                        to.re = *from;
-                    }
-                    self.forward.process_with_scratch(&mut buffer[..self.length], scratch);
-                    let half = self.length / 2;
-                    let scale = 1.0 / self.length as f32;
-                    buffer[0] *= scale;
-                    buffer[half] *= scale;
-                    buffer[1..half].iter_mut().for_each(|value| *value *= 2.0 * scale);
-                    buffer[half + 1..].fill(Complex32::default());
-                    self.inverse.process_with_scratch(buffer, scratch);
-                    each(&mut buffer[..wide].iter().copied(), out);
-                },
-            );
+            .for_each_init(buffers, |(buffer, scratch), (out, line)| {
+                buffer.fill(Complex32::default());
+                buffer.iter_mut().zip(line).for_each(|(to, from)| to.re = *from);
+                self.forward.process_with_scratch(buffer, scratch);
+                let half = self.length / 2;
+                let scale = 1.0 / self.length as f32;
+                buffer[0] *= scale;
+                buffer[half] *= scale;
+                buffer[1..half].iter_mut().for_each(|value| *value *= 2.0 * scale);
+                buffer[half + 1..].fill(Complex32::default());
+                self.inverse.process_with_scratch(buffer, scratch);
+                out.iter_mut().zip(&*buffer).for_each(|(to, from)| *to = from.norm());
+            });
         out
     }
+}
 
-    /// Upsampled lines.
-    pub fn upsampled(&self, lines: &[f32]) -> Vec<f32> {
-        self.analytic(lines, |from, to| {
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = from.re)
-        })
-    }
+/// Half length of the interpolation kernels, samples.
+const HALF: usize = 16;
+/// Shape of their Kaiser window: stop band -80 dB, pass band to 0.84 of half the sampling rate.
+const KAISER: f64 = 8.0;
 
-    /// Envelopes.
-    pub fn envelope(&self, lines: &[f32]) -> Vec<f32> {
-        self.analytic(lines, |from, to| {
-            to.iter_mut().zip(from).for_each(|(to, from)| *to = from.norm())
-        })
+/// Interpolation kernels at each fraction of a sample, for samples `HALF - 1` before to `HALF` behind: windowed sinc functions.
+fn kernels(upsampling: usize) -> Vec<[f32; 2 * HALF]> {
+    let weight = |fraction: f64, at: usize| {
+        let away = fraction + (HALF - 1) as f64 - at as f64;
+        let window = bessel_i0(KAISER * (1.0 - (away / HALF as f64).powi(2)).max(0.0).sqrt()) / bessel_i0(KAISER);
+        (PI * away).sin() / (PI * away) * window
+    };
+    let kernel = |phase: usize| {
+        let weights: [f64; 2 * HALF] = std::array::from_fn(|at| weight(phase as f64 / upsampling as f64, at));
+        // Constants stay constant.
+        let sum: f64 = weights.iter().sum();
+        weights.map(|weight| (weight / sum) as f32)
+    };
+    (1..upsampling).map(kernel).collect()
+}
+
+/// Modified Bessel function of the first kind and order 0, by its series.
+fn bessel_i0(x: f64) -> f64 {
+    let terms = (1..60).scan(1.0, |term, k| {
+        *term *= (x / 2.0 / f64::from(k)).powi(2);
+        Some(*term)
+    });
+    1.0 + terms.sum::<f64>()
+}
+
+/// Lines of `samples` upsampled by a factor: the samples themselves and band-limited values between them. Beyond its ends a line keeps its end values.
+pub fn upsampled(lines: &[f32], samples: usize, upsampling: usize) -> Vec<f32> {
+    let kernels = kernels(upsampling);
+    let mut out = vec![0.0; lines.len() * upsampling];
+    let buffer = || vec![0.0; samples + 2 * HALF + LANES];
+    out.par_chunks_mut(samples * upsampling)
+        .zip(lines.par_chunks(samples))
+        .for_each_init(buffer, |padded, (out, line)| {
+            padded[..HALF - 1].fill(line[0]);
+            padded[HALF - 1..HALF - 1 + samples].copy_from_slice(line);
+            padded[HALF - 1 + samples..].fill(line[samples - 1]);
+            vectorised(Between {
+                padded,
+                kernels: &kernels,
+                out,
+            });
+        });
+    out
+}
+
+/// Samples interpolated together.
+const LANES: usize = 32;
+
+struct Between<'a> {
+    padded: &'a [f32],
+    kernels: &'a [[f32; 2 * HALF]],
+    out: &'a mut [f32],
+}
+
+impl Kernel for Between<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let upsampling = self.kernels.len() + 1;
+        for (block, out) in self.out.chunks_mut(LANES * upsampling).enumerate() {
+            let from = &self.padded[block * LANES..];
+            let count = out.len() / upsampling;
+            for at in 0..count {
+                out[at * upsampling] = from[HALF - 1 + at];
+            }
+            for (phase, kernel) in self.kernels.iter().enumerate() {
+                let mut sums = [0.0_f32; LANES];
+                for (values, weight) in from.windows(LANES).zip(kernel) {
+                    for lane in 0..LANES {
+                        sums[lane] += values[lane] * weight;
+                    }
+                }
+                for at in 0..count {
+                    out[at * upsampling + phase + 1] = sums[at];
+                }
+            }
+        }
     }
 }

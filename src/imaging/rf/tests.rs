@@ -3,60 +3,28 @@ use std::f64::consts::{PI, TAU};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex32;
 
-use super::echoes::{Pulse, Scatterer, echoes};
+use super::device::Device;
+use super::echoes::{PHASES, Pulse, Scatterer, echoes};
 use super::file::Echoes;
+use super::medium::{Medium, PITCH_MM};
 use super::motion::{Estimate, Options, Tracker};
-use super::signal::Lines;
+use super::signal::{Lines, upsampled};
 use super::*;
-use crate::base::random::{hash3, unit};
 
 const LINES: usize = 48;
 const SAMPLES: usize = 1600;
-const PITCH_MM: f64 = 0.1484;
-const ACQUISITION: Acquisition = Acquisition {
-    frequency_mhz: 5.0,
-    bandwidth: 0.6,
-    sampling_mhz: 40.0,
-    snr_db: 30.0,
-    per_cell: 10.0,
-};
-/// Standard deviation of the elevational and of the lateral profile, mm and lines.
-const SIGMA: [f64; 2] = [0.535, 3.0];
 
-fn random(item: i32, stream: i32) -> f64 {
-    f64::from(unit(hash3([item, stream, 31], [8, 9])[0]))
+fn medium() -> Medium {
+    Medium::new(LINES, SAMPLES)
 }
 
-fn normal(item: i32, stream: i32) -> f64 {
-    (-2.0 * (1.0 - random(item, stream)).ln()).sqrt() * (TAU * random(item, stream + 1000)).cos()
+/// Echoes of a medium displaced by a function of depth, with noise 30 dB below them.
+fn frame(noise: i32, moved: impl Fn(f64) -> [f64; 2] + Sync) -> Vec<f32> {
+    medium().frame(noise, moved)
 }
 
-/// Echoes of a random medium displaced by a function of depth and lateral position (mm), and noise 30 dB below them.
-fn frame(noise: i32, moved: impl Fn(f64) -> [f64; 2]) -> Vec<f32> {
-    let depth_mm = SAMPLES as f64 * ACQUISITION.sample_mm();
-    // Ten in a cell of 0.23 x 1.05 x 1.26 mm.
-    let count = (33.0 * (depth_mm + 2.0) * 3.2 * (LINES as f64 + 24.0) * PITCH_MM) as i32;
-    let mut scatterers: Vec<Scatterer> = (0..count)
-        .map(|item| {
-            let z = random(item, 1) * (depth_mm + 2.0) - 1.0;
-            let line = random(item, 2) * (LINES as f64 + 24.0) - 12.0;
-            let beyond = (random(item, 3) - 0.5) * 3.2 / SIGMA[0];
-            let [axial, lateral] = moved(z);
-            Scatterer {
-                line: (line + lateral / PITCH_MM) as f32,
-                sample: (z + axial) / ACQUISITION.sample_mm(),
-                amplitude: (normal(item, 4).signum() * (-0.5 * beyond * beyond).exp()) as f32,
-                sigma: SIGMA[1] as f32,
-            }
-        })
-        .collect();
-    let mut found = echoes(&mut scatterers, &Pulse::new(&ACQUISITION), LINES, SAMPLES);
-    let rms = (found.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>() / found.len() as f64).sqrt();
-    let level = rms * 10_f64.powf(-ACQUISITION.snr_db / 20.0);
-    for (at, value) in found.iter_mut().enumerate() {
-        *value += (level * normal(at as i32, 50 + noise)) as f32;
-    }
-    found
+fn acquisition() -> Acquisition {
+    medium().acquisition
 }
 
 fn options() -> Options {
@@ -92,15 +60,15 @@ fn errors(found: &[Estimate], moved: impl Fn(f64) -> [f64; 2]) -> [[f64; 2]; 2] 
 
 #[test]
 fn the_phase_of_an_echo_follows_its_depth() {
-    let pulse = Pulse::new(&ACQUISITION);
+    let pulse = Pulse::new(&acquisition());
     let phase = |depth_mm: f64| {
         let mut one = [Scatterer {
             line: 0.0,
-            sample: depth_mm / ACQUISITION.sample_mm(),
+            sample: depth_mm / acquisition().sample_mm(),
             amplitude: 1.0,
             sigma: 1.0,
         }];
-        let line = echoes(&mut one, &pulse, 1, 512);
+        let line: Vec<f32> = echoes(&mut one, &pulse, 1, 512);
         let mut spectrum: Vec<Complex32> = line.iter().map(|value| Complex32::new(*value, 0.0)).collect();
         FftPlanner::new().plan_fft_forward(512).process(&mut spectrum);
         // 64 periods of 5 MHz in 512 samples of 40 MHz.
@@ -117,13 +85,13 @@ fn the_phase_of_an_echo_follows_its_depth() {
             "{moved_mm} mm: {found} for {expected}"
         );
     }
-    assert!((1.0 / ACQUISITION.sample_mm() - 51.95).abs() < 0.01);
+    assert!((1.0 / acquisition().sample_mm() - 51.95).abs() < 0.01);
 }
 
 #[test]
 fn the_spectrum_is_that_of_the_pulse_and_the_envelope_is_rayleigh_distributed() {
     let found = frame(0, |_| [0.0; 2]);
-    let envelope = Lines::new(SAMPLES, 1).envelope(&found);
+    let envelope = Lines::new(SAMPLES).envelope(&found);
     let n = envelope.len() as f64;
     let mean = envelope.iter().map(|value| f64::from(*value)).sum::<f64>() / n;
     let square = envelope
@@ -155,14 +123,14 @@ fn the_spectrum_is_that_of_the_pulse_and_the_envelope_is_rayleigh_distributed() 
     let width = (band.map(|(f, p)| (f - centroid).powi(2) * p).sum::<f64>() / sum).sqrt();
     assert!((centroid - 5.0).abs() < 0.05, "{centroid} MHz");
     // Power exp(-(2 pi (f - f0) s)^2): a standard deviation of 1 / (2 pi s sqrt 2).
-    let expected = 1.0 / (TAU * ACQUISITION.sigma_us() * 2_f64.sqrt());
+    let expected = 1.0 / (TAU * acquisition().sigma_us() * 2_f64.sqrt());
     assert!((width / expected - 1.0).abs() < 0.05, "{width} MHz for {expected}");
 }
 
 #[test]
 fn upsampled_lines_pass_through_their_samples() {
     let found = frame(0, |_| [0.0; 2]);
-    let twice = Lines::new(SAMPLES, 2).upsampled(&found);
+    let twice = upsampled(&found, SAMPLES, 2);
     let most = found.iter().fold(0.0_f32, |most, value| most.max(value.abs()));
     let off = found
         .iter()
@@ -177,7 +145,7 @@ fn rigid_motion_is_found_to_a_fraction_of_a_micrometre() {
     let first = frame(0, |_| [0.0; 2]);
     // Walker and Trahey, IEEE Transactions on Ultrasonics, Ferroelectrics and Frequency Control 42, 1995, at correlation 1: noise counts within the band.
     let [f0, b, t] = [5.0, 0.6, 2e3 / SPEED_M_S];
-    let snr2 = 10_f64.powf(ACQUISITION.snr_db / 10.0) * (ACQUISITION.sampling_mhz / 2.0) / (b * f0);
+    let snr2 = 10_f64.powf(acquisition().snr_db / 10.0) * (acquisition().sampling_mhz / 2.0) / (b * f0);
     let variance = 3.0 / (2.0 * f0.powi(3) * PI * PI * t * (b.powi(3) + 12.0 * b)) * ((1.0 + 1.0 / snr2).powi(2) - 1.0);
     let bound_um = variance.sqrt() * SPEED_M_S / 2.0;
     for axial_mm in [0.0, 0.005, 0.1234, 0.5] {
@@ -223,6 +191,40 @@ fn strain_costs_correlation_and_a_prior_saves_searches() {
     );
 }
 
+/// Windows at the array whose tissue has left the image, or came in, find no place of their own; none below may follow them.
+#[test]
+fn no_window_follows_a_wrong_place_near_the_array() {
+    for moved in [
+        (|z| [-0.5 - 0.01 * z, 0.0]) as fn(f64) -> [f64; 2],
+        |_| [0.6, 0.0],
+        |_| [-0.7, 0.0],
+    ] {
+        let medium = Medium {
+            before_mm: 3.0,
+            ..medium()
+        };
+        let mut tracker = Tracker::new(options(), LINES, &medium.frame(0, |_| [0.0; 2]));
+        let found = tracker.next(&medium.frame(1, moved));
+        let centres = options().centres_mm(SAMPLES);
+        let trusted = found.iter().enumerate().filter(|(_, it)| it.correlation >= 0.8);
+        let errors: Vec<f64> = trusted
+            .map(|(at, it)| it.axial_um - 1e3 * moved(centres[at % 50])[0])
+            .collect();
+        let wrong = errors.iter().filter(|error| error.abs() > 20.0).count();
+        assert!(
+            errors.len() * 100 > found.len() * 95,
+            "{} of {}",
+            errors.len(),
+            found.len()
+        );
+        assert!(
+            wrong * 1000 <= errors.len(),
+            "{wrong} of {} at a wrong place",
+            errors.len()
+        );
+    }
+}
+
 #[test]
 fn motion_adds_up_over_changes_of_the_reference() {
     let strained = |share: f64| move |z: f64| [-0.03 * share * z, 0.0];
@@ -242,6 +244,105 @@ fn motion_adds_up_over_changes_of_the_reference() {
     let n = near.len() as f64;
     let sd = (near.iter().map(|off| off * off).sum::<f64>() / n).sqrt();
     assert!(n > 0.95 * last.len() as f64 && sd < 8.0, "{sd} um of {n} windows");
+}
+
+/// Rounding unit of single precision.
+const UNIT: f64 = 0.5 * f32::EPSILON as f64;
+/// Largest relative error of a lateral weight, rounding units. WGSL allows exp(x) 3 + 2 |x| ULP of 2 units and a division 2.5; |x| is at most 4.5.
+/// The exponent x = -(a / s)^2 / 2 has the roundings of a difference, a division twice, and two products: 2 (1 + 5) + 2 = 14 units, which exp turns
+/// into 4.5 times that. Rust's exp and division are closer.
+const WEIGHT: f64 = 2.0 * (3.0 + 2.0 * 4.5) + 4.5 * 14.0;
+
+/// How far single precision may be from the exact sum of the pulses: each has the errors of its weight and of two products, and that of the
+/// interpolation between two rows of its table, five roundings of the larger one; a sum of n terms adds n units of the sum of their magnitudes.
+fn rounding(scatterers: &[Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<f64> {
+    let mut sums = vec![[0.0; 3]; lines * samples];
+    let length = pulse.length() as i64;
+    for it in scatterers {
+        let Some([low, high]) = it.lines(lines) else { continue };
+        let start = it.sample.floor();
+        let phase = (it.sample - start) as f32 * PHASES as f32;
+        let row = (phase as usize).min(PHASES - 1) * pulse.length();
+        for (line, along) in (low..=high).flat_map(|line| (0..length).map(move |along| (line, along))) {
+            let sample = start as i64 - (length / 2 - 1) + along;
+            if !(0..samples as i64).contains(&sample) {
+                continue;
+            }
+            let away = (line as f64 - f64::from(it.line)) / f64::from(it.sigma);
+            let weight = f64::from(it.amplitude).abs() * (-0.5 * away * away).exp();
+            let [a, b] = [0, pulse.length()].map(|next| f64::from(pulse.table()[row + next + along as usize]).abs());
+            let sum = &mut sums[line * samples + sample as usize];
+            let most = weight * a.max(b);
+            (sum[0], sum[1], sum[2]) = (sum[0] + (WEIGHT + 2.0 + 5.0) * most, sum[1] + most, sum[2] + 1.0);
+        }
+    }
+    // Products of errors, and numbers below the normal ones, which GPUs may take as 0.
+    sums.iter()
+        .map(|[each, total, n]| 1.01 * UNIT * (each + n * total) + n * f64::from(f32::MIN_POSITIVE))
+        .collect()
+}
+
+#[test]
+fn both_backends_add_up_echoes_to_within_their_roundings() {
+    let gpu = crate::gpu::testing::open();
+    let wide = |it: Scatterer| Scatterer {
+        sigma: 0.2 + (it.sample as f32 / 40.0).rem_euclid(9.0),
+        ..it
+    };
+    let narrow = Acquisition {
+        bandwidth: 0.05,
+        ..acquisition()
+    };
+    let crowd = (0..70_000).map(|at| Scatterer {
+        line: (at % 7) as f32 * 0.3,
+        sample: 50.0 + f64::from(at % 1000) * 0.01,
+        amplitude: 1.0 - (at % 3) as f32,
+        sigma: 2.0,
+    });
+    let scattered = |lines, samples| Medium::new(lines, samples).scatterers(|z| [0.01 * z, 0.1]);
+    let cases = [
+        ("usual", acquisition(), 20, 500, scattered(20, 500)),
+        (
+            "beams of any width",
+            acquisition(),
+            20,
+            300,
+            scattered(20, 300).into_iter().map(wide).collect(),
+        ),
+        ("long pulses", narrow, 5, 200, scattered(5, 200)),
+        ("one line", acquisition(), 1, 63, scattered(1, 63)),
+        ("none", acquisition(), 3, 100, Vec::new()),
+        ("more than a dispatch adds", acquisition(), 3, 100, crowd.collect()),
+    ];
+    for (name, acquisition, lines, samples, mut scatterers) in cases {
+        let pulse = Pulse::new(&acquisition);
+        let bound = rounding(&scatterers, &pulse, lines, samples);
+        let exact: Vec<f64> = echoes(&mut scatterers, &pulse, lines, samples);
+        let single: Vec<f32> = echoes(&mut scatterers, &pulse, lines, samples);
+        let mut found = vec![("CPU", single)];
+        if let Some(gpu) = &gpu {
+            let mut device = Device::new(gpu, &pulse, lines, samples).unwrap();
+            let first = device.echoes(&scatterers).unwrap();
+            // The order of the sums is fixed, and buffers are used again.
+            scatterers.reverse();
+            scatterers.sort_by(|a, b| a.line.total_cmp(&b.line).then(a.sample.total_cmp(&b.sample)));
+            device.echoes(&scatterers[..scatterers.len() / 2]).unwrap();
+            let again = device.echoes(&scatterers).unwrap();
+            assert!(again == device.echoes(&scatterers).unwrap(), "{name}");
+            found.extend([("GPU", first), ("GPU again", again)]);
+        }
+        assert!(name == "none" || exact.iter().any(|value| value.abs() > 0.1), "{name}");
+        for (backend, found) in found {
+            for (at, (value, exact)) in found.iter().zip(&exact).enumerate() {
+                let off = (f64::from(*value) - exact).abs();
+                assert!(
+                    off <= bound[at],
+                    "{name}, {backend}: sample {at} is {value}, off by {off:e}, allowed {:e}",
+                    bound[at]
+                );
+            }
+        }
+    }
 }
 
 #[test]

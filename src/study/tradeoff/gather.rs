@@ -7,7 +7,7 @@ use std::error::Error;
 use std::time::Instant;
 
 use super::report::{Chapter, Missing, Report};
-use super::{Pace, Study, beam, history, image, insertion, remesh, tissue};
+use super::{Pace, Study, beam, history, image, insertion, motion, remesh, tissue};
 use crate::base::report::machine::{self, Machine};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use crate::study::stability::Effort;
@@ -39,6 +39,7 @@ pub const STUDIES: &[Entry] = &[
     tissue::ENTRY,
     beam::ENTRY,
     history::ENTRY,
+    motion::ENTRY,
 ];
 
 /// Devices available for measurements.

@@ -1,0 +1,93 @@
+//! Echoes of a uniform random medium that moves in a known way, on which estimators of motion are tested.
+
+use std::f64::consts::TAU;
+
+use rayon::prelude::*;
+
+use super::Acquisition;
+use super::echoes::{Pulse, Scatterer, echoes};
+use crate::base::random::{hash3, unit};
+
+/// Standard deviation of the elevational profile, mm.
+const ELEVATIONAL_MM: f64 = 0.535;
+/// Standard deviation of the lateral profile, lines.
+const LATERAL: f64 = 3.0;
+/// Distance between lines, mm: 256 lines over the 38 mm of an L12-5.
+pub const PITCH_MM: f64 = 0.1484;
+/// Lines beyond the array, on either side, whose scatterers are kept.
+const ASIDE: f64 = 12.0;
+
+/// A medium of ten scatterers in a resolution cell of 0.23 x 1.05 x 1.26 mm, seen by a linear array.
+#[derive(Clone, Copy, Debug)]
+pub struct Medium {
+    /// Receiver and pulse.
+    pub acquisition: Acquisition,
+    /// Number of lines.
+    pub lines: usize,
+    /// Number of samples of a line.
+    pub samples: usize,
+    /// Reach of the medium before the array, mm: tissue that comes into the image when the medium moves away.
+    pub before_mm: f64,
+}
+
+fn random(item: i32, stream: i32) -> f64 {
+    f64::from(unit(hash3([item, stream, 31], [8, 9])[0]))
+}
+
+fn normal(item: i32, stream: i32) -> f64 {
+    (-2.0 * (1.0 - random(item, stream)).ln()).sqrt() * (TAU * random(item, stream + 1000)).cos()
+}
+
+impl Medium {
+    /// Medium under 5 MHz, sampled at 40 MHz, with noise 30 dB below its echoes.
+    pub fn new(lines: usize, samples: usize) -> Self {
+        Self {
+            acquisition: Acquisition {
+                snr_db: 30.0,
+                ..Acquisition::new(5.0)
+            },
+            lines,
+            samples,
+            before_mm: 1.0,
+        }
+    }
+
+    /// Scatterers of the medium displaced by a function of depth (mm away from the array, and towards the marked side).
+    pub fn scatterers(&self, moved: impl Fn(f64) -> [f64; 2] + Sync) -> Vec<Scatterer> {
+        let sample_mm = self.acquisition.sample_mm();
+        let length_mm = self.samples as f64 * sample_mm + self.before_mm + 1.0;
+        let lines = self.lines as f64 + 2.0 * ASIDE;
+        let count = (33.0 * length_mm * 3.2 * lines * PITCH_MM) as i32;
+        let place = |item: i32| {
+            let z = random(item, 1) * length_mm - self.before_mm;
+            let line = random(item, 2) * lines - ASIDE;
+            let beyond = (random(item, 3) - 0.5) * 3.2 / ELEVATIONAL_MM;
+            let [axial, lateral] = moved(z);
+            Scatterer {
+                line: (line + lateral / PITCH_MM) as f32,
+                sample: (z + axial) / sample_mm,
+                amplitude: (normal(item, 4).signum() * (-0.5 * beyond * beyond).exp()) as f32,
+                sigma: LATERAL as f32,
+            }
+        };
+        (0..count).into_par_iter().map(place).collect()
+    }
+
+    /// Echoes of the medium displaced by a function of depth, with the noise of a number.
+    pub fn frame(&self, noise: i32, moved: impl Fn(f64) -> [f64; 2] + Sync) -> Vec<f32> {
+        let mut scatterers = self.scatterers(moved);
+        let mut found: Vec<f32> = echoes(
+            &mut scatterers,
+            &Pulse::new(&self.acquisition),
+            self.lines,
+            self.samples,
+        );
+        let rms = (found.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>() / found.len() as f64).sqrt();
+        let level = rms * 10_f64.powf(-self.acquisition.snr_db / 20.0);
+        found
+            .par_iter_mut()
+            .enumerate()
+            .for_each(|(at, value)| *value += (level * normal(at as i32, 50 + noise)) as f32);
+        found
+    }
+}

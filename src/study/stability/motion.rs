@@ -1,0 +1,128 @@
+//! Cases of radio-frequency echoes and of motion estimated from them.
+
+use super::record::{Record, Unexpected, largest};
+use super::{Case, Group};
+use crate::base::random::{hash3, seed_words, unit};
+use crate::imaging::rf::medium::{Medium, PITCH_MM};
+use crate::imaging::rf::motion::{Estimate, Options, Tracker};
+
+/// Group of motion cases.
+pub const GROUP: Group = Group {
+    name: "Motion from echoes",
+    cases: &[
+        Case {
+            name: "echoes that are none",
+            criterion: "zeros, constants, noise alone: no window correlates, and the reference stays; tissue that jumps out of reach: at most a tenth \
+                        correlate by chance; everything finite",
+            covers: &["cpu f32"],
+            seed: 121,
+            run: none,
+        },
+        Case {
+            name: "damaged echoes",
+            criterion: "cut off at half of their RMS, every fifth line constant, some samples at the limit: what correlates errs by less than \
+                        0.5 um in the mean and 1 um in standard deviation; constant lines do not correlate",
+            covers: &["cpu f32"],
+            seed: 122,
+            run: damaged,
+        },
+    ],
+};
+
+const JUMP: &str = "tissue moved by 6 mm";
+const LINES: usize = 40;
+const SAMPLES: usize = 1000;
+
+fn options() -> Options {
+    Options {
+        windows: 30,
+        ..Options::new(40.0, PITCH_MM)
+    }
+}
+
+/// Correlation from which a window counts.
+const TRUSTED: f64 = 0.8;
+
+fn share(found: &[Estimate]) -> f64 {
+    let trusted = found.iter().filter(|it| it.correlation >= TRUSTED).count();
+    trusted as f64 / found.len() as f64
+}
+
+fn magnitude(found: &[Estimate]) -> f64 {
+    largest(found.iter().flat_map(|it| [it.axial_um, it.lateral_um, it.correlation]))
+}
+
+fn none(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let seed = seed_words(record.seed());
+    let noise = |frame: i32| -> Vec<f32> {
+        let value = |at: usize| unit(hash3([at as i32, frame, 0], seed)[0]) - 0.5;
+        (0..LINES * SAMPLES).map(value).collect()
+    };
+    let medium = Medium::new(LINES, SAMPLES);
+    let zeros = vec![0.0; LINES * SAMPLES];
+    let constant = vec![1.0e4; LINES * SAMPLES];
+    let still = medium.frame(0, |_| [0.0; 2]);
+    let away = medium.frame(1, |_| [6.0, 0.0]);
+    let cases = [
+        ("zeros", zeros.clone(), zeros.clone()),
+        ("constants", constant.clone(), constant),
+        ("zeros after echoes", still.clone(), zeros),
+        ("noise", noise(0), noise(1)),
+        (JUMP, still, away),
+    ];
+    for (name, first, second) in cases {
+        let mut tracker = Tracker::new(options(), LINES, &first);
+        let found = tracker.next(&second);
+        let jumps = name == JUMP;
+        let limit = if jumps { 0.1 } else { 0.0 };
+        record.under(format!("{name}: share of windows that correlate"), share(&found), limit);
+        // The reach of the search, and of its refinement, is far below a metre.
+        record.under(format!("{name}: largest number"), magnitude(&found), 1e6);
+        if !jumps {
+            record.zero(format!("{name}: changes of the reference"), tracker.switches as f64);
+        }
+    }
+    Ok(())
+}
+
+fn damaged(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    const MOVED_MM: f64 = 0.0777;
+    let medium = Medium::new(LINES, SAMPLES);
+    let seed = seed_words(record.seed());
+    let frames = [medium.frame(0, |_| [0.0; 2]), medium.frame(1, |_| [MOVED_MM, 0.0])];
+    let rms = (frames[0].iter().map(|value| value * value).sum::<f32>() / frames[0].len() as f32).sqrt();
+    let cut = |_: usize, value: f32| value.clamp(-0.5 * rms, 0.5 * rms);
+    let lines = |at: usize, value: f32| if (at / SAMPLES).is_multiple_of(5) { rms } else { value };
+    let spikes = |at: usize, value: f32| match hash3([at as i32, 0, 0], seed)[0] % 2000 {
+        0 => 20.0 * rms,
+        _ => value,
+    };
+    let cases: [(&str, &dyn Fn(usize, f32) -> f32); 3] =
+        [("cut off", &cut), ("constant lines", &lines), ("spikes", &spikes)];
+    for (name, damage) in cases {
+        let [first, second] = frames
+            .each_ref()
+            .map(|frame| -> Vec<f32> { frame.iter().enumerate().map(|(at, value)| damage(at, *value)).collect() });
+        let mut tracker = Tracker::new(options(), LINES, &first);
+        let found = tracker.next(&second);
+        let count = options().windows;
+        let inner = found.iter().enumerate().filter(|(at, _)| at % count + 1 < count);
+        let kept = inner.filter(|(_, it)| it.correlation >= TRUSTED);
+        let errors: Vec<f64> = kept.map(|(_, it)| it.axial_um - 1e3 * MOVED_MM).collect();
+        let mean = errors.iter().sum::<f64>() / errors.len() as f64;
+        let square = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / errors.len() as f64;
+        record.under(format!("{name}: axial bias, um"), mean.abs(), 0.5);
+        record.under(format!("{name}: axial standard deviation, um"), square.sqrt(), 1.0);
+        record.report(format!("{name}: share of windows that correlate"), share(&found));
+        record.under(format!("{name}: largest number"), magnitude(&found), 1e6);
+        if name == "constant lines" {
+            let stuck = found
+                .chunks(count)
+                .step_by(5)
+                .flatten()
+                .filter(|it| it.correlation >= TRUSTED);
+            record.zero("windows of constant lines that correlate", stuck.count() as f64);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,261 @@
+//! Motion from radio-frequency echoes: what length of windows, upsampling and prior estimates are worth. Echoes are those of a uniform medium
+//! whose motion is known.
+
+mod insertion;
+#[cfg(test)]
+mod tests;
+pub mod validation;
+
+use std::f64::consts::{PI, TAU};
+use std::time::Instant;
+
+use super::gather::Entry;
+use super::{Axis, Factor, Figure, Goal, Study, Table};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::{Spread, mean, std};
+use crate::imaging::rf::medium::{Medium, PITCH_MM};
+use crate::imaging::rf::motion::{Estimate, Options, Tracker};
+use crate::imaging::rf::{Acquisition, SPEED_M_S};
+use crate::study::stability::Effort;
+
+/// Registration of this study.
+pub const ENTRY: Entry = Entry {
+    name: "motion",
+    title: "Motion from echoes",
+    question: "How long may windows be, how far must echoes be upsampled, and what do prior estimates save?",
+    run: |_, effort, progress| Ok(study(effort, progress)),
+};
+
+/// Lines left out at either side of the array, where the beam sees beyond it.
+const EDGE: usize = 4;
+/// Tolerance of the axial standard deviation, um, with its reason.
+const SD_UM: (f64, &str) = (2.0, "a fifth of the 10 um by which 1 % of strain stretches 1 mm");
+/// Error beyond which a window follows a wrong place, um.
+const WRONG_UM: f64 = 20.0;
+const REPEATS: usize = 5;
+
+/// Displacement (mm) away from the array and across the lines at a depth (mm).
+type Moved = fn(f64) -> [f64; 2];
+
+/// A medium of some lines and samples, and the settings of the estimator for it.
+fn field([lines, samples, windows]: [usize; 3]) -> (Medium, Options) {
+    let medium = Medium::new(lines, samples);
+    let options = Options {
+        windows,
+        ..Options::new(medium.acquisition.sampling_mhz, PITCH_MM)
+    };
+    (medium, options)
+}
+
+/// The field of Dehghan et al. 2008, or a part of it.
+fn medium(effort: Effort) -> (Medium, Options) {
+    field(effort.pick([32, 1000, 32], [178, 3896, 120]))
+}
+
+/// Errors of the windows that correlate, away from the edges.
+struct Errors {
+    /// Mean and standard deviation of the axial and of the lateral error, um.
+    axial: [f64; 2],
+    lateral: [f64; 2],
+    /// Mean correlation.
+    correlation: f64,
+    /// Share of these windows that err by more than [`WRONG_UM`].
+    wrong: f64,
+    /// Share of all windows that correlate.
+    trusted: f64,
+}
+
+impl Errors {
+    fn of(options: &Options, medium: &Medium, found: &[Estimate], moved: impl Fn(f64) -> [f64; 2]) -> Self {
+        let centres = options.centres_mm(medium.samples);
+        let inner = |line: usize| (EDGE..medium.lines - EDGE).contains(&line);
+        let all = found
+            .chunks(options.windows)
+            .enumerate()
+            .filter(|(line, _)| inner(*line));
+        // The last window ends where the echoes of the medium do.
+        let all: Vec<_> = all
+            .flat_map(|(_, line)| line.iter().zip(&centres).take(centres.len() - 1))
+            .collect();
+        let kept: Vec<_> = all
+            .iter()
+            .filter(|(it, _)| it.correlation >= options.fallback)
+            .collect();
+        let of = |axis: usize| -> Vec<f64> {
+            let error = |it: &Estimate, depth: f64| [it.axial_um, it.lateral_um][axis] - 1e3 * moved(depth)[axis];
+            kept.iter().map(|(it, depth)| error(it, **depth)).collect()
+        };
+        let (axial, lateral) = (of(0), of(1));
+        let wrong = axial.iter().filter(|error| error.abs() > WRONG_UM).count();
+        Self {
+            wrong: wrong as f64 / kept.len() as f64,
+            trusted: kept.len() as f64 / all.len() as f64,
+            correlation: mean(&kept.iter().map(|(it, _)| it.correlation).collect::<Vec<_>>()),
+            axial: [mean(&axial), std(&axial)],
+            lateral: [mean(&lateral), std(&lateral)],
+        }
+    }
+}
+
+/// Least axial standard deviation, um, of any estimator of delays between two windows (W. F. Walker and G. E. Trahey, IEEE Transactions on
+/// Ultrasonics, Ferroelectrics and Frequency Control 42, 1995), for echoes whose noise-free correlation is `rho`. Noise counts within the band.
+fn bound_um(acquisition: &Acquisition, window_mm: f64, rho: f64) -> f64 {
+    let (f0, b, t) = (
+        acquisition.frequency_mhz,
+        acquisition.bandwidth,
+        2e3 * window_mm / SPEED_M_S,
+    );
+    let snr2 = 10_f64.powf(acquisition.snr_db / 10.0) * (acquisition.sampling_mhz / 2.0) / (b * f0);
+    let spread = ((1.0 + 1.0 / snr2) / rho).powi(2) - 1.0;
+    (1.5 / (f0.powi(3) * PI * PI * t * (b.powi(3) + 12.0 * b)) * spread).sqrt() * SPEED_M_S / 2.0
+}
+
+/// Correlation that a uniform strain leaves between two windows: the mean over the window of the autocorrelation of the pulse,
+/// exp(-t^2 / 4 s^2) cos(2 pi f0 t), at the delays by which the strain moves its parts.
+fn strained_correlation(acquisition: &Acquisition, window_mm: f64, strain: f64) -> f64 {
+    const PARTS: usize = 100;
+    let part = |at: usize| {
+        let away_mm = ((at as f64 + 0.5) / PARTS as f64 - 0.5) * window_mm;
+        let delay_us = 2e3 * strain * away_mm / SPEED_M_S;
+        let envelope = (-0.25 * (delay_us / acquisition.sigma_us()).powi(2)).exp();
+        envelope * (TAU * acquisition.frequency_mhz * delay_us).cos()
+    };
+    (0..PARTS).map(part).sum::<f64>() / PARTS as f64
+}
+
+const FACTORS: [Factor; 4] = [
+    Factor {
+        key: "window_mm",
+        label: "window, mm",
+    },
+    Factor {
+        key: "upsampling",
+        label: "upsampling",
+    },
+    Factor {
+        key: "search",
+        label: "search",
+    },
+    Factor {
+        key: "motion",
+        label: "motion",
+    },
+];
+const AXES: [Axis; 7] = [
+    Axis::log("median_ms", "ms", "time of a frame (median), ms"),
+    Axis::log("correlations", "correlations", "correlations of a window"),
+    Axis::linear("bias_um", "bias um", "axial bias, um"),
+    Axis::log("sd_um", "SD um", "axial standard deviation, um"),
+    Axis::linear("lateral_sd_um", "lateral SD um", "lateral standard deviation, um"),
+    Axis::linear("trusted", "correlate", "share of windows that correlate"),
+    Axis::linear("wrong", "wrong", "share of these at a wrong place"),
+];
+const MOTIONS: [(&str, Moved); 3] = [
+    ("moved by 0.1234 mm", |_| [0.1234, 0.0]),
+    ("strained by 1 %", |z| [-0.01 * z, 0.0]),
+    ("strained by 2 %", |z| [-0.02 * z, 0.0]),
+];
+
+/// Runs the study.
+pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Study {
+    let (medium, usual) = medium(effort);
+    let window = |window_mm| Options { window_mm, ..usual };
+    let upsampled = |upsampling| Options { upsampling, ..usual };
+    let exhaustive = Options { prior: false, ..usual };
+    let ways = [0.5, 1.0, 2.0, 4.0].map(window);
+    let ways: Vec<_> = ways
+        .into_iter()
+        .chain([1, 4].map(upsampled))
+        .chain([exhaustive])
+        .collect();
+    let title = format!(
+        "Windows, upsampling and search: {} lines of {:.1} mm with {} windows, noise at -30 dB",
+        medium.lines,
+        medium.samples as f64 * medium.acquisition.sample_mm(),
+        usual.windows
+    );
+    let goal = Goal::new("median_ms", "sd_um", SD_UM)
+        .over(&["motion"])
+        .choosing("windows, upsampling and search of motion");
+    let mut table = Table::new("motion", title, &FACTORS, &AXES)
+        .against("the motion that the medium was given")
+        .seeking(goal);
+    progress("the medium at rest", 0.0);
+    let first = medium.frame(0, |_| [0.0; 2]);
+    let work = (MOTIONS.len() * ways.len()) as f64;
+    for (name, moved) in MOTIONS {
+        let second = medium.frame(1, moved);
+        for options in &ways {
+            progress(name, table.rows.len() as f64 / work);
+            let mut tracker = Tracker::new(*options, medium.lines, &first);
+            let errors = Errors::of(options, &medium, &tracker.next(&second), moved);
+            // From the second frame on, as in a sequence, with motion known from the frame before.
+            let before = tracker.correlations;
+            let mut times = Vec::new();
+            for _ in 0..REPEATS {
+                let mut tracker = Tracker::new(*options, medium.lines, &first);
+                tracker.next(&second);
+                let start = Instant::now();
+                tracker.next(&second);
+                times.push(start.elapsed().as_secs_f64() * 1e3);
+            }
+            tracker.next(&second);
+            let each = (tracker.correlations - before) as f64 / (medium.lines * options.windows) as f64;
+            let choices = [
+                options.window_mm.to_string(),
+                options.upsampling.to_string(),
+                if options.prior { "prior" } else { "exhaustive" }.to_owned(),
+                name.to_owned(),
+            ];
+            let errors = [
+                errors.axial[0],
+                errors.axial[1],
+                errors.lateral[1],
+                errors.trusted,
+                errors.wrong,
+            ];
+            // Without windows that correlate there are no errors.
+            let errors = errors.map(|value| Some(value).filter(|value| value.is_finite()));
+            let cost = [Spread::of(times).map(|spread| spread.median_ms), Some(each)];
+            let values = cost.into_iter().chain(errors).collect();
+            table.push(choices.to_vec(), values, None);
+        }
+    }
+    progress("done", 1.0);
+    Study {
+        name: "tradeoff-motion",
+        title: ENTRY.title,
+        about: about(&medium),
+        machine: Machine::here(),
+        tables: vec![table],
+        figures: vec![Figure {
+            marker: vec!["upsampling", "search"],
+            joined: false,
+            ..Figure::new("motion-error-time", "Motion from echoes", "motion", ["median_ms", "sd_um"], "window_mm")
+        }],
+        notes: vec![
+            "errors are those of windows with a correlation of 0.8 or more, without the last window and four lines on either side".to_owned(),
+            format!("at a wrong place: more than {WRONG_UM} um off"),
+        ],
+    }
+}
+
+fn about(medium: &Medium) -> Vec<(&'static str, String)> {
+    let Acquisition {
+        frequency_mhz,
+        sampling_mhz,
+        bandwidth,
+        snr_db,
+        ..
+    } = medium.acquisition;
+    vec![
+        (
+            "echoes",
+            format!("{frequency_mhz} MHz, bandwidth {bandwidth}, sampled at {sampling_mhz} MHz, noise at -{snr_db} dB"),
+        ),
+        (
+            "medium",
+            format!("uniform, ten scatterers in a resolution cell, lines {PITCH_MM} mm apart"),
+        ),
+    ]
+}

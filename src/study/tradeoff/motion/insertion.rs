@@ -1,0 +1,197 @@
+//! Motion around a needle in the two-layer phantom, as in figure 9 of Dehghan et al. 2008: the probe at the back, the needle along the beam and
+//! 5 mm out of the image plane.
+
+use super::validation::Course;
+use crate::imaging::rf::motion::{Options, Tracker};
+use crate::imaging::rf::scatterers::RfSynthesizer;
+use crate::imaging::rf::truth::{self, Followed};
+use crate::imaging::rf::{Acquisition, medium};
+use crate::input::scenario::ScenarioFile;
+use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::study::error::StudyError;
+use crate::study::stability::Effort;
+use crate::study::tradeoff::{Axis, Factor, Figure, Table};
+
+/// What is inserted, in words.
+pub const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of the plane, in to 40 mm, half out and in again, out; 75 mm, 10 frames a \
+                         second";
+
+const SCENARIO: &str = r#"
+version = 1
+[run]
+dt_ms = 20
+[scene]
+seed = 3
+[scene.volume]
+phantom = "two-layer"
+resolution_mm = 1.5
+[scene.probe]
+kind = "linear"
+depth_mm = 75
+frequency_mhz = 5
+[scene.effects]
+slice = {}
+[tissue]
+nodes = 991
+# The back, where the probe is, and the base.
+[[tissue.fix]]
+box_mm = [[-inf, -inf, 44], [inf, inf, inf]]
+[[tissue.fix]]
+box_mm = [[-inf, -inf, -inf], [inf, -39, inf]]
+[[tissue.material]]
+region = "phantom_top"
+friction_n_per_mm = 0.02
+cutting_n = 0.5
+[[tissue.material]]
+region = "phantom_inclusion"
+friction_n_per_mm = 0.03
+cutting_n = 1.0
+[needle]
+length_mm = 120
+diameter_mm = 1.27
+"#;
+
+/// Times (s) and depths of the tip below the face (mm) of the needle's motion.
+const KEYFRAMES: [[f64; 2]; 6] = [
+    [0.0, -1.0],
+    [4.1, 40.0],
+    [4.6, 40.0],
+    [6.6, 20.0],
+    [8.6, 40.0],
+    [12.7, -1.0],
+];
+
+const SHORT: [[f64; 2]; 2] = [[0.0, -1.0], [2.1, 20.0]];
+
+fn scenario(effort: Effort) -> String {
+    let (lines, rate, keyframes) = effort.pick((16, 5, &SHORT[..]), (96, 10, &KEYFRAMES[..]));
+    let width_mm = f64::from(lines - 1) * medium::PITCH_MM;
+    let mut text = SCENARIO
+        .replace("[run]", &format!("[run]\nframe_rate_hz = {rate}"))
+        .replace(
+            "[scene.probe]",
+            &format!("[scene.probe]\nlines = {lines}\nwidth_mm = {width_mm}"),
+        );
+    for [time_s, depth_mm] in keyframes {
+        let z = depth_mm - 45.0;
+        text +=
+            &format!("[[needle.motion.keyframes]]\ntime_s = {time_s}\ntip_mm = [0, 5, {z}]\ndirection = [0, 0, 1]\n");
+    }
+    text
+}
+
+struct Watch<'a> {
+    course: &'a mut Course,
+    synthesizer: RfSynthesizer,
+    tracker: Option<Tracker>,
+    options: Options,
+    followed: Vec<Followed>,
+    scene: &'a crate::input::scene::Scene,
+    needle: Table,
+    /// Depth of the tip (mm) and force on the hand (N) in the last step.
+    last: [f64; 2],
+    frames: f64,
+    progress: &'a mut dyn FnMut(f64),
+}
+
+/// Name of the motion in the tables.
+const NAME: &str = "insertion";
+
+impl Observer for Watch<'_> {
+    type Error = StudyError;
+
+    fn step(&mut self, step: &Step<'_>) -> Result<(), StudyError> {
+        let outcome = step.outcome;
+        self.last = [outcome.inserted_mm, -outcome.on_hand.force_n.z];
+        Ok(())
+    }
+
+    fn frame(&mut self, moment: &Moment<'_>) -> Result<(), StudyError> {
+        let echoes = self.synthesizer.render(moment.state)?;
+        let pose = &moment.state.probe_to_world;
+        let [depth, force] = self.last.map(Some);
+        self.needle
+            .push(vec!["needle".to_owned()], vec![Some(moment.time_s), depth, force], None);
+        (self.progress)(moment.number as f64 / self.frames);
+        let Some(tracker) = &mut self.tracker else {
+            let depths = self.options.centres_mm(self.synthesizer.samples());
+            let mesh = self.scene.anatomy.mesh.as_deref();
+            self.followed = truth::windows(&self.synthesizer, mesh, pose, &depths);
+            self.tracker = Some(Tracker::new(self.options, self.synthesizer.lines(), &echoes));
+            return Ok(());
+        };
+        let found = tracker.next(&echoes);
+        let moved = |point: &Followed| {
+            let [axial, lateral, _] = point.motion_um(&self.synthesizer, pose);
+            [axial, lateral]
+        };
+        let truth: Vec<[f64; 2]> = self.followed.iter().map(moved).collect();
+        self.course.push(NAME, moment.time_s, &found, &truth);
+        self.course.push_places(moment.time_s, &found, &truth);
+        Ok(())
+    }
+
+    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StudyError> {
+        Ok(())
+    }
+}
+
+/// Runs the insertion into the tables of a course; returns the table of the needle.
+pub(super) fn run_into(
+    effort: Effort,
+    course: &mut Course,
+    progress: &mut dyn FnMut(f64),
+) -> Result<Table, StudyError> {
+    let scenario = ScenarioFile::parse(&scenario(effort), "two-layer phantom")?.resolve("".as_ref(), |_| {})?;
+    let scene = &scenario.scene;
+    let acquisition = Acquisition::new(scene.settings.probe.frequency_mhz);
+    let synthesizer = RfSynthesizer::new(scene.anatomy.clone(), scene.settings.clone(), acquisition)?;
+    let options = Options::new(acquisition.sampling_mhz, medium::PITCH_MM);
+    course.over(options, synthesizer.lines(), synthesizer.samples());
+    let axes = [
+        Axis::linear("time_s", "time s", "time, s"),
+        Axis::linear("inserted_mm", "inserted mm", "length in the tissue, mm"),
+        Axis::linear("force_n", "force N", "force on the needle, N"),
+    ];
+    let part = Factor {
+        key: "part",
+        label: "part",
+    };
+    let mut watch = Watch {
+        course,
+        tracker: None,
+        options,
+        followed: Vec::new(),
+        scene,
+        needle: Table::trace("needle", "Figure 9 a, b: the needle", &[part], &axes),
+        last: [0.0; 2],
+        frames: scenario.timing.moments(scenario.timing.frame_s) as f64,
+        synthesizer,
+        progress,
+    };
+    let mut model = scenario.model(|_, _| {})?;
+    let asked = Requests {
+        frames: true,
+        mesh_s: None,
+    };
+    run(&scenario, model.as_mut(), asked, &mut watch)?;
+    let switches = watch.tracker.map_or(0, |tracker| tracker.switches);
+    watch.course.end(NAME, switches);
+    Ok(watch.needle)
+}
+
+/// Figures of the needle.
+pub(super) fn figures() -> [Figure; 2] {
+    let figure = |file: &str, title: &str, y| Figure {
+        marked: false,
+        ..Figure::new(file, title, "needle", ["time_s", y], "part")
+    };
+    [
+        figure(
+            "figure-9a",
+            "Figure 9 a: length of the needle in the tissue",
+            "inserted_mm",
+        ),
+        figure("figure-9b", "Figure 9 b: force on the needle", "force_n"),
+    ]
+}

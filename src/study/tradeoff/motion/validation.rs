@@ -1,0 +1,422 @@
+//! Validation of estimated motion after Dehghan et al. 2008 ("TDPE validation"): their figures 6, 8 and 9 and table I, in this program's numbers,
+//! and the accuracy under shifts and strains beside the bound of Walker and Trahey.
+
+use std::f64::consts::TAU;
+
+use super::{Errors, MOTIONS, Moved, about, bound_um, field, insertion, medium, strained_correlation};
+use crate::base::report::machine::Machine;
+use crate::base::report::statistics::{mean, std};
+use crate::imaging::rf::medium::Medium;
+use crate::imaging::rf::motion::{Estimate, Options, Tracker};
+use crate::study::error::StudyError;
+use crate::study::stability::Effort;
+use crate::study::tradeoff::gather::Progress;
+use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
+
+/// Frames a second of the sinusoids.
+const FRAMES_PER_S: f64 = 20.0;
+
+const TRUTH: [&str; 2] = ["true", "estimated"];
+
+const MOTION: Factor = Factor {
+    key: "motion",
+    label: "motion",
+};
+const SOURCE: Factor = Factor {
+    key: "source",
+    label: "source",
+};
+
+/// Estimates of a sequence beside its true motion: the summary of table I and the courses of figures 8 and 9.
+pub struct Course {
+    options: Options,
+    lines: usize,
+    /// Depths of the windows, mm.
+    depths: Vec<f64>,
+    table: Table,
+    means: Table,
+    places: Table,
+    sides: Table,
+    worst: [f64; 2],
+    last: f64,
+    frames: usize,
+}
+
+/// Places in the image whose courses are drawn, along the middle line.
+const PLACES: usize = 6;
+
+impl Course {
+    /// Prepares the tables of sequences with these settings; `time` is the horizontal axis of the courses.
+    pub fn new(options: Options, lines: usize, samples: usize, time: Axis) -> Self {
+        let of = |key, title: &str, factor, axes: &[Axis]| Table::trace(key, title, &[factor, SOURCE], axes);
+        let place = Factor {
+            key: "place",
+            label: "depth, mm",
+        };
+        let side = Factor {
+            key: "side",
+            label: "half of the image",
+        };
+        let axes = [
+            Axis::linear("mean_error_um", "mean um", "largest mean error of a frame, um"),
+            Axis::linear("sd_um", "SD um", "largest standard deviation of a frame, um"),
+            Axis::linear("drift_um", "drift um", "mean error of the last frame, um"),
+            Axis::linear("switches", "references", "changes of the reference"),
+            Axis::linear("frames", "frames", "frames"),
+        ];
+        let moved = Axis::linear("axial_mm", "axial mm", "mean axial motion, mm");
+        let axial = Axis::linear("axial_mm", "axial mm", "axial motion, mm");
+        let lateral = Axis::linear("lateral_mm", "lateral mm", "mean lateral motion, mm");
+        Self {
+            depths: options.centres_mm(samples),
+            options,
+            lines,
+            table: Table::new("errors", "Table I: errors of axial motion", &[MOTION], &axes),
+            means: of("courses", "Figure 8: motion of the medium", MOTION, &[time, moved]),
+            places: of(
+                "places",
+                "Figure 9 c: axial motion of places on the middle line",
+                place,
+                &[time, axial],
+            ),
+            sides: of(
+                "sides",
+                "Figure 9 d: lateral motion of the halves of the image",
+                side,
+                &[time, lateral],
+            ),
+            worst: [0.0; 2],
+            last: 0.0,
+            frames: 0,
+        }
+    }
+
+    /// Goes on with sequences of other settings.
+    pub(super) fn over(&mut self, options: Options, lines: usize, samples: usize) {
+        (self.options, self.lines, self.depths) = (options, lines, options.centres_mm(samples));
+    }
+
+    /// Adds a frame: estimates and true axial and lateral motion (um) of the windows, line by line. Windows that do not correlate are left out.
+    pub fn push(&mut self, motion: &str, time: f64, found: &[Estimate], truth: &[[f64; 2]]) {
+        let fallback = self.options.fallback;
+        let kept = || found.iter().zip(truth).filter(|(it, _)| it.correlation >= fallback);
+        let errors: Vec<f64> = kept().map(|(it, truth)| it.axial_um - truth[0]).collect();
+        if errors.is_empty() {
+            return;
+        }
+        let (error, spread) = (mean(&errors), std(&errors));
+        self.worst = [self.worst[0].max(error.abs()), self.worst[1].max(spread)];
+        self.last = error;
+        self.frames += 1;
+        let true_um = mean(&kept().map(|(_, truth)| truth[0]).collect::<Vec<_>>());
+        for (source, um) in TRUTH.iter().zip([true_um, true_um + error]) {
+            let choices = vec![motion.to_owned(), (*source).to_owned()];
+            self.means.push(choices, vec![Some(time), Some(um * 1e-3)], None);
+        }
+    }
+
+    /// Adds the courses of places and of the halves of the image at a frame.
+    pub fn push_places(&mut self, time: f64, found: &[Estimate], truth: &[[f64; 2]]) {
+        let (count, fallback) = (self.options.windows, self.options.fallback);
+        for at in 0..PLACES.min(count) {
+            let window = (2 * at + 1) * count / (2 * PLACES);
+            let index = self.lines / 2 * count + window;
+            let name = format!("{:.0}", self.depths[window]);
+            let estimated = (found[index].correlation >= fallback).then_some(found[index].axial_um);
+            for (source, um) in TRUTH.iter().zip([Some(truth[index][0]), estimated]) {
+                let values = vec![Some(time), um.map(|um| um * 1e-3)];
+                self.places.push(vec![name.clone(), (*source).to_owned()], values, None);
+            }
+        }
+        let half = self.lines / 2 * count;
+        for (name, range) in [("unmarked", 0..half), ("marked", half..found.len())] {
+            let pairs = found[range.clone()].iter().zip(&truth[range]);
+            let kept: Vec<_> = pairs.filter(|(it, _)| it.correlation >= fallback).collect();
+            if kept.is_empty() {
+                continue;
+            }
+            let true_um = mean(&kept.iter().map(|(_, truth)| truth[1]).collect::<Vec<_>>());
+            let found_um = mean(&kept.iter().map(|(it, _)| it.lateral_um).collect::<Vec<_>>());
+            for (source, um) in TRUTH.iter().zip([true_um, found_um]) {
+                let values = vec![Some(time), Some(um * 1e-3)];
+                self.sides
+                    .push(vec![name.to_owned(), (*source).to_owned()], values, None);
+            }
+        }
+    }
+
+    /// Ends a sequence: its row of table I.
+    pub fn end(&mut self, motion: &str, switches: usize) {
+        let values = [
+            self.worst[0],
+            self.worst[1],
+            self.last,
+            switches as f64,
+            self.frames as f64,
+        ];
+        self.table
+            .push(vec![motion.to_owned()], values.map(Some).to_vec(), None);
+        (self.worst, self.last, self.frames) = ([0.0; 2], 0.0, 0);
+    }
+
+    fn figures(&self, time: &'static str) -> Vec<Figure> {
+        let course = |file: String, title: String, table, y, colour: &'static str| Figure {
+            marker: vec!["source"],
+            marked: false,
+            ..Figure::new(file, title, table, [time, y], colour)
+        };
+        let mut motions: Vec<&String> = self.means.rows.iter().map(|row| &row.choices[0]).collect();
+        motions.dedup();
+        let means = motions.iter().enumerate().map(|(at, motion)| Figure {
+            only: vec![("motion", (*motion).clone())],
+            ..course(
+                format!("figure-8-{}", at + 1),
+                format!("Figure 8: {motion}"),
+                "courses",
+                "axial_mm",
+                "source",
+            )
+        });
+        let mut figures: Vec<Figure> = means.collect();
+        let places =
+            |file: &str, table: &Table, y, colour| course(file.to_owned(), table.title.clone(), table.key, y, colour);
+        figures.push(places("figure-9c", &self.places, "axial_mm", "place"));
+        figures.push(places("figure-9d", &self.sides, "lateral_mm", "side"));
+        figures
+    }
+
+    /// Study of all that was added, and of the line of a frame (figure 6).
+    pub fn study(self, line: &[f32], about: Vec<(&'static str, String)>) -> Study {
+        let time = self.means.axes[0].key;
+        let figures = [vec![line_figure()], self.figures(time)].concat();
+        Study {
+            name: "motion-validation",
+            title: "Motion from echoes against the truth",
+            about,
+            machine: Machine::here(),
+            tables: vec![
+                self.table,
+                line_table(&self.options, line),
+                self.means,
+                self.places,
+                self.sides,
+            ],
+            figures,
+            notes: Vec::new(),
+        }
+    }
+}
+
+/// Figure 6: a portion of a line, and three windows of it.
+fn line_table(options: &Options, line: &[f32]) -> Table {
+    let part = Factor {
+        key: "part",
+        label: "part",
+    };
+    let axes = [
+        Axis::linear("depth_mm", "depth mm", "depth, mm"),
+        Axis::linear("value", "value", "share of the largest value; windows are drawn lower"),
+    ];
+    let mut table = Table::trace("line", "Figure 6: a line of echoes and three windows", &[part], &axes);
+    let depths = options.centres_mm(line.len());
+    let middle = depths.len() / 2;
+    let sample_mm = options.speed_m_s * 1e-3 / (2.0 * options.sampling_mhz);
+    let around = |centre: f64, half: f64| {
+        let at = |mm: f64| ((mm / sample_mm).round().max(0.0) as usize).min(line.len());
+        at(centre - half)..at(centre + half)
+    };
+    let three = middle.saturating_sub(1)..(middle + 2).min(depths.len());
+    let portion = around(depths[middle], 1.5 * options.window_mm.max(depths[1] - depths[0]));
+    let most = line[portion.clone()]
+        .iter()
+        .fold(0.0_f32, |most, value| most.max(value.abs()));
+    let parts = three.clone().map(|window| {
+        let name = format!("window {window}");
+        (
+            name,
+            around(depths[window], options.window_mm / 2.0),
+            2.0 * (window + 1 - three.start) as f64,
+        )
+    });
+    for (name, samples, lower) in std::iter::once(("line".to_owned(), portion, 0.0)).chain(parts) {
+        for at in samples {
+            let value = f64::from(line[at] / most.max(f32::MIN_POSITIVE)) - lower;
+            table.push(vec![name.clone()], vec![Some(at as f64 * sample_mm), Some(value)], None);
+        }
+    }
+    table
+}
+
+fn line_figure() -> Figure {
+    Figure {
+        marked: false,
+        ..Figure::new(
+            "figure-6",
+            "Figure 6: a line of echoes and three windows",
+            "line",
+            ["depth_mm", "value"],
+            "part",
+        )
+    }
+}
+
+/// Shifts and strains beside those of the trade-off.
+const MEDIA: [(&str, Moved); 6] = [
+    ("at rest", |_| [0.0; 2]),
+    ("moved by 5 um", |_| [0.005, 0.0]),
+    ("moved by 0.5 mm", |_| [0.5, 0.0]),
+    ("moved by 0.2 mm across the lines", |_| [0.0, 0.2]),
+    ("moved by -0.7 mm", |_| [-0.7, 0.0]),
+    ("strained by 0.2 %", |z| [-0.002 * z, 0.0]),
+];
+
+/// Accuracy under shifts and strains.
+fn media(effort: Effort, progress: Progress<'_>) -> Table {
+    let (medium, options) = medium(effort);
+    let axes = [
+        Axis::linear("bias_um", "bias um", "axial bias, um"),
+        Axis::linear("sd_um", "SD um", "axial standard deviation, um"),
+        Axis::linear("bound_um", "bound um", "least axial standard deviation, um"),
+        Axis::linear("lateral_bias_um", "lateral bias um", "lateral bias, um"),
+        Axis::linear("lateral_sd_um", "lateral SD um", "lateral standard deviation, um"),
+        Axis::linear("correlation", "correlation", "mean correlation at the nearest sample"),
+        Axis::linear("trusted", "correlate", "share of windows that correlate"),
+        Axis::linear("wrong", "wrong", "share of these at a wrong place"),
+        Axis::linear("correlations", "correlations", "correlations of a frame"),
+    ];
+    let title = format!(
+        "Shifts and strains: {} lines with {} windows",
+        medium.lines, options.windows
+    );
+    let mut table = Table::new("media", title, &[MOTION], &axes);
+    let first = medium.frame(0, |_| [0.0; 2]);
+    for (at, (name, moved)) in MEDIA.iter().chain(&MOTIONS).enumerate() {
+        progress(name, 0.3 * at as f64 / (MEDIA.len() + MOTIONS.len()) as f64);
+        let mut tracker = Tracker::new(options, medium.lines, &first);
+        let found = tracker.next(&medium.frame(1, moved));
+        let errors = Errors::of(&options, &medium, &found, moved);
+        let strain = moved(1.0)[0] - moved(0.0)[0];
+        let rho = strained_correlation(&medium.acquisition, options.window_mm, strain);
+        let values = [
+            errors.axial[0],
+            errors.axial[1],
+            bound_um(&medium.acquisition, options.window_mm, rho),
+            errors.lateral[0],
+            errors.lateral[1],
+            errors.correlation,
+            errors.trusted,
+            errors.wrong,
+            tracker.correlations as f64,
+        ];
+        table.push(vec![(*name).to_owned()], values.map(Some).to_vec(), None);
+    }
+    table
+}
+
+/// A medium that swings once: amplitude from end to end, frequency, and what swings.
+struct Swing {
+    name: &'static str,
+    hz: f64,
+    most: Moved,
+}
+
+const SWINGS: [Swing; 6] = [
+    Swing {
+        name: "0.5 mm at 0.25 Hz",
+        hz: 0.25,
+        most: |_| [0.5, 0.0],
+    },
+    Swing {
+        name: "1 mm at 0.25 Hz",
+        hz: 0.25,
+        most: |_| [1.0, 0.0],
+    },
+    Swing {
+        name: "2 mm at 0.25 Hz",
+        hz: 0.25,
+        most: |_| [2.0, 0.0],
+    },
+    Swing {
+        name: "1 mm at 0.5 Hz",
+        hz: 0.5,
+        most: |_| [1.0, 0.0],
+    },
+    Swing {
+        name: "1 mm at 1 Hz",
+        hz: 1.0,
+        most: |_| [1.0, 0.0],
+    },
+    Swing {
+        name: "strain of 4 % at 0.25 Hz",
+        hz: 0.25,
+        most: |z| [0.04 * z, 0.0],
+    },
+];
+
+fn swing(swing: &Swing, course: &mut Course, medium: &Medium, options: Options, mut progress: impl FnMut(f64)) {
+    let frames = (FRAMES_PER_S / swing.hz).round() as i32;
+    let share = |at: i32| 0.5 - 0.5 * (TAU * f64::from(at) / f64::from(frames)).cos();
+    let centres = options.centres_mm(medium.samples);
+    let length_mm = medium.samples as f64 * medium.acquisition.sample_mm();
+    // The outer lines see beyond the array, and the tissue of the last windows leaves the image.
+    let of_interest = |index: usize| {
+        let (line, z) = (index / options.windows, centres[index % options.windows]);
+        let stays = z + (swing.most)(z)[0] + options.window_mm < length_mm;
+        (super::EDGE..medium.lines - super::EDGE).contains(&line) && stays
+    };
+    let mut tracker = Tracker::new(options, medium.lines, &medium.frame(0, |_| [0.0; 2]));
+    for at in 1..=frames {
+        progress(f64::from(at) / f64::from(frames));
+        let moved = |z: f64| (swing.most)(z).map(|mm| mm * share(at));
+        let found = tracker.next(&medium.frame(at, moved));
+        let pairs = found.iter().enumerate().filter(|(index, _)| of_interest(*index));
+        let (found, truth): (Vec<Estimate>, Vec<[f64; 2]>) = pairs
+            .map(|(index, it)| (*it, moved(centres[index % options.windows]).map(|mm| mm * 1e3)))
+            .unzip();
+        course.push(swing.name, f64::from(at) / FRAMES_PER_S, &found, &truth);
+    }
+    course.end(swing.name, tracker.switches);
+}
+
+/// Runs the validation.
+///
+/// # Errors
+/// Errors of the insertion.
+pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, StudyError> {
+    let media = media(effort, progress);
+    let time = Axis::linear("time_s", "time s", "time, s");
+    let (small, options) = field(effort.pick([24, 1000, 32], [48, 1600, 50]));
+    let mut course = Course::new(options, small.lines, small.samples, time);
+    let swings = &SWINGS[effort.pick(4, 0)..];
+    for (at, it) in swings.iter().enumerate() {
+        let begun = 0.3 + 0.3 * at as f64 / swings.len() as f64;
+        // Tissue that comes into the image, and goes out of it.
+        let medium = Medium {
+            before_mm: 1.0 + (it.most)(0.0)[0],
+            ..small
+        };
+        swing(it, &mut course, &medium, options, |share| {
+            progress(it.name, begun + 0.3 * share / swings.len() as f64);
+        });
+    }
+    let needle = insertion::run_into(effort, &mut course, &mut |share| {
+        progress("insertion", 0.6 + 0.4 * share)
+    })?;
+    let first = small.frame(0, |_| [0.0; 2]);
+    let line = &first[small.lines / 2 * small.samples..][..small.samples];
+    let mut study = course.study(line, about(&small));
+    study.tables.splice(0..0, [media]);
+    study.tables.push(needle);
+    study.figures.extend(insertion::figures());
+    study.about.push((
+        "sinusoids",
+        "48 lines of 31 mm at 20 frames a second, one cycle".to_owned(),
+    ));
+    study.about.push(("insertion", insertion::ABOUT.to_owned()));
+    study.notes = vec![
+        "figure 7, the set-up of a moving probe in water, has no counterpart: the medium is moved".to_owned(),
+        "table I and figure 9 count windows with a correlation of 0.8 or more".to_owned(),
+    ];
+    progress("done", 1.0);
+    Ok(study)
+}

@@ -1,0 +1,54 @@
+//! What naga reads in the shader of radio-frequency echoes against what its pass declares.
+
+use std::collections::BTreeMap;
+use std::mem::offset_of;
+
+use insonify::gpu::Access;
+use insonify::imaging::rf::device::{BIN, INVOCATIONS, OWN, Params, SHADER, STORAGE};
+use insonify::imaging::rf::echoes::PHASES;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::{AddressSpace, StorageAccess};
+
+use super::shaders::block_of;
+
+#[test]
+fn the_pass_of_echoes_is_that_declared() {
+    let module =
+        naga::front::wgsl::parse_str(SHADER).unwrap_or_else(|error| panic!("{}", error.emit_to_string(SHADER)));
+    let checked = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module);
+    assert!(checked.is_ok(), "{:?}", checked.err());
+    let entries: Vec<_> = module
+        .entry_points
+        .iter()
+        .map(|entry| (&*entry.name, entry.workgroup_size))
+        .collect();
+    assert_eq!(entries, [("echoes", [INVOCATIONS as u32, 1, 1])]);
+    let bound = module
+        .global_variables
+        .iter()
+        .filter_map(|(_, variable)| Some((variable.binding?.binding, variable.space)));
+    let bound: BTreeMap<u32, AddressSpace> = bound.collect();
+    assert_eq!(bound.len(), 1 + STORAGE.len());
+    for (number, access) in (0..).zip([Access::Read].iter().chain(&STORAGE)) {
+        let access = match access {
+            Access::Read => StorageAccess::LOAD,
+            Access::Write => StorageAccess::LOAD | StorageAccess::STORE,
+        };
+        assert_eq!(bound[&number], AddressSpace::Storage { access }, "binding {number}");
+    }
+    let (members, span) = block_of(&module);
+    assert_eq!((members.len(), span), (6, size_of::<Params>()));
+    for (name, offset) in [
+        ("lines", offset_of!(Params, lines)),
+        ("samples", offset_of!(Params, samples)),
+        ("length", offset_of!(Params, length)),
+        ("ahead", offset_of!(Params, ahead)),
+        ("first", offset_of!(Params, first)),
+        ("count", offset_of!(Params, count)),
+    ] {
+        assert_eq!(members.get(name), Some(&offset), "{name}");
+    }
+    for (name, value) in [("BIN", BIN), ("OWN", OWN), ("PHASES", PHASES)] {
+        assert!(SHADER.contains(&format!("const {name} = {value}u;")), "{name}");
+    }
+}
