@@ -12,6 +12,7 @@ use super::labels::{Labels, unmeshed};
 use super::modelling::Modelling;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
+use super::points::Reported;
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
@@ -104,6 +105,8 @@ pub struct Scenario {
     pub guides: Vec<Guide>,
     /// Places to be reached.
     pub targets: Vec<Target>,
+    /// Points whose displacement is reported.
+    pub reports: Vec<Reported>,
     /// Times of steps and frames.
     pub timing: Timing,
     /// Time budgets of steps and frames; empty where the scenario states none.
@@ -322,11 +325,13 @@ impl ScenarioFile {
         if stiffening.is_some() {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }
+        let reports = file.reports(&tissue.mesh)?;
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
         Ok(Scenario {
             stiffened: stiffening.map(|(viscosity, options)| Stiffened {
                 laws: tissue.laws,
                 viscosity,
+                stress: false,
                 options,
             }),
             mesh: tissue.mesh,
@@ -345,6 +350,7 @@ impl ScenarioFile {
             deposits,
             guides,
             targets,
+            reports,
             timing,
             notes,
             warnings,

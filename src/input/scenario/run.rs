@@ -6,10 +6,12 @@ use nalgebra::{Isometry3, Matrix4, Vector3};
 
 use super::carried::Carried;
 use super::guidance::{Guidance, Guide};
+use super::points::{Displaced, Points};
 use super::resolve::Scenario;
 use super::summary::{Summary, Tally};
 use crate::imaging::synth::{FrameState, NeedleShaft};
-use crate::mechanics::insertion::{Imager, Model, Outcome, Snapshot, StepError, Tissue};
+use crate::mechanics::insertion::{Imager, Model, Outcome, ShaftLoad, Snapshot, StepError, Tissue};
+use crate::mechanics::needle::CentreLine;
 
 /// Tolerance for reaching a time, as a fraction of a step.
 const REACHED: f64 = 1e-6;
@@ -61,6 +63,18 @@ pub struct Deformed<'a> {
     pub elements: &'a [[u32; 4]],
     /// Deformed tissue with node positions.
     pub tissue: &'a Tissue,
+    /// Von Mises stress of each element, kPa; `None` for masses and springs, and for viscous tissue of which it is not followed.
+    pub von_mises_kpa: Option<&'a [f64]>,
+    /// Centre line of the needle.
+    pub needle: &'a CentreLine,
+    /// Forces of the tissue on the needle, base first.
+    pub loads: &'a [ShaftLoad],
+    /// Seeds in the tissue.
+    pub seeds: &'a [NeedleShaft],
+    /// Imaging probe to world.
+    pub probe: Isometry3<f64>,
+    /// Frame of the probe in contact to world.
+    pub contact: Option<Isometry3<f64>>,
 }
 
 /// Observer of a run.
@@ -85,6 +99,14 @@ pub trait Observer {
     /// # Errors
     /// Errors of the observer; they end the run.
     fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Self::Error>;
+
+    /// Called at the scenario's rate of frames if points are reported. By default it does nothing.
+    ///
+    /// # Errors
+    /// Errors of the observer; they end the run.
+    fn points(&mut self, _: &Displaced<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
 }
 
 /// Output requested in addition to steps.
@@ -130,7 +152,8 @@ pub fn run<O: Observer>(
     });
     let mut meshes = asked.mesh_s.map(|every_s| Beat { every_s, next: 0 });
     let mut guide = Guide::new(scenario);
-    let mut carried = guide.follows().then_some(Beat {
+    let mut points = Points::new(scenario);
+    let mut carried = (guide.follows() || points.follows()).then_some(Beat {
         every_s: timing.frame_s,
         next: 0,
     });
@@ -140,6 +163,7 @@ pub fn run<O: Observer>(
     }
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
+    let mut loads = Vec::new();
     let mut changes = scenario.changes.iter().peekable();
     for number in 1..=timing.steps {
         while let Some((_, level)) = changes.next_if(|(at_s, _)| timing.step_at(*at_s) <= number) {
@@ -170,6 +194,15 @@ pub fn run<O: Observer>(
         }
         view.look(model, &instruments.base);
         guide.carry(view.imager.as_ref(), &view.tissue);
+        if carry.is_some() && points.follows() {
+            let displaced = Displaced {
+                time_s,
+                inserted_mm: model.outcome().inserted_mm,
+                displacement_mm: points.carry(view.imager.as_ref(), &view.tissue, &scenario.probe(number)),
+            };
+            tally.displace(&displaced);
+            observer.points(&displaced)?;
+        }
         if frame.is_none() && mesh.is_none() {
             continue;
         }
@@ -183,12 +216,21 @@ pub fn run<O: Observer>(
                 state,
             })?;
         }
-        if let Some(number) = mesh {
+        if let Some(number_of_mesh) = mesh {
+            view.state(number_of_mesh, scenario.probe(number).to_homogeneous());
+            model.shaft_loads(&mut loads);
+            let elements = view.imager.elements();
             observer.mesh(&Deformed {
-                number,
+                number: number_of_mesh,
                 time_s,
-                elements: view.imager.elements(),
+                elements,
                 tissue: &view.tissue,
+                von_mises_kpa: scenario.von_mises_kpa(model, elements, &view.tissue).as_deref(),
+                needle: &view.snapshot.line,
+                loads: &loads,
+                seeds: &view.state.seeds,
+                probe: scenario.probe(number),
+                contact: instruments.probe,
             })?;
         }
     }
