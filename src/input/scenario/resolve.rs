@@ -308,24 +308,21 @@ impl ScenarioFile {
         let gpu = self.gpu()?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
         notes.extend(self.source.iter().flat_map(|source| source.renamed()));
-        let remeshing = gpu.iter();
-        notes.extend(remeshing.map(|gpu| format!("remeshing works on '{}'", gpu.report().name)));
+        notes.extend(
+            gpu.iter()
+                .map(|gpu| format!("remeshing works on '{}'", gpu.report().name)),
+        );
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
         let tissue = match file.cylinder_of(path.tip())? {
             Some(parameters) => file.springs_of(&scene, parameters)?,
             None => file.elements_of(&scene, base_dir, path.tip(), progress, &mut notes, &mut warnings)?,
         };
-        warnings.extend(unmeshed(
-            &scene,
-            path.tip(),
-            tissue.anatomy.as_ref(),
-            file.tissue.mesh.is_some(),
-        ));
+        let from_file = file.tissue.mesh.is_some();
+        warnings.extend(unmeshed(&scene, path.tip(), tissue.anatomy.as_ref(), from_file));
         tissue.warn(&mut warnings);
         if stiffening.is_some() {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }
-        let reports = file.reports(&tissue.mesh)?;
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
         Ok(Scenario {
             stiffened: stiffening.map(|(viscosity, options)| Stiffened {
@@ -334,6 +331,7 @@ impl ScenarioFile {
                 stress: false,
                 options,
             }),
+            reports: file.reports(&tissue.mesh)?,
             mesh: tissue.mesh,
             materials: tissue.materials,
             fixed: tissue.fixed,
@@ -350,7 +348,6 @@ impl ScenarioFile {
             deposits,
             guides,
             targets,
-            reports,
             timing,
             notes,
             warnings,

@@ -146,24 +146,18 @@ pub fn run<O: Observer>(
 ) -> Result<Summary, O::Error> {
     let timing = scenario.timing;
     let contact = scenario.contact.as_ref();
-    let mut frames = asked.frames.then_some(Beat {
-        every_s: timing.frame_s,
-        next: 0,
-    });
-    let mut meshes = asked.mesh_s.map(|every_s| Beat { every_s, next: 0 });
+    let beat = |every_s| Beat { every_s, next: 0 };
+    let mut frames = asked.frames.then(|| beat(timing.frame_s));
+    let mut meshes = asked.mesh_s.map(beat);
     let mut guide = Guide::new(scenario);
     let mut points = Points::new(scenario);
-    let mut carried = (guide.follows() || points.follows()).then_some(Beat {
-        every_s: timing.frame_s,
-        next: 0,
-    });
+    let mut carried = (guide.follows() || points.follows()).then(|| beat(timing.frame_s));
     match scenario.start() {
         Some(state) => model.restore(state)?,
         None => model.start(&scenario.instruments(0)),
     }
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
-    let mut loads = Vec::new();
     let mut changes = scenario.changes.iter().peekable();
     for number in 1..=timing.steps {
         while let Some((_, level)) = changes.next_if(|(at_s, _)| timing.step_at(*at_s) <= number) {
@@ -217,21 +211,7 @@ pub fn run<O: Observer>(
             })?;
         }
         if let Some(number_of_mesh) = mesh {
-            view.state(number_of_mesh, scenario.probe(number).to_homogeneous());
-            model.shaft_loads(&mut loads);
-            let elements = view.imager.elements();
-            observer.mesh(&Deformed {
-                number: number_of_mesh,
-                time_s,
-                elements,
-                tissue: &view.tissue,
-                von_mises_kpa: scenario.von_mises_kpa(model, elements, &view.tissue).as_deref(),
-                needle: &view.snapshot.line,
-                loads: &loads,
-                seeds: &view.state.seeds,
-                probe: scenario.probe(number),
-                contact: instruments.probe,
-            })?;
+            observer.mesh(&view.deformed(scenario, model, number_of_mesh, number))?;
         }
     }
     model.snapshot(&mut view.snapshot);
@@ -245,6 +225,8 @@ struct View {
     tissue: Tissue,
     state: FrameState,
     seeds: Carried,
+    loads: Vec<ShaftLoad>,
+    von_mises_kpa: Option<Vec<f64>>,
 }
 
 impl View {
@@ -262,6 +244,8 @@ impl View {
             tissue: Tissue::default(),
             state,
             seeds: Carried::default(),
+            loads: Vec::new(),
+            von_mises_kpa: None,
         }
     }
 
@@ -272,6 +256,26 @@ impl View {
             .along
             .resize(self.snapshot.seeds.len(), base.rotation * Vector3::z());
         self.imager.tissue(&self.snapshot, &mut self.tissue);
+    }
+
+    /// Deformed mesh of a number, after a step, with needle, seeds and probe.
+    fn deformed(&mut self, scenario: &Scenario, model: &dyn Model, number: u64, step: u64) -> Deformed<'_> {
+        let probe = scenario.probe(step);
+        self.state(number, probe.to_homogeneous());
+        model.shaft_loads(&mut self.loads);
+        self.von_mises_kpa = scenario.von_mises_kpa(model, self.imager.elements(), &self.tissue);
+        Deformed {
+            number,
+            time_s: step as f64 * scenario.timing.dt_s,
+            elements: self.imager.elements(),
+            tissue: &self.tissue,
+            von_mises_kpa: self.von_mises_kpa.as_deref(),
+            needle: &self.snapshot.line,
+            loads: &self.loads,
+            seeds: &self.state.seeds,
+            probe,
+            contact: scenario.instruments(step).probe,
+        }
     }
 
     fn state(&mut self, frame: u64, probe_to_world: Matrix4<f64>) -> &FrameState {

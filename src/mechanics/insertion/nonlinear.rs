@@ -334,8 +334,8 @@ impl Model for Nonlinear {
             return;
         }
         let (length, direction) = (self.line.length_mm(), self.line.at(0.0).tangent.into_inner());
-        // The shaft passes a place of the line at the arc that is as far behind the tip.
-        let arc = |place_mm: f64| length + place_mm - self.travel_mm;
+        // The shaft passes a place of the line at the arc that is as far behind the tip. The tip follows the tissue by a step.
+        let arc = |place_mm: f64| (length + place_mm - self.travel_mm).min(length);
         into.extend(self.needle.shaft().map(|([from, to], force)| ShaftLoad {
             from_mm: arc(from),
             to_mm: arc(to),
