@@ -12,7 +12,7 @@ const MARGIN_MM: f64 = 8.0;
 const ABOVE_MM: f64 = 12.0;
 
 /// Share of the triangles of a picture whose stress its scale covers: beside the tip there are a few of much more.
-const COVERED: f64 = 0.999;
+const COVERED: f64 = 0.99;
 /// Width and height of the scale, pixels, and its steps of colour.
 const BAR: [f64; 2] = [160.0, 12.0];
 const STEPS: usize = 32;
@@ -106,10 +106,10 @@ fn scale(text: &mut String, [x, y]: [f64; 2], darkest_kpa: f64) {
             BAR[1]
         );
     }
-    for share in [0.0, 0.5, 1.0] {
+    for (share, more) in [(0.0, ""), (0.5, ""), (1.0, "+")] {
         let _ = writeln!(
             text,
-            "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{}</text>",
+            "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{}{more}</text>",
             x + share * BAR[0],
             y + BAR[1] + 15.0,
             share * darkest_kpa
