@@ -52,7 +52,8 @@ Examples:
   insonify insert my.toml -o out --images --layers label-value,needle --sidecar --overview
                                                     ground truth beside each image, with the needle and the displaced tissue
   insonify insert my.toml -o out --preview          an animated picture, out/preview.gif
-  insonify insert my.toml -o out --vtu 100          the deformed mesh every 100 ms, out/mesh/mesh.pvd for ParaView
+  insonify insert my.toml -o out --vtu 100          the deformed mesh every 100 ms, out/mesh/mesh.pvd for ParaView,
+                                                    with needle.pvd, probe.pvd and seeds.pvd beside it
   insonify insert my.toml --replay session.json -o out --images    a session of a simulator, to score it
   insonify insert my.toml -o out --json | jq .step_ms
 
@@ -104,7 +105,7 @@ pub struct Insert {
     /// Write a small animated picture of the frames: preview.gif
     #[arg(long)]
     preview: bool,
-    /// Write the deformed mesh at this interval, in milliseconds of simulated time
+    /// Write the deformed mesh, the needle with the forces along it, the probe and the seeds at this interval, in milliseconds of simulated time
     #[arg(long, value_name = "MS", value_parser = period)]
     vtu: Option<f64>,
     #[command(flatten)]
@@ -163,6 +164,9 @@ impl Insert {
         }
         if let Some(file) = &self.replay {
             scenario = replaying(scenario, file)?;
+        }
+        if let (Some(_), Some(stiffened)) = (self.vtu, &mut scenario.stiffened) {
+            stiffened.stress = true;
         }
         let mut model = terminal::with_bar("preparing the model", |share| {
             scenario.model(|done, of| share(done as f64 / of.max(1) as f64))

@@ -18,7 +18,7 @@ What is seen: the force drops at the capsule, rises, and drops at the wall of th
 
 Examples:
   insonify puncture                          where what was punctured, and the forces
-  insonify puncture -o out                   force.csv, force.svg and pictures of the slice
+  insonify puncture -o out                   force.csv, force.svg and pictures of the slice, coloured by von Mises stress
   insonify puncture --compare -o out         linear and elastic tissue in the same plot
   insonify puncture --order 0 --stiffening 0 linear tissue
   insonify puncture --fit measured.csv       modulus, knee and stiffening that fit a measured force, and the puncture with them

@@ -12,7 +12,7 @@ use super::terminal;
 
 const EXAMPLES: &str = "\
 The case names a mesh, the [[material]] of each region, and what is held ([[fix]]) and loaded ([[load]]): nodes by number, or those that
-a box, a region (by name or number) and the surface have in common:
+a box, a cylinder, a region (by name or number) or its surface (surface_of) and the surface of the mesh have in common:
   mesh = \"organs.msh\"                       # mesh_unit = \"m\" of a mesh in metres
   gravity_m_per_s2 = [0.0, 9.81, 0.0]        # on the density_kg_per_m3 of each material
   [[material]]                               # without region: all that have none of their own
@@ -99,6 +99,7 @@ impl Solve {
                 "leave it out, or give the case a model with a [history]",
             ));
         }
+        problem.notes().iter().for_each(terminal::note);
         problem.warnings().iter().for_each(terminal::warn);
         let solved = problem.solve(self.output.is_some())?;
         if let (Some(output), Some(fields)) = (&self.output, &solved.fields) {

@@ -129,6 +129,24 @@ impl Default for Field {
     }
 }
 
+/// Force of the tissue on a length of the needle's shaft, or at a point of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ShaftLoad {
+    /// Arc from the base to where the length begins, mm.
+    pub from_mm: f64,
+    /// Arc to where it ends, mm: not below `from_mm`, equal for a force at a point.
+    pub to_mm: f64,
+    /// Force on the needle, N, world axes.
+    pub force_n: Vector3<f64>,
+}
+
+impl ShaftLoad {
+    /// Length over which the force is spread, mm.
+    pub fn length_mm(&self) -> f64 {
+        self.to_mm - self.from_mm
+    }
+}
+
 /// Conversion of snapshots into tissue, on any thread.
 pub trait Imager: Send {
     /// Returns the elements of the mesh, four nodes each. They never change.
@@ -162,6 +180,18 @@ pub trait Model: Send {
 
     /// Returns the direction of the needle at its tip; `None` for a model without a needle of its own.
     fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
+        None
+    }
+
+    /// Writes the forces of the tissue on the needle after the last step, base first, the tip last: their sum is the force on the hand
+    /// but for guides (and, of masses and springs, which give those of the last substep, for the mean over a step). A model without an
+    /// implementation has none.
+    fn shaft_loads(&self, into: &mut Vec<ShaftLoad>) {
+        into.clear();
+    }
+
+    /// Returns the stress of each element, kPa, of a model whose stress does not follow from the displacements alone, if it is followed.
+    fn stress_kpa(&self) -> Option<&[[[f64; 3]; 3]]> {
         None
     }
 

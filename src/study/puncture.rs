@@ -121,7 +121,7 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
         let expected = "a way of at least 0.00042 mm";
         return Err(OutOfRange::new("step_mm", step, expected).into());
     }
-    let (liver, mut needle) = pushing(options, steps)?;
+    let (liver, mut needle) = pushing(options, steps, true)?;
     let [near, far] = [1, 2].map(|layer: usize| liver.layers[layer].from_mm);
     let mut rows = vec![Row {
         travel_mm: 0.0,
@@ -132,19 +132,15 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
         vein_mm: far - near,
         punctured: None,
     }];
-    let mut pictures = vec![(
-        "rest".to_owned(),
-        draw::slice(&liver, needle.structure().displacement(), 0.0),
-    )];
-    // The state before each puncture is drawn when the step reports that puncture.
+    let mut states = vec![state("rest", &liver, &needle, 0.0)];
+    // The state before each puncture is kept when the step reports that puncture.
     for at in 1..=steps as usize {
         let travel_mm = (at as f64 * step).min(WAY_MM);
         let pushed = needle.step(travel_mm, step / speed);
         let pushed = pushed.map_err(|cause| StudyError::Travel { travel_mm, cause })?;
-        let displacement = needle.structure().displacement();
         if let Some(layer) = pushed.punctured {
             let name = NAMES.get(layer).copied().unwrap_or("layer");
-            pictures.push((format!("before-{name}"), draw::slice(&liver, displacement, travel_mm)));
+            states.push(state(&format!("before-{name}"), &liver, &needle, travel_mm));
         }
         let [upper, lower] = [near, far].map(|depth| needle.along(depth));
         rows.push(Row {
@@ -162,19 +158,36 @@ pub fn puncture(options: &PunctureOptions, mut progress: impl FnMut(f64)) -> Res
         }
     }
     let travelled = rows[rows.len() - 1].travel_mm;
-    pictures.push((
-        "end".to_owned(),
-        draw::slice(&liver, needle.structure().displacement(), travelled),
-    ));
+    states.push(state("end", &liver, &needle, travelled));
+    let darkest_kpa = draw::darkest_kpa(&states);
+    let picture = |state: draw::State| (state.name.clone(), draw::slice(&liver, &state, darkest_kpa));
     Ok(Puncture {
         options: *options,
         rows,
-        pictures,
+        pictures: states.into_iter().map(picture).collect(),
     })
 }
 
-/// Creates the slice, and a needle at its surface prepared for the given number of steps.
-fn pushing(options: &PunctureOptions, steps: f64) -> Result<(Liver, Pushing<2, 3>), StudyError> {
+/// Returns the state of the slice with its stress, which a viscous one has followed.
+fn state(name: &str, liver: &Liver, needle: &Pushing<2, 3>, travel_mm: f64) -> draw::State {
+    let displacement = needle.structure().displacement().to_vec();
+    let stress_kpa = match needle.structure() {
+        Structure::Viscous(creep) => liver.body.von_mises_kpa(creep.stress_kpa().unwrap_or_default()),
+        Structure::Elastic(_) => {
+            let stress_kpa = liver.body.stresses_kpa(&displacement, &displacement);
+            liver.body.von_mises_kpa(&stress_kpa)
+        }
+    };
+    draw::State {
+        name: name.to_owned(),
+        displacement,
+        stress_kpa,
+        travel_mm,
+    }
+}
+
+/// Creates the slice, and a needle at its surface prepared for the given number of steps; `stress` has a viscous slice follow its stress.
+fn pushing(options: &PunctureOptions, steps: f64, stress: bool) -> Result<(Liver, Pushing<2, 3>), StudyError> {
     let step = positive("step_mm", options.step_mm)?;
     let speed = positive("speed_mm_per_s", options.speed_mm_per_s)?;
     let liver = Liver::new(options)?;
@@ -193,13 +206,13 @@ fn pushing(options: &PunctureOptions, steps: f64) -> Result<(Liver, Pushing<2, 3
             ..Span::default()
         };
         let loads = vec![0.0; solver.supports().all()];
-        let creep = Creep::new(
-            solver,
-            Memory::LoadIntegral,
-            options.order,
-            Rule::Exponentials(span),
-            &loads,
-        );
+        let rule = Rule::Exponentials(span);
+        let creep = Creep::new(solver, Memory::LoadIntegral, options.order, rule, &loads).and_then(|mut creep| {
+            if stress {
+                creep.follow_stress(options.order, rule)?;
+            }
+            Ok(creep)
+        });
         Structure::Viscous(Box::new(
             creep.map_err(|cause| StudyError::Travel { travel_mm: 0.0, cause })?,
         ))

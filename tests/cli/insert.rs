@@ -139,7 +139,17 @@ fn frames_and_meshes_follow_on_request() {
     assert_eq!(size, (24, 16));
     assert!(pixels.iter().any(|grey| *grey > 0));
     let meshes = bench.files("out/mesh");
-    assert_eq!((meshes.len(), meshes[0].as_str()), (7, "mesh.pvd"));
+    let of = |series: &str| meshes.iter().filter(|name| name.starts_with(series)).count();
+    // Six of each, and the list of them; nothing of seeds.
+    assert_eq!(
+        ["mesh", "needle_", "probe", "seeds"].map(of),
+        [7, 6, 7, 0],
+        "{meshes:?}"
+    );
+    let forces = bench.text("out/mesh/needle.csv");
+    assert!(forces.starts_with("time_s,from_mm,to_mm,along_n,"), "{forces}");
+    let stress = bench.text("out/mesh/mesh_0005.vtu");
+    assert!(stress.contains("Name=\"von_mises_kpa\""));
     let last = read_mesh(&bench.path("out/mesh/mesh_0005.vtu"), &ReadOptions::default()).expect("a mesh");
     let moved = last.displacements.expect("displacements");
     assert!(

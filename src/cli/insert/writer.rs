@@ -1,5 +1,6 @@
 //! Output folder of a run.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -8,11 +9,13 @@ use crate::base::output::OutputError;
 use crate::base::output::gif::Preview;
 use crate::base::output::{numbered, png};
 use crate::base::report::plot::SIZE;
-use crate::input::scenario::record::{PLOTS, Record};
+use crate::input::scenario::deformed::{NeedlePoly, seeds_poly};
+use crate::input::scenario::points::Displaced;
+use crate::input::scenario::record::Record;
 use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step};
 use crate::input::scenario::{Scenario, Summary};
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::{MeshFileError, write_pvd, write_vtu};
+use crate::mechanics::mesh::file::{DISPLACEMENT, MeshFileError, Poly, Values, write_pvd, write_vtp, write_vtu_with};
 use indicatif::ProgressBar;
 use serde::Serialize;
 
@@ -28,6 +31,7 @@ use crate::cli::terminal;
 /// Files of a run, as [`crate::base::output::folder::Folder::open`] takes them; plots are not checked for in advance.
 pub const FILES: &[&str] = &[
     "steps.csv",
+    "points.csv",
     "index.html",
     "summary.json",
     "preview.gif",
@@ -37,20 +41,34 @@ pub const FILES: &[&str] = &[
     "frames/parameters.json",
     "mesh/mesh_",
     "mesh/mesh.pvd",
+    "mesh/needle_",
+    "mesh/needle.pvd",
+    "mesh/probe_",
+    "mesh/probe.pvd",
+    "mesh/seeds_",
+    "mesh/seeds.pvd",
+    "mesh/needle.csv",
 ];
+
+/// Header of the table of forces along the needle.
+const FORCES: &str = "time_s,from_mm,to_mm,along_n,across_n,along_n_per_mm,across_n_per_mm";
 
 /// Writes files during a run.
 pub struct Writer<'a> {
     scenario: &'a Scenario,
     folder: PathBuf,
     steps: BufWriter<File>,
+    /// Table of displacements, if points are reported.
+    points: Option<BufWriter<File>>,
+    /// Table of forces along the needle, if meshes are written.
+    forces: String,
     record: Record,
     bar: ProgressBar,
     frames: Option<Rendering<'a>>,
     /// Number of expected meshes.
     mesh_count: usize,
-    /// Time (s) and name of each mesh.
-    meshes: Vec<(f64, String)>,
+    /// Kinds of series beside each other, with the time (s) and name of each file.
+    series: BTreeMap<&'static str, Vec<(f64, String)>>,
 }
 
 /// Rendering of frames during a run.
@@ -67,17 +85,26 @@ impl<'a> Writer<'a> {
         let mut steps = BufWriter::new(File::create(&path).map_err(wrong)?);
         let record = Record::new(scenario);
         record.head(&mut steps).map_err(wrong)?;
+        let path = folder.join("points.csv");
+        let wrong = |cause| OutputError::write(&path, cause);
+        let points = (!scenario.reports.is_empty()).then(|| File::create(&path).map(BufWriter::new));
+        let mut points = points.transpose().map_err(wrong)?;
+        if let Some(points) = &mut points {
+            record.points_head(points).map_err(wrong)?;
+        }
         Ok(Self {
             scenario,
             folder: folder.to_owned(),
             steps,
+            points,
+            forces: String::new(),
             record,
             bar: terminal::share(),
             frames: None,
             mesh_count: asked
                 .mesh_s
                 .map_or(0, |every_s| scenario.timing.moments(every_s) as usize),
-            meshes: Vec::new(),
+            series: BTreeMap::new(),
         })
     }
 
@@ -120,15 +147,23 @@ impl<'a> Writer<'a> {
         self.bar.finish_and_clear();
         let path = self.folder.join("steps.csv");
         self.steps.flush().map_err(|cause| OutputError::write(&path, cause))?;
+        if let Some(points) = &mut self.points {
+            let path = self.folder.join("points.csv");
+            points.flush().map_err(|cause| OutputError::write(&path, cause))?;
+        }
         if let Some(frames) = self.frames {
             frames.output.map_or(Ok(()), Output::finish)?;
             frames.preview.map_or(Ok(()), Preview::finish)?;
         }
-        if !self.meshes.is_empty() {
-            write_pvd(&self.folder.join("mesh").join("mesh.pvd"), &self.meshes)?;
+        for (name, files) in &self.series {
+            write_pvd(&self.folder.join("mesh").join(format!("{name}.pvd")), files)?;
+        }
+        if !self.series.is_empty() {
+            let path = self.folder.join("mesh").join("needle.csv");
+            text(&path, &format!("{FORCES}\n{}", self.forces))?;
         }
         let plots = make(&self.folder.join("plots"))?;
-        for (name, plot) in PLOTS.iter().zip(self.record.plots()) {
+        for (name, plot) in self.record.plots() {
             text(&plots.join(format!("{name}.svg")), &plot.svg()?)?;
             let [width, height] = SIZE.map(|side| side as usize);
             png::write_rgb(&plots.join(format!("{name}.png")), width, height, &plot.rgb()?)?;
@@ -137,6 +172,8 @@ impl<'a> Writer<'a> {
             "frames.mha",
             "preview.gif",
             "mesh/mesh.pvd",
+            "mesh/needle.csv",
+            "points.csv",
             "steps.csv",
             "summary.json",
         ];
@@ -150,10 +187,8 @@ impl<'a> Writer<'a> {
     }
 
     fn write_mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
-        let folder = make(&self.folder.join("mesh"))?;
+        let path = self.next("mesh", "vtu", deformed)?;
         let tissue = deformed.tissue;
-        let name = format!("mesh_{}.vtu", numbered(deformed.number as usize, self.mesh_count));
-        let path = folder.join(&name);
         let elements = deformed.elements.to_vec();
         let regions = match self.scenario.mesh.elements().len() == elements.len() {
             true => self.scenario.mesh.regions().to_vec(),
@@ -165,8 +200,57 @@ impl<'a> Writer<'a> {
         })?;
         let pairs = tissue.reference.iter().zip(&tissue.current);
         let moved: Vec<[f64; 3]> = pairs.map(|(a, b)| [0, 1, 2].map(|axis| b[axis] - a[axis])).collect();
-        write_vtu(&path, &mesh, Some(&moved))?;
-        self.meshes.push((deformed.time_s, name));
+        let of_nodes = [(DISPLACEMENT, Values::Vectors(&moved))];
+        let stress = deformed
+            .von_mises_kpa
+            .map(|kpa| ("von_mises_kpa", Values::Scalars(kpa)));
+        write_vtu_with(&path, &mesh, &BTreeMap::new(), &of_nodes, stress.as_slice())?;
+        Ok(())
+    }
+
+    /// Path of the next file of a series, which is remembered.
+    fn next(&mut self, series: &'static str, ending: &str, deformed: &Deformed<'_>) -> Result<PathBuf, Failure> {
+        let number = numbered(deformed.number as usize, self.mesh_count);
+        let name = format!("{series}_{number}.{ending}");
+        let path = make(&self.folder.join("mesh"))?.join(&name);
+        self.series.entry(series).or_default().push((deformed.time_s, name));
+        Ok(path)
+    }
+
+    /// Writes needle, probe and seeds beside a mesh, and the forces along the needle.
+    fn write_instruments(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
+        let needle = NeedlePoly::new(deformed.needle, deformed.loads);
+        let of_cells = [
+            ("force_n", Values::Vectors(&needle.force_n)),
+            ("along_n_per_mm", Values::Scalars(&needle.along_n_per_mm)),
+            ("across_n_per_mm", Values::Scalars(&needle.across_n_per_mm)),
+        ];
+        let path = self.next("needle", "vtp", deformed)?;
+        write_vtp(
+            &path,
+            &needle.poly,
+            &[("arc_mm", Values::Scalars(&needle.arc_mm))],
+            &of_cells,
+        )?;
+        let probe = self.scenario.probe_poly(&deformed.probe, deformed.contact.as_ref());
+        let series: [(&str, Poly); 2] = [("probe", probe), ("seeds", seeds_poly(deformed.seeds))];
+        for (series, poly) in series {
+            if series == "probe" || !self.scenario.deposits.is_empty() || !deformed.seeds.is_empty() {
+                write_vtp(&self.next(series, "vtp", deformed)?, &poly, &[], &[])?;
+            }
+        }
+        for load in deformed.loads {
+            let middle = 0.5 * (load.from_mm + load.to_mm);
+            let tangent = deformed.needle.at(middle).tangent;
+            let along = tangent.dot(&load.force_n);
+            let across = (load.force_n - tangent.into_inner() * along).norm();
+            let density = match load.length_mm() > 0.0 {
+                true => format!("{:.6},{:.6}", along / load.length_mm(), across / load.length_mm()),
+                false => ",".to_owned(),
+            };
+            let ends = format!("{:.4},{:.4}", load.from_mm, load.to_mm);
+            self.forces += &format!("{},{ends},{along:.6},{across:.6},{density}\n", deformed.time_s);
+        }
         Ok(())
     }
 }
@@ -211,7 +295,17 @@ impl Observer for Writer<'_> {
     }
 
     fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Failure> {
-        self.write_mesh(deformed)
+        self.write_mesh(deformed)?;
+        self.write_instruments(deformed)
+    }
+
+    fn points(&mut self, displaced: &Displaced<'_>) -> Result<(), Failure> {
+        let Some(points) = &mut self.points else {
+            return Ok(());
+        };
+        let written = self.record.points(displaced, points);
+        written.map_err(|cause| OutputError::write(&self.folder.join("points.csv"), cause))?;
+        Ok(())
     }
 }
 

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::instruments::{ContactProbeSpec, NeedleTable};
 use super::planned::PlanSpec;
+use super::points::ReportSpec;
 use super::tissue::TissueSpec;
 use crate::base::document::{self, Source, Version};
 use crate::gpu::AdapterChoice;
@@ -45,6 +46,9 @@ pub struct ScenarioFile {
     pub contact_probe: Option<ContactProbeSpec>,
     /// Plan: template, needles, seeds, targets.
     pub plan: Option<PlanSpec>,
+    /// Points of the tissue whose displacement is reported.
+    #[serde(default)]
+    pub report: Vec<ReportSpec>,
     /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,

@@ -11,7 +11,7 @@ use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
 use crate::anatomy::volume::LabelVolume;
-use crate::base::document::InvalidFile;
+use crate::base::document::{InvalidFile, RegionName};
 use crate::input::InputError;
 use crate::input::scene::Scene;
 use crate::input::scene::deform::NODES;
@@ -221,19 +221,23 @@ impl ScenarioFile {
             let table = format!("tissue.fix[{at}]");
             let nodes_wrong = |odd: Odd| self.fault(odd.0, odd.1);
             let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
-            let key = format!("{table}.region");
-            let regions = spec
-                .region
-                .as_ref()
-                .map(|region| names.numbers(&key, region))
-                .transpose()?;
+            let numbers = |key: &str, name: Option<&RegionName>| {
+                let numbers = name.map(|name| names.numbers(&format!("{table}.{key}"), name));
+                numbers.transpose()
+            };
+            let regions = numbers("region", spec.region.as_ref())?;
+            let surface_of = numbers("surface_of", spec.surface_of.as_ref())?;
             let choice = Choice {
                 nodes: spec.nodes.as_deref(),
                 box_mm: spec.box_mm.as_ref(),
+                cylinder: spec.cylinder.as_ref(),
+                surface_of: surface_of.as_deref(),
                 regions: regions.as_deref(),
                 surface: spec.surface,
             };
-            for node in choice.select(&table, mesh).map_err(nodes_wrong)? {
+            let nodes = choice.select(&table, mesh).map_err(nodes_wrong)?;
+            notes.push(format!("{table} fixes {} nodes", nodes.len()));
+            for node in nodes {
                 along
                     .iter()
                     .for_each(|axis| fixed[node as usize][*axis as usize] = true);

@@ -83,6 +83,7 @@ impl Scenario {
             anatomy: Some(Arc::clone(&self.anatomy)),
             shaft: self.shaft(),
             viscosity: stiffened.viscosity,
+            stress: stiffened.stress,
             options: stiffened.options,
         };
         let model = nonlinear::Nonlinear::new(setup);

@@ -21,6 +21,8 @@ pub struct Contact {
     pub probe: ProbeContact,
     /// Transform from the frame of the cylinder to the probe frame of images.
     pub in_probe: Isometry3<f64>,
+    /// Radius of the cylinder, mm.
+    pub radius_mm: f64,
 }
 
 impl Contact {
@@ -110,7 +112,11 @@ impl ScenarioFile {
             driven_at_mm: spec.driven_at_mm,
         };
         probe.thin(mesh.nodes(), thinning as usize);
-        Ok(Some(Contact { probe, in_probe }))
+        Ok(Some(Contact {
+            probe,
+            in_probe,
+            radius_mm: spec.radius_mm,
+        }))
     }
 
     /// Transform from the frame of the cylinder to the probe frame.

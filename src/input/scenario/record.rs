@@ -3,10 +3,12 @@
 mod curves;
 mod film;
 mod page;
+mod points;
 mod table;
 
 use std::io::{self, Write};
 
+use super::points::Displaced;
 use super::resolve::Scenario;
 use super::run::{Moment, Step};
 use super::summary::Summary;
@@ -16,14 +18,16 @@ use crate::imaging::synth::Frame;
 use curves::Curves;
 use film::Film;
 use nalgebra::Point3;
+use points::Points;
 
-/// Names of the plots, in the order of [`Record::plots`].
-pub const PLOTS: [&str; 3] = ["forces", "tip", "step_time"];
+/// Names of the plots of every run.
+const PLOTS: [&str; 3] = ["forces", "tip", "step_time"];
 
 /// Data of a run kept for its plots, of bounded size whatever the length of the run.
 #[derive(Clone, Debug)]
 pub struct Record {
     curves: Curves,
+    points: Points,
     /// Columns of `steps.csv`.
     head: String,
     film: Film,
@@ -37,6 +41,7 @@ impl Record {
     pub fn new(scenario: &Scenario) -> Self {
         Self {
             curves: Curves::new(scenario),
+            points: Points::new(scenario),
             head: table::head(scenario.contact.as_ref().map(|contact| &contact.probe)),
             film: Film::new(scenario.timing.moments(scenario.timing.frame_s)),
             targets: scenario.targets.iter().map(|target| target.at_mm).collect(),
@@ -72,9 +77,27 @@ impl Record {
             .add(frame, moment.number, moment.time_s, inserted_mm, target_mm);
     }
 
-    /// Plots of forces, tip and step times over simulated time: see [`PLOTS`].
-    pub fn plots(&self) -> [Plot; 3] {
-        self.curves.plots()
+    /// Writes the header line of `points.csv`.
+    ///
+    /// # Errors
+    /// Errors of the output.
+    pub fn points_head(&self, out: &mut impl Write) -> io::Result<()> {
+        self.points.head(out)
+    }
+
+    /// Records the displacements of the reported points and writes their line of `points.csv`.
+    ///
+    /// # Errors
+    /// Errors of the output.
+    pub fn points(&mut self, displaced: &Displaced<'_>, out: &mut impl Write) -> io::Result<()> {
+        self.points.add(displaced, out)
+    }
+
+    /// Plots over simulated time with their names: forces, tip, step times, and the displacements of reported points.
+    pub fn plots(&self) -> Vec<(&'static str, Plot)> {
+        let mut plots: Vec<_> = PLOTS.into_iter().zip(self.curves.plots()).collect();
+        plots.splice(2..2, self.points.plots());
+        plots
     }
 
     /// Self-contained HTML page with summary, frames and plots; `others` are files beside it that it links to.

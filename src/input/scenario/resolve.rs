@@ -12,6 +12,7 @@ use super::labels::{Labels, unmeshed};
 use super::modelling::Modelling;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
+use super::points::Reported;
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
@@ -105,6 +106,8 @@ pub struct Scenario {
     pub guides: Vec<Guide>,
     /// Places to be reached.
     pub targets: Vec<Target>,
+    /// Points whose displacement is reported.
+    pub reports: Vec<Reported>,
     /// Times of steps and frames.
     pub timing: Timing,
     /// Time budgets of steps and frames; empty where the scenario states none.
@@ -305,19 +308,17 @@ impl ScenarioFile {
         let gpu = self.gpu()?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
         notes.extend(self.source.iter().flat_map(|source| source.renamed()));
-        let remeshing = gpu.iter();
-        notes.extend(remeshing.map(|gpu| format!("remeshing works on '{}'", gpu.report().name)));
+        notes.extend(
+            gpu.iter()
+                .map(|gpu| format!("remeshing works on '{}'", gpu.report().name)),
+        );
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
         let tissue = match file.cylinder_of(path.tip())? {
             Some(parameters) => file.springs_of(&scene, parameters)?,
             None => file.elements_of(&scene, base_dir, path.tip(), progress, &mut notes, &mut warnings)?,
         };
-        warnings.extend(unmeshed(
-            &scene,
-            path.tip(),
-            tissue.anatomy.as_ref(),
-            file.tissue.mesh.is_some(),
-        ));
+        let from_file = file.tissue.mesh.is_some();
+        warnings.extend(unmeshed(&scene, path.tip(), tissue.anatomy.as_ref(), from_file));
         tissue.warn(&mut warnings);
         if stiffening.is_some() {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
@@ -327,8 +328,10 @@ impl ScenarioFile {
             stiffened: stiffening.map(|(viscosity, options)| Stiffened {
                 laws: tissue.laws,
                 viscosity,
+                stress: false,
                 options,
             }),
+            reports: file.reports(&tissue.mesh)?,
             mesh: tissue.mesh,
             materials: tissue.materials,
             fixed: tissue.fixed,

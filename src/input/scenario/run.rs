@@ -6,10 +6,12 @@ use nalgebra::{Isometry3, Matrix4, Vector3};
 
 use super::carried::Carried;
 use super::guidance::{Guidance, Guide};
+use super::points::{Displaced, Points};
 use super::resolve::Scenario;
 use super::summary::{Summary, Tally};
 use crate::imaging::synth::{FrameState, NeedleShaft};
-use crate::mechanics::insertion::{Imager, Model, Outcome, Snapshot, StepError, Tissue};
+use crate::mechanics::insertion::{Imager, Model, Outcome, ShaftLoad, Snapshot, StepError, Tissue};
+use crate::mechanics::needle::CentreLine;
 
 /// Tolerance for reaching a time, as a fraction of a step.
 const REACHED: f64 = 1e-6;
@@ -61,6 +63,18 @@ pub struct Deformed<'a> {
     pub elements: &'a [[u32; 4]],
     /// Deformed tissue with node positions.
     pub tissue: &'a Tissue,
+    /// Von Mises stress of each element, kPa; `None` for masses and springs, and for viscous tissue of which it is not followed.
+    pub von_mises_kpa: Option<&'a [f64]>,
+    /// Centre line of the needle.
+    pub needle: &'a CentreLine,
+    /// Forces of the tissue on the needle, base first.
+    pub loads: &'a [ShaftLoad],
+    /// Seeds in the tissue.
+    pub seeds: &'a [NeedleShaft],
+    /// Imaging probe to world.
+    pub probe: Isometry3<f64>,
+    /// Frame of the probe in contact to world.
+    pub contact: Option<Isometry3<f64>>,
 }
 
 /// Observer of a run.
@@ -87,6 +101,14 @@ pub trait Observer {
     /// # Errors
     /// Errors of the observer; they end the run.
     fn mesh(&mut self, _deformed: &Deformed<'_>) -> Result<(), Self::Error> {
+        Ok(())
+    }
+
+    /// Called at the scenario's rate of frames if points are reported. By default it does nothing.
+    ///
+    /// # Errors
+    /// Errors of the observer; they end the run.
+    fn points(&mut self, _displaced: &Displaced<'_>) -> Result<(), Self::Error> {
         Ok(())
     }
 }
@@ -128,16 +150,12 @@ pub fn run<O: Observer>(
 ) -> Result<Summary, O::Error> {
     let timing = scenario.timing;
     let contact = scenario.contact.as_ref();
-    let mut frames = asked.frames.then_some(Beat {
-        every_s: timing.frame_s,
-        next: 0,
-    });
-    let mut meshes = asked.mesh_s.map(|every_s| Beat { every_s, next: 0 });
+    let beat = |every_s| Beat { every_s, next: 0 };
+    let mut frames = asked.frames.then(|| beat(timing.frame_s));
+    let mut meshes = asked.mesh_s.map(beat);
     let mut guide = Guide::new(scenario);
-    let mut carried = guide.follows().then_some(Beat {
-        every_s: timing.frame_s,
-        next: 0,
-    });
+    let mut points = Points::new(scenario);
+    let mut carried = (guide.follows() || points.follows()).then(|| beat(timing.frame_s));
     match scenario.start() {
         Some(state) => model.restore(state)?,
         None => model.start(&scenario.instruments(0)),
@@ -174,6 +192,15 @@ pub fn run<O: Observer>(
         }
         view.look(model, &instruments.base);
         guide.carry(view.imager.as_ref(), &view.tissue);
+        if carry.is_some() && points.follows() {
+            let displaced = Displaced {
+                time_s,
+                inserted_mm: model.outcome().inserted_mm,
+                displacement_mm: points.carry(view.imager.as_ref(), &view.tissue, &scenario.probe(number)),
+            };
+            tally.displace(&displaced);
+            observer.points(&displaced)?;
+        }
         if frame.is_none() && mesh.is_none() {
             continue;
         }
@@ -187,13 +214,8 @@ pub fn run<O: Observer>(
                 state,
             })?;
         }
-        if let Some(number) = mesh {
-            observer.mesh(&Deformed {
-                number,
-                time_s,
-                elements: view.imager.elements(),
-                tissue: &view.tissue,
-            })?;
+        if let Some(number_of_mesh) = mesh {
+            observer.mesh(&view.deformed(scenario, model, number_of_mesh, number))?;
         }
     }
     model.snapshot(&mut view.snapshot);
@@ -207,6 +229,8 @@ struct View {
     tissue: Tissue,
     state: FrameState,
     seeds: Carried,
+    loads: Vec<ShaftLoad>,
+    von_mises_kpa: Option<Vec<f64>>,
 }
 
 impl View {
@@ -224,6 +248,8 @@ impl View {
             tissue: Tissue::default(),
             state,
             seeds: Carried::default(),
+            loads: Vec::new(),
+            von_mises_kpa: None,
         }
     }
 
@@ -234,6 +260,26 @@ impl View {
             .along
             .resize(self.snapshot.seeds.len(), base.rotation * Vector3::z());
         self.imager.tissue(&self.snapshot, &mut self.tissue);
+    }
+
+    /// Deformed mesh of a number, after a step, with needle, seeds and probe.
+    fn deformed(&mut self, scenario: &Scenario, model: &dyn Model, number: u64, step: u64) -> Deformed<'_> {
+        let probe = scenario.probe(step);
+        self.state(number, probe.to_homogeneous());
+        model.shaft_loads(&mut self.loads);
+        self.von_mises_kpa = scenario.von_mises_kpa(model, self.imager.elements(), &self.tissue);
+        Deformed {
+            number,
+            time_s: step as f64 * scenario.timing.dt_s,
+            elements: self.imager.elements(),
+            tissue: &self.tissue,
+            von_mises_kpa: self.von_mises_kpa.as_deref(),
+            needle: &self.snapshot.line,
+            loads: &self.loads,
+            seeds: &self.state.seeds,
+            probe,
+            contact: scenario.instruments(step).probe,
+        }
     }
 
     fn state(&mut self, frame: u64, probe_to_world: Matrix4<f64>) -> &FrameState {

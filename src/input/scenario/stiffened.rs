@@ -56,6 +56,8 @@ pub struct Stiffened {
     pub laws: Vec<Stiffening>,
     /// Viscosity of a viscoelastic model.
     pub viscosity: Option<Viscosity>,
+    /// Whether the stress of viscous tissue is followed.
+    pub stress: bool,
     /// Substep and solver options.
     pub options: Options,
 }

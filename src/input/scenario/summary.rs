@@ -3,6 +3,7 @@
 use nalgebra::Point3;
 use serde::Serialize;
 
+use super::points::{Displaced, Extremes};
 use super::resolve::Scenario;
 use super::run::Step;
 use crate::base::report::statistics::Times;
@@ -49,6 +50,9 @@ pub struct Summary {
     pub seeds: Vec<Seed>,
     /// Closest approach to each target.
     pub targets: Vec<Reached>,
+    /// Displacement of each reported point: its extremes over the frames of the run; absent without any.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub points: Vec<Extremes>,
     /// Critical structures near the tip; `None` if there is none within 30 mm of the planned path.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub critical: Option<CriticalMet>,
@@ -207,6 +211,7 @@ impl<'a> Tally<'a> {
                     nearest_seed_mm: None,
                 })
                 .collect(),
+            points: scenario.reports.iter().map(Extremes::new).collect(),
             critical: None,
             warnings: scenario.warnings.clone(),
         };
@@ -287,6 +292,13 @@ impl<'a> Tally<'a> {
             compliance_change: change.compliance_change,
             seconds: change.seconds,
         });
+    }
+
+    /// Records displacements of the reported points.
+    pub fn displace(&mut self, displaced: &Displaced<'_>) {
+        for (point, moved) in self.summary.points.iter_mut().zip(displaced.displacement_mm) {
+            point.add(displaced.time_s, moved);
+        }
     }
 
     /// Records the tissue at a frame or mesh output.

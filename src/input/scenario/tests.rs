@@ -2,6 +2,7 @@
 
 mod aimed;
 mod parts;
+mod points;
 mod prescribed;
 mod read;
 mod stepped;

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::cylinder::CylinderSpec;
 use super::stiffened::{StepSolverSpec, TissueViscositySpec};
 use crate::base::document::RegionName;
+use crate::input::statics::selection::CylinderChoice;
 use crate::mechanics::insertion::{Bone, Interaction, Peak};
 use crate::mechanics::mesh::file::Unit;
 use crate::mechanics::tissue::remesh::{Level, Precision};
@@ -135,7 +136,7 @@ pub struct MaterialSpec {
     pub rigid: Option<bool>,
 }
 
-/// Fixed nodes: by number, or the intersection of a box, a region and the surface.
+/// Fixed nodes: by number, or the intersection of a box, a cylinder, a region, its surface and the surface of the mesh.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FixSpec {
@@ -143,6 +144,10 @@ pub struct FixSpec {
     pub nodes: Option<Vec<i64>>,
     /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
     pub box_mm: Option<[[f64; 3]; 2]>,
+    /// All nodes inside or outside of an endless cylinder, or near its wall.
+    pub cylinder: Option<CylinderChoice>,
+    /// All nodes on the surface of a region, where it borders on others or on nothing: its name, a part of its name, or its number.
+    pub surface_of: Option<RegionName>,
     /// All nodes of a region: its name, a part of its name, or its number.
     pub region: Option<RegionName>,
     /// Only nodes on the surface of the mesh. Default false.

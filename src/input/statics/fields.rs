@@ -1,6 +1,6 @@
 //! Strain and stress in the elements of a solved problem.
 
-use crate::mechanics::tissue::nonlinear::Solid;
+use crate::mechanics::tissue::nonlinear::{Solid, von_mises};
 
 /// Symmetric tensors of each element: xx, yy, zz, xy, yz and xz.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,10 +31,7 @@ impl Fields {
 
     /// Von Mises stress of each element, kPa.
     pub fn von_mises_kpa(&self) -> Vec<f64> {
-        let equivalent = |[xx, yy, zz, xy, yz, xz]: &[f64; 6]| {
-            let apart = (xx - yy).powi(2) + (yy - zz).powi(2) + (zz - xx).powi(2);
-            (0.5 * apart + 3.0 * (xy * xy + yz * yz + xz * xz)).sqrt()
-        };
+        let equivalent = |&[xx, yy, zz, xy, yz, xz]: &[f64; 6]| von_mises(&[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]);
         self.stress_kpa.iter().map(equivalent).collect()
     }
 }

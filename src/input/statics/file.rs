@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
+use super::selection::CylinderChoice;
 use crate::base::document::{self, RegionName, Source, Version};
 use crate::input::Cause;
 use crate::mechanics::mesh::file::Unit;
@@ -78,7 +79,8 @@ pub struct MaterialSpec {
     pub density_kg_per_m3: Option<f64>,
 }
 
-/// Prescribed displacements of nodes: selected by number, or as the intersection of a box, a region and the surface.
+/// Prescribed displacements of nodes: selected by number, or as the intersection of a box, a cylinder, a region, its surface and the
+/// surface of the mesh.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FixSpec {
@@ -86,6 +88,10 @@ pub struct FixSpec {
     pub nodes: Option<Vec<i64>>,
     /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
     pub box_mm: Option<[[f64; 3]; 2]>,
+    /// All nodes inside or outside of an endless cylinder, or near its wall.
+    pub cylinder: Option<CylinderChoice>,
+    /// All nodes on the surface of a region, where it borders on others or on nothing: its name, a part of its name, or its number.
+    pub surface_of: Option<RegionName>,
     /// All nodes of a region: its name, a part of its name, or its number.
     pub region: Option<RegionName>,
     /// Only nodes on the surface of the mesh. Default false.
@@ -114,6 +120,10 @@ pub struct LoadSpec {
     pub nodes: Option<Vec<i64>>,
     /// All nodes in this box, including its faces, as two opposite corners, mm. `inf` leaves a side open.
     pub box_mm: Option<[[f64; 3]; 2]>,
+    /// All nodes inside or outside of an endless cylinder, or near its wall.
+    pub cylinder: Option<CylinderChoice>,
+    /// All nodes on the surface of a region, where it borders on others or on nothing: its name, a part of its name, or its number.
+    pub surface_of: Option<RegionName>,
     /// All nodes of a region: its name, a part of its name, or its number.
     pub region: Option<RegionName>,
     /// Only nodes on the surface of the mesh. Default false; `total_force_n` and `pressure_kpa` act on the surface

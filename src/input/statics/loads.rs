@@ -81,10 +81,13 @@ impl ProblemFile {
         loads: &mut Loads,
     ) -> Result<f64, InputError> {
         let table = format!("load[{at}]");
-        let numbers = self.chosen(&table, spec.region.as_ref(), regions)?;
+        let names = [spec.region.as_ref(), spec.surface_of.as_ref()];
+        let [numbers, surface_of] = self.chosen(&table, names, regions)?;
         let choice = Choice {
             nodes: spec.nodes.as_deref(),
             box_mm: spec.box_mm.as_ref(),
+            cylinder: spec.cylinder.as_ref(),
+            surface_of: surface_of.as_deref(),
             regions: numbers.as_deref(),
             surface: spec.surface || spec.nodes.is_none() && spec.node_force_n.is_none(),
         };

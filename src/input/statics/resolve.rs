@@ -36,6 +36,8 @@ pub struct Problem {
     pub(super) tables: Vec<usize>,
     pub(super) loads: Loads,
     report_nodes: Vec<u32>,
+    /// Numbers of nodes held, for the user.
+    notes: Vec<String>,
     /// Warnings about a solvable problem.
     warnings: Vec<String>,
     read_seconds: f64,
@@ -104,7 +106,8 @@ impl ProblemFile {
         warnings.extend(odd_in_mesh(&quality));
         let regions = Regions::new(&mesh, read.region_names);
         let made = self.materials(&mesh, &regions)?;
-        let (fixes, tables) = self.fixes(&mesh, &regions, &mut warnings)?;
+        let mut notes = Vec::new();
+        let (fixes, tables) = self.fixes(&mesh, &regions, &mut notes, &mut warnings)?;
         let loads = self.loads(&mesh, &regions, &made)?;
         let unloaded = loads.forces.iter().all(|applied| applied.load.force_n == [0.0; 3]);
         if unloaded && fixes.iter().all(|fix| fix.displacement_mm == 0.0) {
@@ -118,6 +121,7 @@ impl ProblemFile {
             tables,
             loads,
             report_nodes: numbered("report_nodes", &self.report_nodes, nodes).map_err(|odd| self.odd(odd))?,
+            notes,
             warnings,
             read_seconds: started.elapsed().as_secs_f64(),
             mesh,
@@ -133,15 +137,18 @@ impl ProblemFile {
         })
     }
 
-    /// Numbers of the regions that match the `region` key of a table, if it has one.
+    /// Numbers of the regions that match the keys `region` and `surface_of` of a table, if it has them.
     pub(super) fn chosen(
         &self,
         table: &str,
-        name: Option<&RegionName>,
+        names: [Option<&RegionName>; 2],
         regions: &Regions,
-    ) -> Result<Option<Vec<i32>>, InputError> {
-        let numbers = name.map(|name| self.regions(&format!("{table}.region"), name, regions));
-        numbers.transpose()
+    ) -> Result<[Option<Vec<i32>>; 2], InputError> {
+        let numbers = |key: &str, name: Option<&RegionName>| {
+            let numbers = name.map(|name| self.regions(&format!("{table}.{key}"), name, regions));
+            numbers.transpose()
+        };
+        Ok([numbers("region", names[0])?, numbers("surface_of", names[1])?])
     }
 
     /// Fixes, and the index of the table of each.
@@ -149,6 +156,7 @@ impl ProblemFile {
         &self,
         mesh: &TetMesh,
         regions: &Regions,
+        notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<Fix>, Vec<usize>), InputError> {
         let (mut fixes, mut tables) = (Vec::new(), Vec::new());
@@ -164,14 +172,19 @@ impl ProblemFile {
                     spec.axes
                 ));
             }
-            let numbers = self.chosen(&table, spec.region.as_ref(), regions)?;
+            let names = [spec.region.as_ref(), spec.surface_of.as_ref()];
+            let [numbers, surface_of] = self.chosen(&table, names, regions)?;
             let choice = Choice {
                 nodes: spec.nodes.as_deref(),
                 box_mm: spec.box_mm.as_ref(),
+                cylinder: spec.cylinder.as_ref(),
+                surface_of: surface_of.as_deref(),
                 regions: numbers.as_deref(),
                 surface: spec.surface,
             };
-            for node in choice.select(&table, mesh).map_err(|odd| self.odd(odd))? {
+            let nodes = choice.select(&table, mesh).map_err(|odd| self.odd(odd))?;
+            notes.push(format!("{table} holds {} nodes", nodes.len()));
+            for node in nodes {
                 fixes.extend(axes.iter().map(|&axis| Fix {
                     node,
                     axis,
@@ -222,6 +235,11 @@ impl Problem {
     /// Nodes whose displacements are reported, in the order requested.
     pub fn report_nodes(&self) -> &[u32] {
         &self.report_nodes
+    }
+
+    /// Numbers of nodes held by each `[[fix]]`, for the user.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     /// Warnings about a solvable problem.

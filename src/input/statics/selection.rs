@@ -1,5 +1,9 @@
 //! Selection of nodes and axes by a fix or a load.
 
+use nalgebra::{Point3, Vector3};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use crate::base::document::InvalidFile;
 use crate::input::Cause;
 use crate::mechanics::mesh::TetMesh;
@@ -9,11 +13,89 @@ pub(crate) type Odd = Box<(String, Cause)>;
 
 pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 
-/// Node selection of a table: by number, or as the intersection of a box, regions and the surface, where given.
+/// Default distance of a node from the wall of a cylinder, mm.
+const WITHIN_MM: f64 = 1.0;
+
+/// An endless cylinder that selects nodes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct CylinderChoice {
+    /// A point of the axis, mm.
+    pub at_mm: [f64; 3],
+    /// Direction of the axis; any length.
+    pub axis: [f64; 3],
+    /// Radius, mm (above 0).
+    pub radius_mm: f64,
+    /// Nodes selected: those `inside`, those `outside`, or those near the `wall`. Default `wall`.
+    #[serde(default)]
+    pub part: CylinderPart,
+    /// With `wall`: largest distance of a node from it, mm (0 or more). Default 1.
+    pub within_mm: Option<f64>,
+}
+
+/// Part of space that a cylinder selects; nodes on the wall are in each.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum CylinderPart {
+    /// Up to the radius from the axis.
+    Inside,
+    /// Near the radius.
+    #[default]
+    Wall,
+    /// From the radius on.
+    Outside,
+}
+
+impl CylinderChoice {
+    /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd number.
+    fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, Odd> {
+        let number = |name: &str, found: f64, holds: bool, expected: &str| match found.is_finite() && holds {
+            true => Ok(found),
+            false => Err(Box::new((
+                format!("{key}.{name}"),
+                InvalidFile::number(found, expected).into(),
+            ))),
+        };
+        for (at, &found) in self.at_mm.iter().enumerate() {
+            number(&format!("at_mm[{at}]"), found, true, "a coordinate, mm")?;
+        }
+        let axis = Vector3::from(self.axis);
+        let Some(axis) = axis
+            .try_normalize(1e-9)
+            .filter(|axis| axis.iter().all(|x| x.is_finite()))
+        else {
+            let expected = "finite numbers that are not all zero";
+            return Err(keys(format!("{key}.axis"), format!("{:?}", self.axis), expected));
+        };
+        let radius = number("radius_mm", self.radius_mm, self.radius_mm > 0.0, "above 0 mm")?;
+        let within = self.within_mm.unwrap_or(WITHIN_MM);
+        let within = number("within_mm", within, within >= 0.0, "0 mm or more")?;
+        if self.within_mm.is_some() && self.part != CylinderPart::Wall {
+            let found = "`within_mm` of a part that has no wall";
+            return Err(keys(format!("{key}.within_mm"), found, "`part = \"wall\"`"));
+        }
+        let (at, part) = (Point3::from(self.at_mm), self.part);
+        Ok(move |point: &[f64; 3]| {
+            let from = Point3::from(*point) - at;
+            let beyond = (from - axis * axis.dot(&from)).norm() - radius;
+            match part {
+                CylinderPart::Inside => beyond,
+                CylinderPart::Outside => -beyond,
+                CylinderPart::Wall => beyond.abs() - within,
+            }
+        })
+    }
+}
+
+/// Node selection of a table: by number, or as the intersection of a box, a cylinder, regions, the surface of regions and that of the
+/// mesh, where given.
 #[derive(Debug)]
 pub(crate) struct Choice<'a> {
     pub nodes: Option<&'a [i64]>,
     pub box_mm: Option<&'a [[f64; 3]; 2]>,
+    pub cylinder: Option<&'a CylinderChoice>,
+    /// Numbers of regions whose surface is selected: their faces with other regions, and those without a neighbour.
+    pub surface_of: Option<&'a [i32]>,
     /// Numbers of regions.
     pub regions: Option<&'a [i32]>,
     /// Whether only nodes of the mesh surface are selected, or of the part of it in these regions.
@@ -23,8 +105,9 @@ pub(crate) struct Choice<'a> {
 impl Choice<'_> {
     /// Selected nodes, ascending unless by number; `table` is the key of the table.
     pub fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, Odd> {
-        let others = self.box_mm.is_some() || self.regions.is_some() || self.surface;
-        let expected = "`nodes`, or some of `box_mm`, `region` and `surface`";
+        let others = [self.box_mm.is_some(), self.cylinder.is_some(), self.surface];
+        let others = others.contains(&true) || self.regions.is_some() || self.surface_of.is_some();
+        let expected = "`nodes`, or some of `box_mm`, `cylinder`, `region`, `surface_of` and `surface`";
         match self.nodes {
             Some(_) if others => Err(keys(table.to_owned(), "`nodes` beside another choice", expected)),
             Some([]) => Err(keys(format!("{table}.nodes"), "no nodes", "at least one")),
@@ -52,6 +135,36 @@ impl Choice<'_> {
                 false => ("no node of this region", "a region that has elements in the mesh"),
             };
             return Err(keys(table.to_owned(), found, expected));
+        }
+        if let Some(regions) = self.surface_of {
+            let mut of = vec![false; picked.len()];
+            mesh.surface_of(regions)
+                .for_each(|face| face.nodes.iter().for_each(|node| of[*node as usize] = true));
+            let held = picked.clone();
+            picked.iter_mut().zip(of).for_each(|(picked, of)| *picked &= of);
+            if !picked.contains(&true) {
+                let found = match held.contains(&false) {
+                    true => "no node on the surface of this region among the others selected",
+                    false => "no node on the surface of this region",
+                };
+                return Err(keys(
+                    format!("{table}.surface_of"),
+                    found,
+                    "a region that has elements in the mesh",
+                ));
+            }
+        }
+        if let Some(cylinder) = self.cylinder {
+            let key = format!("{table}.cylinder");
+            let miss_mm = cylinder.miss_mm(&key)?;
+            let held = (0..).zip(mesh.nodes()).filter(|(node, _)| picked[*node]);
+            let misses: Vec<(usize, f64)> = held.map(|(node, at)| (node, miss_mm(at))).collect();
+            misses.iter().for_each(|(node, miss)| picked[*node] = *miss <= 0.0);
+            if !picked.contains(&true) {
+                let least = misses.iter().map(|(_, miss)| *miss).fold(f64::INFINITY, f64::min);
+                let found = format!("no node in this part of the cylinder: the nearest is {least:.3} mm beyond it");
+                return Err(keys(key, found, "one that holds at least one of the nodes"));
+            }
         }
         if let Some(corners) = self.box_mm {
             let key = format!("{table}.box_mm");

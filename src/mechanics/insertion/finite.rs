@@ -30,8 +30,8 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 use super::imager::MeshImager;
 use super::validation::{finite, numbers};
 use super::{
-    Event, EventKind, Imager, Instruments, InvalidSetup, LevelChange, Model, Outcome, Saved, Snapshot, StepError,
-    Wrench,
+    Event, EventKind, Imager, Instruments, InvalidSetup, LevelChange, Model, Outcome, Saved, ShaftLoad, Snapshot,
+    StepError, Wrench,
 };
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::CentreLine;
@@ -392,6 +392,19 @@ impl Model for Finite {
 
     fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
         self.needle.line.direction()
+    }
+
+    fn shaft_loads(&self, into: &mut Vec<ShaftLoad>) {
+        into.clear();
+        let (contacts, line) = (&self.contacts, &self.needle.line);
+        if line.nodes().is_empty() || self.needle.entry.is_none() {
+            return;
+        }
+        let cutting = self.tip.force.is_on_node().then(|| self.tip.cutting(&self.body));
+        contacts.shaft_loads(line, self.tip.end_in_tissue(contacts, line), cutting, into);
+        if let Some(tip) = into.last_mut() {
+            tip.force_n += self.tip.bone_force(line);
+        }
     }
 
     fn snapshot(&mut self, into: &mut Snapshot) {

@@ -30,10 +30,12 @@ use super::interaction::interaction;
 use super::pushing::{Phase, Pushing};
 use super::validation::finite;
 use super::{
-    Anatomy, Event, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench,
+    Anatomy, Event, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, ShaftLoad, Snapshot, StepError,
+    Wrench,
 };
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
+use crate::mechanics::tissue::nonlinear::Structure;
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
 pub use setup::{Options, Setup, Viscosity};
@@ -317,6 +319,33 @@ impl Model for Nonlinear {
 
     fn imager(&self) -> Box<dyn Imager> {
         Box::new(MeshImager::new(Arc::clone(&self.mesh), None))
+    }
+
+    fn stress_kpa(&self) -> Option<&[[[f64; 3]; 3]]> {
+        match self.needle.structure() {
+            Structure::Elastic(_) => None,
+            Structure::Viscous(creep) => creep.stress_kpa(),
+        }
+    }
+
+    fn shaft_loads(&self, into: &mut Vec<ShaftLoad>) {
+        into.clear();
+        if self.line.nodes().is_empty() || self.needle.is_outside() {
+            return;
+        }
+        let (length, direction) = (self.line.length_mm(), self.line.at(0.0).tangent.into_inner());
+        // The shaft passes a place of the line at the arc that is as far behind the tip. The tip follows the tissue by a step.
+        let arc = |place_mm: f64| (length + place_mm - self.travel_mm).min(length);
+        into.extend(self.needle.shaft().map(|([from, to], force)| ShaftLoad {
+            from_mm: arc(from),
+            to_mm: arc(to),
+            force_n: -force * direction,
+        }));
+        into.push(ShaftLoad {
+            from_mm: length,
+            to_mm: length,
+            force_n: -self.needle.at().tip_n * direction,
+        });
     }
 
     fn save(&mut self) -> Saved {

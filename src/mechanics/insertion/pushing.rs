@@ -157,6 +157,19 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         self.line.pieces(self.at.depth_mm).count()
     }
 
+    /// Returns the forces of the shaft on the tissue along its direction, N, each between two places, mm beyond the entry.
+    pub fn shaft(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
+        let depth = self.at.depth_mm;
+        let sliding = || frictions(&self.line, &self.layers, depth).map(|(_, force, _)| force);
+        let all: f64 = sliding().sum();
+        let share = if all > 0.0 { self.at.shaft_n / all } else { 0.0 };
+        let pieces = self
+            .line
+            .pieces(depth)
+            .map(|(_, from, to)| [self.place(from), self.place(to)]);
+        pieces.zip(sliding()).map(move |(ends, force)| (ends, force * share))
+    }
+
     /// Returns whether the tip has come out on the far side.
     pub fn is_through(&self) -> bool {
         self.at.intact == Phase::Free && self.at.depth_mm > 0.0 && self.at.depth_mm >= self.at.cut_mm

@@ -44,7 +44,9 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::imager::NetworkImager;
-use super::{Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Wrench};
+use super::{
+    Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, ShaftLoad, Snapshot, StepError, Wrench,
+};
 use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::needle::{CentreLine, Load, Needle};
 use body::{Body, unloaded_tip};
@@ -268,6 +270,27 @@ impl Model for MassSpring {
 
     fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
         self.body.line.direction()
+    }
+
+    fn shaft_loads(&self, into: &mut Vec<ShaftLoad>) {
+        into.clear();
+        let (stack, length) = (&self.contacts.stack, self.body.line.length_mm());
+        for (at, contact) in stack.iter().enumerate() {
+            let from_mm = contact.arc.min(length);
+            let next = stack.get(at + 1).map_or(length, |next| next.arc.min(length));
+            into.push(ShaftLoad {
+                from_mm,
+                to_mm: next.max(from_mm),
+                force_n: contact.force,
+            });
+        }
+        if let (Some(met), Some(base)) = (&self.body.bone_contact, &self.body.base) {
+            into.push(ShaftLoad {
+                from_mm: length,
+                to_mm: length,
+                force_n: met.force(base, self.needle.length_mm()),
+            });
+        }
     }
 
     fn snapshot(&mut self, into: &mut Snapshot) {

@@ -22,7 +22,9 @@ use crate::base::memory;
 use crate::base::read;
 pub use error::MeshFileError;
 use error::{Fault, quote};
-pub use vtk::{Values, write_pvd, write_vtu, write_vtu_with};
+#[cfg(any(test, feature = "internals"))]
+pub use vtk::write_vtu;
+pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu_with};
 
 /// Default name of the point array with the displacements.
 pub const DISPLACEMENT: &str = "displacement";

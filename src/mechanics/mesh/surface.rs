@@ -24,6 +24,16 @@ impl TetMesh {
         })
     }
 
+    /// Returns the faces between some regions and all others, and those of these regions on the surface, by element.
+    pub fn surface_of<'a>(&'a self, regions: &'a [i32]) -> impl Iterator<Item = Face> + 'a {
+        let is_of = move |element: u32| regions.contains(&self.regions[element as usize]);
+        let own = (0..).zip(&self.neighbours).filter(move |(element, _)| is_of(*element));
+        own.flat_map(move |(element, neighbours)| {
+            let open = (0..4).filter(move |corner| neighbours[*corner] == NONE || !is_of(neighbours[*corner]));
+            open.map(move |corner| self.face(element, corner))
+        })
+    }
+
     /// Returns the face of an element opposite to a corner.
     fn face(&self, element: u32, opposite: usize) -> Face {
         let corners = self.elements[element as usize];

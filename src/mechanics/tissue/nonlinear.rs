@@ -34,9 +34,9 @@ mod tangent;
 
 pub use body::{Body, Sheet, Solid};
 pub use error::NonlinearError;
-pub use law::Stiffening;
 #[cfg(feature = "internals")]
 pub use law::relative_strain;
+pub use law::{Stiffening, von_mises};
 #[cfg(feature = "internals")]
 pub use solver::Target;
 pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver};

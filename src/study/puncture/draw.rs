@@ -3,6 +3,7 @@
 use std::fmt::Write;
 
 use super::liver::Liver;
+use crate::base::report::statistics::percentile;
 
 /// Pixels per millimetre.
 const SCALE: f64 = 6.0;
@@ -10,11 +11,43 @@ const MARGIN_MM: f64 = 8.0;
 /// Space above the capsule for the needle, mm.
 const ABOVE_MM: f64 = 12.0;
 
-/// Relative strain shown in the darkest colour.
-const DARKEST: f64 = 1.0;
+/// Share of the triangles of a picture whose stress its scale covers: beside the tip there are a few of much more.
+const COVERED: f64 = 0.99;
+/// Width and height of the scale, pixels, and its steps of colour.
+const BAR: [f64; 2] = [160.0, 12.0];
+const STEPS: usize = 32;
 
-/// Draws the displaced slice, coloured by its relative strain, with the needle after `travel_mm` of travel.
-pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
+/// State of the slice to be drawn.
+pub struct State {
+    /// Name of the picture.
+    pub name: String,
+    /// Displacements, mm.
+    pub displacement: Vec<f64>,
+    /// Von Mises stress of each triangle, kPa.
+    pub stress_kpa: Vec<f64>,
+    /// Travel of the needle, mm.
+    pub travel_mm: f64,
+}
+
+/// Stress shown in the darkest colour of all pictures, kPa: one, two or five times a power of ten.
+pub fn darkest_kpa(states: &[State]) -> f64 {
+    let covered = states.iter().filter_map(|state| {
+        let mut stress = state.stress_kpa.clone();
+        stress.sort_by(f64::total_cmp);
+        percentile(&stress, COVERED)
+    });
+    let most = covered.fold(f64::MIN_POSITIVE, f64::max);
+    let power = 10f64.powf(most.log10().floor());
+    [1.0, 2.0, 5.0, 10.0]
+        .map(|step| step * power)
+        .into_iter()
+        .find(|round| *round >= most)
+        .unwrap_or(most)
+}
+
+/// Draws the displaced slice, coloured by its von Mises stress up to `darkest_kpa`, with the needle.
+pub fn slice(liver: &Liver, state: &State, darkest_kpa: f64) -> String {
+    let (displacement, travel_mm) = (&state.displacement, state.travel_mm);
     let nodes = liver.body.nodes();
     let place = |node: u32| {
         let at = node as usize;
@@ -32,10 +65,13 @@ pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" \
          height=\"{height:.0}\">\n<rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>\n"
     );
-    let strains = liver.body.relative_strains(displacement);
-    for ((corners, strain), vein) in liver.body.elements().iter().zip(strains).zip(&liver.vein) {
+    for ((corners, kpa), vein) in liver.body.elements().iter().zip(&state.stress_kpa).zip(&liver.vein) {
         let points = corners.map(|node| pixel(place(node)));
-        let fill = if *vein { "#3b1f6b".to_owned() } else { colour(strain) };
+        let fill = if *vein {
+            "#3b1f6b".to_owned()
+        } else {
+            colour(kpa / darkest_kpa)
+        };
         // Writing to a string in memory cannot fail.
         let _ = write!(text, "<path d=\"");
         for (at, [x, y]) in points.iter().enumerate() {
@@ -47,14 +83,44 @@ pub fn slice(liver: &Liver, displacement: &[f64], travel_mm: f64) -> String {
     let _ = writeln!(
         text,
         "<path d=\"M{x:.1} 0L{x:.1} {tip:.1}\" stroke=\"#111\" stroke-width=\"3\"/>\n\
-         <text x=\"12\" y=\"24\" font-family=\"sans-serif\" font-size=\"18\">{travel_mm:.1} mm</text>\n</svg>"
+         <text x=\"12\" y=\"24\" font-family=\"sans-serif\" font-size=\"18\">{travel_mm:.1} mm</text>"
     );
-    text
+    scale(&mut text, [width - BAR[0] - 30.0, 30.0], darkest_kpa);
+    text + "</svg>\n"
 }
 
-/// Returns a colour from pale to dark red.
-fn colour(strain: f64) -> String {
-    let share = (strain / DARKEST).clamp(0.0, 1.0);
+/// Adds the scale of colours at a pixel.
+fn scale(text: &mut String, [x, y]: [f64; 2], darkest_kpa: f64) {
+    let _ = writeln!(
+        text,
+        "<g font-family=\"sans-serif\" font-size=\"14\"><text x=\"{x:.0}\" y=\"{:.0}\">von Mises stress, kPa</text>",
+        y - 8.0
+    );
+    let wide = BAR[0] / STEPS as f64;
+    for step in 0..STEPS {
+        let fill = colour((step as f64 + 0.5) / STEPS as f64);
+        let left = x + step as f64 * wide;
+        let _ = writeln!(
+            text,
+            "<path d=\"M{left:.1} {y:.1}h{wide:.1}v{:.1}h-{wide:.1}Z\" fill=\"{fill}\" stroke=\"{fill}\" stroke-width=\"0.4\"/>",
+            BAR[1]
+        );
+    }
+    for (share, more) in [(0.0, ""), (0.5, ""), (1.0, "+")] {
+        let _ = writeln!(
+            text,
+            "<text x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{}{more}</text>",
+            x + share * BAR[0],
+            y + BAR[1] + 15.0,
+            share * darkest_kpa
+        );
+    }
+    text.push_str("</g>\n");
+}
+
+/// Returns a colour from pale to dark red for a share of the scale.
+fn colour(share: f64) -> String {
+    let share = share.clamp(0.0, 1.0);
     let mix = |from: f64, to: f64| (from + share * (to - from)).round() as u8;
     format!(
         "#{:02x}{:02x}{:02x}",

@@ -187,7 +187,7 @@ impl Trial {
         };
         let way = samples[samples.len() - 1].travel_mm;
         let steps = (way / options.step_mm).ceil();
-        let (_, mut needle) = pushing(&options, steps)?;
+        let (_, mut needle) = pushing(&options, steps, false)?;
         let mut curve = vec![[0.0, 0.0]];
         for at in 1..=steps as usize {
             let travel_mm = (at as f64 * options.step_mm).min(way);

@@ -5,7 +5,7 @@
 //!
 //! | module | comparison |
 //! |---|---|
-//! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c and 14); every n-th probe candidate; number of mesh nodes |
+//! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c, 14 and 15); every n-th probe candidate; number of mesh nodes |
 //! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A); link lengths of an angular-spring needle, element lengths of a beam |
 //! | `masses` | masses and springs against finite elements |
 //!

@@ -5,7 +5,7 @@ use crate::input::scenario::Scenario;
 use crate::input::scenario::run::Step;
 
 /// Number of intervals of steps for which a curve keeps minimum and maximum: about one per pixel.
-const STRETCHES: u64 = 800;
+pub(super) const STRETCHES: u64 = 800;
 /// Maximum number of individually marked steps that remesh.
 const MARKED: usize = 1500;
 /// Time of a step at haptic rate, ms.
@@ -15,12 +15,12 @@ const HAPTIC_MS: f64 = 1.0;
 type Extremes = [[f64; 2]; 2];
 
 #[derive(Clone, Debug, Default)]
-struct Curve {
+pub(super) struct Curve {
     points: Vec<Extremes>,
 }
 
 impl Curve {
-    fn add(&mut self, time_s: f64, value: f64, starts: bool) {
+    pub fn add(&mut self, time_s: f64, value: f64, starts: bool) {
         let point = [time_s, value];
         match self.points.last_mut().filter(|_| !starts) {
             Some([least, most]) => {
@@ -35,7 +35,7 @@ impl Curve {
         }
     }
 
-    fn series(&self, name: &str, colour: usize) -> Series {
+    pub fn series(&self, name: &str, colour: usize) -> Series {
         let mut points = Vec::with_capacity(2 * self.points.len());
         for &[a, b] in &self.points {
             let (first, last) = if a[0] <= b[0] { (a, b) } else { (b, a) };

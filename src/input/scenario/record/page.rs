@@ -14,7 +14,7 @@ pub(super) fn page(
     title: &str,
     summary: &Summary,
     film: &Film,
-    plots: &[Plot],
+    plots: &[(&str, Plot)],
     others: &[&str],
 ) -> Result<String, OutputError> {
     let mut page = Page::new(title);
@@ -23,7 +23,7 @@ pub(super) fn page(
     }
     page.table(&Table::new(["", ""]).with(figures(summary)));
     frames(&mut page, film);
-    for plot in plots {
+    for (_, plot) in plots {
         let untitled = Plot {
             title: String::new(),
             ..plot.clone()
@@ -110,6 +110,26 @@ fn tables(page: &mut Page, summary: &Summary) {
     });
     let heads = ["target", "at, mm", "least distance of the tip, mm", "nearest seed, mm"];
     table(page, "Targets", heads, targets);
+    let points = summary.points.iter().map(|point| {
+        let range = |[least, most]: [f64; 2]| format!("{least:.3} to {most:.3}");
+        [
+            point.name.clone(),
+            place(point.at_mm),
+            format!("{:.3} at {:.2} s", point.max_displacement_mm, point.max_at_s),
+            range(point.axial_mm),
+            range(point.lateral_mm),
+            range(point.elevational_mm),
+        ]
+    });
+    let heads = [
+        "point",
+        "at, mm",
+        "largest displacement, mm",
+        "axial, mm",
+        "lateral, mm",
+        "elevational, mm",
+    ];
+    table(page, "Points", heads, points);
     let seeds = summary.seeds.iter().map(|seed| {
         let [planned, deposited] = [(seed.planned_mm, ""), (seed.deposited_mm, "outside the tissue")]
             .map(|(at, otherwise)| at.map_or(otherwise.to_owned(), place));

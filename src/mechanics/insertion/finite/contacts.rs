@@ -6,6 +6,7 @@ use super::body::Body;
 use super::contact::{Contact, SAMPLE_MM};
 use super::contact::{Slider, State};
 use super::joint::{Joint, MOST_FADING};
+use crate::mechanics::insertion::ShaftLoad;
 use crate::mechanics::needle::{CentreLine, ShaftPoint};
 
 /// Force below which a fading load is dropped, N.
@@ -159,6 +160,35 @@ impl Contacts {
             *last = tip.tangent.into_inner() * tip.tangent.dot(before).clamp(0.0, cutting);
             *before -= *last;
         }
+    }
+
+    /// Writes the forces of the tissue on the needle, N: each on the shaft from its node to the next, the last to the arc `end` (mm), and
+    /// that at the tip of `line`.
+    pub fn shaft_loads(&self, line: &CentreLine, end: f64, cutting: Option<f64>, into: &mut Vec<ShaftLoad>) {
+        for (at, contact) in self.nodes.iter().enumerate() {
+            let next = self.nodes.get(at + 1).map_or(end, |next| next.arc);
+            into.push(ShaftLoad {
+                from_mm: contact.arc,
+                to_mm: next.max(contact.arc),
+                force_n: -self.forces[at],
+            });
+        }
+        let length = line.length_mm();
+        let mut at_tip = Vector3::zeros();
+        if self.has_others[0] {
+            at_tip = -self.forces[self.nodes.len()];
+        }
+        if let (Some(cutting), Some(last)) = (cutting, into.last_mut()) {
+            // The node at the tip bears the cutting force beside that of its shaft.
+            let tangent = line.at(length).tangent.into_inner();
+            at_tip = tangent * tangent.dot(&last.force_n).clamp(-cutting, 0.0);
+            last.force_n -= at_tip;
+        }
+        into.push(ShaftLoad {
+            from_mm: length,
+            to_mm: length,
+            force_n: at_tip,
+        });
     }
 
     /// Records the forces at the beginning of an iteration.

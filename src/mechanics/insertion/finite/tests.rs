@@ -120,3 +120,42 @@ fn what_remeshing_moves_is_foreseen() {
     // The first node cannot be predicted; the others follow from the straight path.
     assert!(foreseen + 2 >= made, "{foreseen} of {made}");
 }
+
+/// A rigid needle that slides through one tissue carries its friction per length all along, its cutting force at the tip, and in all the
+/// force on the hand.
+#[test]
+fn forces_along_the_needle_are_those_of_the_tissue() {
+    let interaction = Interaction {
+        friction_n_per_mm: 0.02,
+        cutting_n: 0.5,
+        ..Interaction::default()
+    };
+    let mut finite = Finite::new(setup(interaction, Level::Exact), |_, _| {}).expect("a setup");
+    let mut loads = Vec::new();
+    finite.shaft_loads(&mut loads);
+    assert_eq!(loads, []);
+    // Steps end when nothing moves by more than 1e-5 mm.
+    const SAME: f64 = 1e-5;
+    let [mut slid, mut cut] = [0, 0];
+    for step in 0..300 {
+        let outcome = finite.step(&at(0.2 * f64::from(step)), 0.001).expect("a step").clone();
+        finite.shaft_loads(&mut loads);
+        let sum: Vector3<f64> = loads.iter().map(|load| load.force_n).sum();
+        assert!((sum - outcome.on_hand.force_n).norm() < 1e-9, "{step}: {loads:?}");
+        assert!(
+            loads.windows(2).all(|pair| pair[0].to_mm <= pair[1].from_mm + 1e-9),
+            "{loads:?}"
+        );
+        let Some((tip, shaft)) = loads.split_last() else {
+            continue;
+        };
+        assert_eq!([tip.from_mm, tip.to_mm], [150.0; 2]);
+        cut += usize::from((tip.force_n.z + 0.5).abs() < 1e-9);
+        for load in shaft.iter().filter(|load| load.length_mm() > 1.0) {
+            let density = load.force_n.z / load.length_mm();
+            assert!(density.abs() < 0.02 + SAME, "{density}");
+            slid += usize::from((density + 0.02).abs() < SAME);
+        }
+    }
+    assert!(slid > 500 && cut > 200, "{slid} lengths slide, {cut} steps cut");
+}

@@ -71,6 +71,8 @@ pub struct Setup {
     pub shaft: Shaft,
     /// Viscosity of all tissue; `None` for elastic tissue.
     pub viscosity: Option<Viscosity>,
+    /// Whether the stress of viscous tissue is followed: see [`Model::stress_kpa`](crate::mechanics::insertion::Model::stress_kpa).
+    pub stress: bool,
     /// Options for the subdivision and solution of steps.
     pub options: Options,
 }
@@ -107,7 +109,11 @@ impl Nonlinear {
                     tolerance: options.memory_tolerance,
                 };
                 let loads = vec![0.0; solver.supports().all()];
-                let creep = Creep::new(solver, memory, order, Rule::Exponentials(span), &loads)?;
+                let rule = Rule::Exponentials(span);
+                let mut creep = Creep::new(solver, memory, order, rule, &loads)?;
+                if setup.stress {
+                    creep.follow_stress(order, rule)?;
+                }
                 Structure::Viscous(Box::new(creep))
             }
         };

@@ -8,8 +8,8 @@ use super::*;
 use crate::mechanics::insertion::{Bone, Interaction, InvalidSetup, MeshRegions, Tissue};
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
-use crate::mechanics::tissue::nonlinear::Stiffening;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
+use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
 
 const EDGE_MM: [f64; 3] = [30.0, 30.0, 24.0];
 
@@ -55,6 +55,7 @@ fn setup(viscosity: Option<Viscosity>) -> Setup {
             radius_mm: 0.5,
         },
         viscosity,
+        stress: false,
         options: Options::default(),
     }
 }
@@ -382,4 +383,52 @@ fn skin_outside_the_mesh_breaks_and_critical_tissue_is_told() {
         (EventKind::Critical, Some(2)),
     ];
     assert_eq!(told(&run(&mut model, &depths)), expected);
+}
+
+/// Forces along the shaft add up to that on the hand, with the friction of a shaft that slides in; the stress that is followed is, without
+/// viscosity, that of the displacements.
+#[test]
+fn forces_along_the_needle_and_stress_are_known() {
+    let viscosity = Some(Viscosity {
+        order: 0.0,
+        memory: Memory::LoadIntegral,
+    });
+    let followed = Setup {
+        stress: true,
+        ..setup(viscosity)
+    };
+    let body = Solid::tetrahedra(&followed.mesh, &followed.laws).unwrap();
+    let mut model = Nonlinear::new(followed).unwrap();
+    let mut loads = Vec::new();
+    let mut slid = 0;
+    for depth in in_and_out() {
+        let force = model.step(&at(X, depth), 0.05).unwrap().on_hand.force_n;
+        model.shaft_loads(&mut loads);
+        let sum: Vector3<f64> = loads.iter().map(|load| load.force_n).sum();
+        assert!((sum - force).norm() < 1e-12, "{depth}: {sum} for {force}");
+        let Some((tip, shaft)) = loads.split_last() else {
+            continue;
+        };
+        let within = shaft
+            .iter()
+            .all(|load| load.from_mm <= load.to_mm && load.to_mm <= tip.to_mm);
+        assert!(within, "{depth}: {loads:?}");
+        slid += usize::from(shaft.first().is_some_and(|load| load.force_n.z < 0.0));
+        let displacement = model.needle.structure().displacement();
+        let expected = body.stresses_kpa(displacement, displacement);
+        let found = model.stress_kpa().expect("it is followed");
+        let apart = found
+            .as_flattened()
+            .as_flattened()
+            .iter()
+            .zip(expected.as_flattened().as_flattened());
+        let most = apart.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(most < 1e-9, "{depth}: {most} kPa");
+    }
+    assert!(slid > 30, "{slid}");
+    assert!(Nonlinear::new(setup(viscosity)).unwrap().stress_kpa().is_none());
+    // A state has no history of the stress.
+    let saved = model.save();
+    model.restore(&saved).unwrap();
+    assert!(model.stress_kpa().is_none());
 }

@@ -76,7 +76,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 
     /// Returns the current position of the tissue of a depth, mm beyond the entry.
-    fn place(&self, depth: f64) -> f64 {
+    pub(super) fn place(&self, depth: f64) -> f64 {
         depth + self.along(depth)
     }
 

@@ -1,4 +1,4 @@
-//! VTK files of unstructured grids, legacy (`.vtk`) and XML (`.vtu`).
+//! VTK files of unstructured grids, legacy (`.vtk`) and XML (`.vtu`); poly-data (`.vtp`), written only.
 //!
 //! Formats as in "VTK File Formats" (Kitware, VTK documentation): legacy versions up to 5.1, ASCII and binary; XML with
 //! ascii, base64 and appended (raw or base64) arrays, uncompressed or compressed by zlib.
@@ -6,6 +6,7 @@
 mod grid;
 mod kind;
 mod legacy;
+mod poly;
 mod pvd;
 mod write;
 mod xml;
@@ -13,8 +14,11 @@ mod xml;
 use super::cursor::Cursor;
 use super::error::{Fault, MeshFileError, quote};
 use super::{Parts, ReadOptions};
+pub use poly::{Poly, write_vtp};
 pub use pvd::write_pvd;
-pub use write::{Values, write_vtu, write_vtu_with};
+#[cfg(any(test, feature = "internals"))]
+pub use write::write_vtu;
+pub use write::{Values, write_vtu_with};
 
 /// First bytes of a legacy file.
 const LEGACY: &[u8] = b"# vtk DataFile";

@@ -1,6 +1,6 @@
 //! Body of strain-stiffening triangles or tetrahedra: its forces and their derivatives.
 
-use super::law::{Stiffening, relative_strain};
+use super::law::{Stiffening, relative_strain, von_mises};
 use super::simplex::{Simplex, dot};
 use super::tangent::Kind;
 use crate::mechanics::mesh::TetMesh;
@@ -64,6 +64,18 @@ impl Sheet {
     }
 }
 
+impl Sheet {
+    /// Returns the von Mises stress of each triangle, kPa, from its stress in the plane. The stress across the plane is Poisson's ratio
+    /// times the sum of the two normal stresses, at any secant modulus and rate.
+    pub fn von_mises_kpa(&self, stress_kpa: &[[[f64; 2]; 2]]) -> Vec<f64> {
+        let whole = |(cell, [[xx, xy], [yx, yy]]): (&Cell<2, 3>, &[[f64; 2]; 2])| {
+            let zz = cell.law.material().poisson() * (xx + yy);
+            von_mises(&[[*xx, *xy, 0.0], [*yx, *yy, 0.0], [0.0, 0.0, zz]])
+        };
+        self.cells.iter().zip(stress_kpa).map(whole).collect()
+    }
+}
+
 impl Solid {
     /// Creates the body of a mesh, with one of `laws` per element.
     ///
@@ -75,7 +87,11 @@ impl Solid {
 }
 
 impl<const D: usize, const N: usize> Body<D, N> {
-    fn of(
+    /// Creates a body from nodes (mm), elements and one of `laws` per element, times a thickness: mm in plane strain, 1 in three dimensions.
+    ///
+    /// # Errors
+    /// [`NonlinearError`] for unusable elements, or a wrong number of `laws`.
+    pub(crate) fn of(
         nodes: Vec<[f64; D]>,
         elements: Vec<[u32; N]>,
         laws: &[Stiffening],

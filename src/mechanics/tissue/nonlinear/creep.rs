@@ -156,7 +156,7 @@ impl<const D: usize, const N: usize> Creep<D, N> {
     }
 
     /// Imports a state: the same steps then give the same bits. [`forces`](Self::forces) and
-    /// [`contact_force`](Self::contact_force) are valid only after the next step.
+    /// [`contact_force`](Self::contact_force) are valid only after the next step. Stress is no longer tracked.
     ///
     /// # Errors
     /// [`NonlinearError`] for numbers that do not fit such a body.
@@ -167,6 +167,8 @@ impl<const D: usize, const N: usize> Creep<D, N> {
             self.history = before;
             return Err(error);
         }
+        // The state has no history of the stress.
+        self.stress = None;
         Ok(())
     }
 

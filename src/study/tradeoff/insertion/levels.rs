@@ -5,6 +5,7 @@ use super::{
     points, times, unsettled,
 };
 use crate::base::memory;
+use crate::base::report::statistics::percentile;
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::needle::Stiffness;
 use crate::mechanics::tissue::remesh::{Level, Precision};
@@ -73,13 +74,47 @@ const TRACE: [Axis; 6] = [
     Axis::log("step_ms", "ms", "time of a step (longest of some), ms"),
 ];
 
+/// Extent and quartiles of the time of steps that remesh, beside the median and the longest of [`TIMES`] (Goksel et al. 2011, figure 15).
+const QUARTILES: [Axis; 3] = [
+    Axis::log(
+        "remesh_min_ms",
+        "remesh min",
+        "time of a step that remeshes (shortest), ms",
+    ),
+    Axis::log(
+        "remesh_q1_ms",
+        "remesh q1",
+        "time of a step that remeshes (lower quartile), ms",
+    ),
+    Axis::log(
+        "remesh_q3_ms",
+        "remesh q3",
+        "time of a step that remeshes (upper quartile), ms",
+    ),
+];
+
+const SPREAD: [Axis; 2] = [
+    Axis::linear("percent", "%", "steps that remesh in no more time, %"),
+    Axis::log("remesh_ms", "remesh ms", "time of a step that remeshes, ms"),
+];
+
+/// Per cent of the steps that remesh whose time is read off: the shortest, the quartiles, the longest.
+const PERCENT: [f64; 5] = [0.0, 25.0, 50.0, 75.0, 100.0];
+
+/// Returns the time that each of [`PERCENT`] of the steps that remesh do not exceed, ms; `None` if there are none.
+fn quartiles(steps: &[Step]) -> [Option<f64>; 5] {
+    let mut ms: Vec<f64> = steps.iter().filter(|step| step.remeshed).map(|step| step.ms).collect();
+    ms.sort_by(f64::total_cmp);
+    PERCENT.map(|percent| percentile(&ms, percent / 100.0))
+}
+
 pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
     check_memory(options.nodes, memory::available())?;
     let mut table = Table::new(
         "levels",
         "Levels of remeshing along one insertion: differences from level I, times of steps",
         &FACTORS,
-        &[&DIFFERENCES[..], &TIMES, &[UNSETTLED]].concat(),
+        &[&DIFFERENCES[..], &TIMES, &QUARTILES, &[UNSETTLED]].concat(),
     )
     .against("level I in f64, which keeps the whole inverse")
     .seeking(
@@ -90,6 +125,7 @@ pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> 
             .in_every(Beat::Step, "remesh_median_ms")
             .beside(&["median_ms", "max_ms", "force_after_n"]),
     );
+    let mut spread = Table::trace("levels-remesh", "Time of steps that remesh", &FACTORS, &SPREAD);
     let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);
     let mut findings = Findings::default();
     for (half, probe) in [true, false].into_iter().enumerate() {
@@ -116,13 +152,19 @@ pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> 
             let same = name != "exact condensed" || force <= SAME_N;
             let flag = (!same).then(|| format!("off level I by {force:.1e} N: at most {SAME_N:.0e} is expected"));
             let own = differences.map(|it| (name != "I").then_some(it));
-            let values = [&own[..], &times(steps), &[unsettled(steps)]].concat();
+            let of_remeshes = quartiles(steps);
+            let [shortest, lower, _, upper, _] = of_remeshes;
+            let quartiles = [shortest, lower, upper];
+            let values = [&own[..], &times(steps), &quartiles, &[unsettled(steps)]].concat();
             table.push(choices.clone(), values, flag);
+            for (percent, ms) in PERCENT.into_iter().zip(of_remeshes) {
+                spread.push(choices.clone(), vec![Some(percent), ms], None);
+            }
             add_trace(&mut trace, &choices, &course, &traces[0], steps);
         }
     }
     table.mark_gold("level", LEVELS[0].1);
-    findings.tables = vec![table, trace];
+    findings.tables = vec![table, trace, spread];
     findings.figures = figures();
     Ok(findings)
 }
@@ -226,6 +268,17 @@ fn figures() -> Vec<Figure> {
                 table,
                 ["time_s", "step_ms"],
                 "probe",
+            )
+        },
+        Figure {
+            only: with("with"),
+            marked: true,
+            ..lines(
+                "insertion-remesh-quartiles",
+                "Time of a step that remeshes, with the probe: shortest, quartiles, longest",
+                "levels-remesh",
+                ["percent", "remesh_ms"],
+                "level",
             )
         },
         Figure {
@@ -424,4 +477,25 @@ pub(super) fn run_thinning(options: &InsertionOptions, progress: Progress<'_>) -
         figures: vec![figure],
         ..Findings::default()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ranks as in the definition of percentiles: of 1 to 8 ms the quartiles are 2, 4 and 6 ms.
+    #[test]
+    fn quartiles_are_those_of_the_steps_that_remesh() {
+        let step = |ms: u32| Step {
+            ms: f64::from(ms),
+            force_n: Default::default(),
+            probe_n: Default::default(),
+            tip_mm: Default::default(),
+            remeshed: ms <= 8,
+            converged: true,
+        };
+        let steps: Vec<Step> = [5, 100, 1, 8, 3, 6, 200, 2, 7, 4].map(step).to_vec();
+        assert_eq!(quartiles(&steps), [1.0, 2.0, 4.0, 6.0, 8.0].map(Some));
+        assert_eq!(quartiles(&steps[1..2]), [None; 5]);
+    }
 }

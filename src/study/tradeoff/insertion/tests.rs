@@ -41,6 +41,19 @@ fn levels_differ_as_they_must() {
     for key in ["median_ms", "p95_ms", "p99_ms", "max_ms", "remesh_max_ms"] {
         assert!(of("exact condensed", key) > Some(0.0), "{key}");
     }
+    let spread = [
+        "remesh_min_ms",
+        "remesh_q1_ms",
+        "remesh_median_ms",
+        "remesh_q3_ms",
+        "remesh_max_ms",
+    ];
+    let spread = spread.map(|key| of("III", key).expect(key));
+    assert!(spread.is_sorted() && spread[0] < spread[4], "{spread:?}");
+    let along = study.tables.iter().find(|table| table.key == "levels-remesh").unwrap();
+    let drawn = along.rows.iter().filter(|row| row.choices == ["III", "with"]);
+    let drawn: Vec<_> = drawn.map(|row| row.values[1].unwrap()).collect();
+    assert_eq!(drawn, spread);
     assert_eq!(study.tables[0].rows.len(), 8);
     assert!(!study.text().contains("tip_aside_mm") && !study.text().contains("Along the insertion"));
     assert!(study.tables[1].rows.len() > 8 * 100 && study.tables[1].csv().contains("tip_aside_mm"));

@@ -42,3 +42,19 @@ fn in_and_out() {
     assert!(!it.is_awake());
     assert_eq!(it.energy_nmm(), 0.0);
 }
+
+/// At a steady pace the forces along the needle are those of the last substep, whose mean is the force on the hand.
+#[test]
+fn forces_along_the_needle_add_up() {
+    let mut it = model(coarse(), Layers::one(soft()));
+    drive(&mut it, [-5.0, 40.0], 40.0, 1e-3, |_| {});
+    let mut loads = Vec::new();
+    it.shaft_loads(&mut loads);
+    let sum: Vector3<f64> = loads.iter().map(|load| load.force_n).sum();
+    let hand = it.outcome.on_hand.force_n;
+    assert!((sum - hand).norm() < 0.2 * hand.norm(), "{sum} for {hand}");
+    assert!(
+        loads.len() > 3 && loads.iter().all(|load| load.from_mm <= load.to_mm),
+        "{loads:?}"
+    );
+}

@@ -25,6 +25,10 @@ pub const REGION: &str = "region";
 /// Name of the field array of region names: strings such as `5 liver`.
 pub(super) const REGION_NAMES: &str = "region_names";
 
+/// Attributes of every file.
+pub(super) const HEAD: &str =
+    "version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\"";
+
 /// VTK's own size of uncompressed blocks, bytes.
 const BLOCK: usize = 32_768;
 
@@ -57,6 +61,7 @@ impl Values<'_> {
 ///
 /// # Errors
 /// As [`write_vtu_with`].
+#[cfg(any(test, feature = "internals"))]
 pub fn write_vtu(path: &Path, mesh: &TetMesh, displacements: Option<&[[f64; 3]]>) -> Result<(), MeshFileError> {
     let displacements = displacements.map(|all| (DISPLACEMENT, Values::Vectors(all)));
     write_vtu_with(path, mesh, &BTreeMap::new(), displacements.as_slice(), &[])
@@ -83,7 +88,12 @@ pub fn write_vtu_with(
     })?)
 }
 
-fn check(path: &Path, of: &'static str, expected: usize, arrays: &[(&str, Values)]) -> Result<(), MeshFileError> {
+pub(super) fn check(
+    path: &Path,
+    of: &'static str,
+    expected: usize,
+    arrays: &[(&str, Values)],
+) -> Result<(), MeshFileError> {
     for (place, (name, values)) in arrays.iter().enumerate() {
         let taken = arrays[..place].iter().any(|(other, _)| other == name);
         // XML cannot contain control characters at all.
@@ -117,8 +127,7 @@ fn vtu(
     let ends = (1..=cells.len() as i64).map(|cell| 4 * cell);
     write!(
         out,
-        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" \
-         header_type=\"UInt64\" compressor=\"vtkZLibDataCompressor\">\n<UnstructuredGrid>\n"
+        "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" {HEAD}>\n<UnstructuredGrid>\n"
     )?;
     if !region_names.is_empty() {
         write!(
@@ -156,7 +165,7 @@ fn vtu(
     writeln!(out, "</Piece>\n</UnstructuredGrid>\n</VTKFile>")
 }
 
-fn named(out: &mut impl Write, name: &str, values: Values) -> io::Result<()> {
+pub(super) fn named(out: &mut impl Write, name: &str, values: Values) -> io::Result<()> {
     let floats = |values: &[f64]| bytes(values.iter().copied(), f64::to_le_bytes);
     match values {
         Values::Scalars(values) => array(out, "Float64", name, 1, floats(values)),
@@ -166,13 +175,13 @@ fn named(out: &mut impl Write, name: &str, values: Values) -> io::Result<()> {
     }
 }
 
-fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, each: impl Fn(T) -> [u8; N]) -> Vec<u8> {
+pub(super) fn bytes<T, const N: usize>(values: impl Iterator<Item = T>, each: impl Fn(T) -> [u8; N]) -> Vec<u8> {
     values.flat_map(each).collect()
 }
 
 /// Writes one array: in base64 the number of blocks, their size, that of the last where it differs, and their compressed
 /// sizes; then, in a separate base64 string, the blocks.
-fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: Vec<u8>) -> io::Result<()> {
+pub(super) fn array(out: &mut impl Write, kind: &str, name: &str, components: usize, data: Vec<u8>) -> io::Result<()> {
     let mut packed = Vec::new();
     let mut header = [data.len().div_ceil(BLOCK), BLOCK, data.len() % BLOCK].to_vec();
     for block in data.chunks(BLOCK) {

@@ -1,0 +1,396 @@
+//! Tests of reported points, of stress, of fixed nodes, and of the depth at which regions are met.
+
+use nalgebra::{Matrix3, Point3, Vector3};
+
+use super::prescribed::Told;
+use super::{BLOCK, resolved};
+use crate::input::scenario::Scenario;
+use crate::input::scenario::points::{Displaced, Extremes, Points};
+use crate::input::scenario::record::Record;
+use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::mechanics::insertion::{EventKind, Model, StepError, Tissue};
+
+/// The block with an oblique probe that turns on the way, and two points.
+fn reporting() -> String {
+    let pose = "[scene.pose]\nposition_mm = [0, -40, 0]\ndirection = [0.6, 0.8, 0]\nlateral = [0.8, -0.6, 0]\n";
+    let reports = "[[report]]\nname = \"lump\"\nat_mm = [3, -2, 4]\n[[report]]\nname = \"node_7\"\nnode = 7\n";
+    BLOCK.replace("[scene.image]", &format!("{pose}[scene.image]")) + reports
+}
+
+/// Tissue of a scenario under an affine displacement, slope times position plus shift.
+fn affine(scenario: &Scenario, slope: &Matrix3<f64>, shift: &Vector3<f64>) -> Tissue {
+    let nodes = scenario.mesh.nodes();
+    let moved = |at: &[f64; 3]| <[f64; 3]>::from(Vector3::from(*at) + slope * Vector3::from(*at) + shift);
+    Tissue {
+        reference: nodes.to_vec(),
+        current: nodes.iter().map(moved).collect(),
+        inverted: 0,
+    }
+}
+
+/// Linear elements carry an affine displacement exactly, whatever element a point is in.
+#[test]
+fn points_are_carried_in_the_world_and_in_the_image() {
+    let scenario = resolved(&reporting()).expect("a scenario");
+    let slope = Matrix3::new(0.1, 0.02, -0.03, 0.0, -0.05, 0.04, 0.07, 0.01, 0.02);
+    let shift = Vector3::new(1.0, -2.0, 0.5);
+    let tissue = affine(&scenario, &slope, &shift);
+    let imager = Told::new(&scenario).imager();
+    let mut points = Points::new(&scenario);
+    let probe = scenario.probe(0);
+    let found = points.carry(imager.as_ref(), &tissue, &probe).to_vec();
+    let node = Vector3::from(scenario.mesh.nodes()[7]);
+    for (found, at) in found.iter().zip([Vector3::new(3.0, -2.0, 4.0), node]) {
+        let expected = slope * at + shift;
+        let axial = expected.dot(&Vector3::new(0.6, 0.8, 0.0));
+        let lateral = expected.dot(&Vector3::new(0.8, -0.6, 0.0));
+        let elevational = expected.dot(&Vector3::new(0.8, -0.6, 0.0).cross(&Vector3::new(0.6, 0.8, 0.0)));
+        let expected = [expected.x, expected.y, expected.z, axial, lateral, elevational];
+        for (found, expected) in found.iter().zip(expected) {
+            assert!((found - expected).abs() < 1e-9, "{found} for {expected}");
+        }
+    }
+    let mut extremes = Extremes::new(&scenario.reports[0]);
+    extremes.add(0.5, &found[0]);
+    extremes.add(0.75, &found[0].map(|value| -0.5 * value));
+    let axial = found[0][3];
+    assert_eq!(extremes.axial_mm, [axial.min(-0.5 * axial), axial.max(-0.5 * axial)]);
+    let [x, y, z, ..] = found[0];
+    assert!((extremes.max_displacement_mm - Vector3::new(x, y, z).norm()).abs() < 1e-12);
+    assert_eq!(
+        (extremes.max_at_s, extremes.x_mm),
+        (0.5, [(-0.5 * x).min(x), x.max(-0.5 * x)])
+    );
+}
+
+/// Keeps the tables of a run and its deformed meshes.
+struct Kept {
+    record: Record,
+    steps: Vec<u8>,
+    points: Vec<u8>,
+    stresses: Vec<Option<Vec<f64>>>,
+    /// Regions met, each with the depth of the tissue at the tip, mm along z.
+    regions: Vec<(i32, f64)>,
+}
+
+impl Kept {
+    fn of(scenario: &Scenario, model: &mut dyn Model, asked: Requests) -> (Kept, crate::input::scenario::Summary) {
+        let mut kept = Kept {
+            record: Record::new(scenario),
+            steps: Vec::new(),
+            points: Vec::new(),
+            stresses: Vec::new(),
+            regions: Vec::new(),
+        };
+        kept.record.points_head(&mut kept.points).expect("memory");
+        let summary = run(scenario, model, asked, &mut kept).expect("a run");
+        (kept, summary)
+    }
+}
+
+impl Observer for Kept {
+    type Error = StepError;
+
+    fn step(&mut self, step: &Step<'_>) -> Result<(), StepError> {
+        let met = step
+            .outcome
+            .events
+            .iter()
+            .filter(|event| event.kind == EventKind::Region);
+        let depth = step.outcome.tip_at_rest_mm.map_or(f64::NAN, |tip| tip.z);
+        self.regions
+            .extend(met.filter_map(|event| Some((event.region?, depth))));
+        self.record.step(step, &mut self.steps).expect("memory");
+        Ok(())
+    }
+
+    fn frame(&mut self, _: &Moment<'_>) -> Result<(), StepError> {
+        Ok(())
+    }
+
+    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), StepError> {
+        self.stresses.push(deformed.von_mises_kpa.map(<[f64]>::to_vec));
+        Ok(())
+    }
+
+    fn points(&mut self, displaced: &Displaced<'_>) -> Result<(), StepError> {
+        self.record.points(displaced, &mut self.points).expect("memory");
+        Ok(())
+    }
+}
+
+#[test]
+fn a_run_writes_the_displacements_of_points_at_the_rate_of_frames() {
+    let scenario = resolved(&reporting()).expect("a scenario");
+    let mut model = scenario.model(|_, _| {}).expect("a model");
+    let asked = Requests {
+        frames: false,
+        mesh_s: Some(0.5),
+    };
+    let (kept, summary) = Kept::of(&scenario, model.as_mut(), asked);
+    let text = String::from_utf8(kept.points).expect("text");
+    let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 52, "25 a second for 2 s, and the head");
+    assert!(rows.iter().all(|row| row.len() == 14), "{text}");
+    assert_eq!(rows[0][2..6], ["lump_x_mm", "lump_y_mm", "lump_z_mm", "lump_axial_mm"]);
+    let column = |name: &str| {
+        let at = rows[0].iter().position(|head| *head == name).expect("a column");
+        rows[1..]
+            .iter()
+            .map(move |row| row[at].parse::<f64>().expect("a number"))
+    };
+    // The needle drags the tissue along z, the normal of the image here.
+    let most = column("lump_z_mm").fold(0.0, f64::max);
+    assert!(most > 0.05, "{most}");
+    let point = &summary.points[0];
+    assert!(
+        (point.z_mm[1] - most).abs() < 1e-6 && point.max_displacement_mm >= most,
+        "{point:?}"
+    );
+    let apart: f64 = column("lump_z_mm")
+        .zip(column("lump_elevational_mm"))
+        .map(|(z, e)| (z - e).abs())
+        .fold(0.0, f64::max);
+    assert!(apart < 1e-5, "{apart}");
+    let plots = kept.record.plots();
+    let names: Vec<_> = plots.iter().map(|(name, _)| *name).collect();
+    let expected = [
+        "forces",
+        "tip",
+        "displacement_axial",
+        "displacement_lateral",
+        "displacement_elevational",
+        "step_time",
+    ];
+    assert_eq!(names, expected);
+    assert_eq!(plots[2].1.series.len(), 2);
+    assert!(kept.stresses.len() == 5 && kept.stresses[4].as_ref().expect("stress").iter().any(|kpa| *kpa > 0.1));
+    // Without reports, nothing is added.
+    let plain = resolved(BLOCK).expect("a scenario");
+    let mut model = Told::new(&plain);
+    let (kept, summary) = Kept::of(&plain, &mut model, Requests::default());
+    assert_eq!((summary.points.len(), kept.record.plots().len()), (0, 3));
+    assert_eq!(kept.points, b"time_s,inserted_mm\n");
+}
+
+#[test]
+fn odd_points_are_refused() {
+    for (report, key, words) in [
+        ("name = \"a b\"\nnode = 1", "report[0].name", "letters, digits"),
+        ("name = \"\"\nnode = 1", "report[0].name", "letters, digits"),
+        ("name = \"a\"", "report[0]", "neither `at_mm` nor `node`"),
+        (
+            "name = \"a\"\nnode = 1\nat_mm = [0, 0, 0]",
+            "report[0]",
+            "both `at_mm` and `node`",
+        ),
+        ("name = \"a\"\nnode = 99999", "report[0].node", "found node 99999"),
+        ("name = \"a\"\nnode = -1", "report[0].node", "found node -1"),
+        (
+            "name = \"a\"\nat_mm = [0, 0, 400]",
+            "report[0].at_mm",
+            "in no element of the mesh",
+        ),
+        (
+            "name = \"a\"\nat_mm = [0, 0, nan]",
+            "report[0].at_mm",
+            "finite coordinates",
+        ),
+        (
+            "name = \"a\"\nnode = 1\n[[report]]\nname = \"a\"\nnode = 2",
+            "report[1].name",
+            "a second point",
+        ),
+    ] {
+        let error = resolved(&format!("{BLOCK}[[report]]\n{report}\n"))
+            .map(drop)
+            .expect_err(report);
+        assert_eq!(error.key(), Some(key), "{error}");
+        assert!(
+            error.to_string().contains(words) && error.location().is_some(),
+            "{error}"
+        );
+    }
+    let springs = BLOCK.replace("nodes = 250", "model = \"mass-spring\"");
+    let at = springs.find("[[tissue.fix]]").expect("a fix");
+    let end = springs.find("[[tissue.material]]").expect("a material");
+    let springs = format!(
+        "{}{}[[report]]\nname = \"a\"\nnode = 1\n",
+        &springs[..at],
+        &springs[end..]
+    );
+    let error = resolved(&springs).map(drop).expect_err("a node");
+    assert!(error.to_string().contains("when the needle enters"), "{error}");
+    let scenario = resolved(&springs.replace("node = 1", "at_mm = [0, 0, -30]")).expect("a point of springs");
+    assert_eq!(scenario.reports[0].at_mm, Point3::new(0.0, 0.0, -30.0));
+}
+
+/// Uniaxial strain e gives 2 mu e, simple shear g gives sqrt(3) mu g, in each region with its own modulus.
+#[test]
+fn the_stress_of_a_deformed_mesh_is_that_of_its_materials() {
+    let scenario = resolved(BLOCK).expect("a scenario");
+    let model = Told::new(&scenario);
+    for (slope, factor) in [
+        (Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1), 2.0 * 0.1),
+        (
+            Matrix3::new(0.0, 0.0, 0.0, 0.2, 0.0, 0.0, 0.0, 0.0, 0.0),
+            3f64.sqrt() * 0.2,
+        ),
+    ] {
+        let tissue = affine(&scenario, &slope, &Vector3::new(1.0, 2.0, 3.0));
+        let found = scenario
+            .von_mises_kpa(&model, scenario.mesh.elements(), &tissue)
+            .expect("stress");
+        for (found, material) in found.iter().zip(&scenario.materials) {
+            let [_, mu] = material.lame_kpa();
+            assert!(
+                (found / (factor * mu) - 1.0).abs() < 1e-9,
+                "{found} for {}",
+                factor * mu
+            );
+        }
+    }
+}
+
+/// The hole of the phantom, 9 mm wide about x = 0, y = 26 mm, held by a bar (Dehghan et al. 2008).
+#[test]
+fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
+    let fine = BLOCK
+        .replace("nodes = 250", "nodes = 1500")
+        .replace("resolution_mm = 5", "resolution_mm = 3");
+    let with = |fix: &str| {
+        fine.replace(
+            "[[tissue.material]]",
+            &format!("[[tissue.fix]]\n{fix}\n[[tissue.material]]"),
+        )
+    };
+    let hole = |part: &str| format!("cylinder = {{ at_mm = [0, 26, 7], axis = [0, 0, 2], radius_mm = 9, {part} }}");
+    let held = |text: &str| {
+        let scenario = resolved(text).unwrap_or_else(|error| panic!("{error}"));
+        let mut nodes: Vec<u32> = scenario.fixed.iter().map(|(node, _)| *node).collect();
+        nodes.dedup();
+        (scenario, nodes)
+    };
+    let off = |scenario: &Scenario, node: u32| {
+        let [x, y, _] = scenario.mesh.nodes()[node as usize];
+        x.hypot(y - 26.0) - 9.0
+    };
+    let (scenario, nodes) = held(&with(&(hole("within_mm = 2") + "\nsurface = true")));
+    let of_hole: Vec<u32> = nodes
+        .iter()
+        .copied()
+        .filter(|node| scenario.mesh.nodes()[*node as usize][2] < 40.0)
+        .collect();
+    assert!(of_hole.len() > 40, "{}", of_hole.len());
+    assert!(of_hole.iter().all(|node| off(&scenario, *node).abs() <= 2.0));
+    // The bar holds all around, and all along.
+    for (axis, from, to) in [(0, -8.0, 8.0), (1, 18.5, 33.0), (2, -40.0, 35.0)] {
+        let places = of_hole.iter().map(|node| scenario.mesh.nodes()[*node as usize][axis]);
+        let (low, high) = (
+            places.clone().fold(f64::INFINITY, f64::min),
+            places.fold(f64::NEG_INFINITY, f64::max),
+        );
+        assert!(low < from && high > to, "axis {axis}: {low} to {high}");
+    }
+    let counted = |note: &&String| note.starts_with("tissue.fix[1] fixes ") && note.ends_with(" nodes");
+    assert_eq!(scenario.notes.iter().filter(counted).count(), 1, "{:?}", scenario.notes);
+
+    let (scenario, inside) = held(&with(&hole("part = \"inside\"")));
+    let (_, outside) = held(&with(&hole("part = \"outside\"")));
+    let wall = |node: &u32| off(&scenario, *node) <= 0.0;
+    assert!(
+        inside
+            .iter()
+            .filter(|node| scenario.mesh.nodes()[**node as usize][2] < 40.0)
+            .all(wall)
+    );
+    assert!(inside.len() + outside.len() >= scenario.mesh.nodes().len());
+
+    let (scenario, nodes) = held(&with("surface_of = \"phantom_inclusion\""));
+    let mesh = &scenario.mesh;
+    let mut regions = vec![[false; 2]; mesh.nodes().len()];
+    for (corners, region) in mesh.elements().iter().zip(mesh.regions()) {
+        corners
+            .iter()
+            .for_each(|node| regions[*node as usize][usize::from(*region == 2)] = true);
+    }
+    let mut open = vec![false; mesh.nodes().len()];
+    mesh.surface()
+        .for_each(|face| face.nodes.iter().for_each(|node| open[*node as usize] = true));
+    let border = |node: usize| regions[node][1] && (regions[node][0] || open[node]);
+    let expected: Vec<u32> = (0..mesh.nodes().len())
+        .filter(|&node| border(node) || mesh.nodes()[node][2] >= 40.0)
+        .map(|node| node as u32)
+        .collect();
+    assert_eq!(nodes, expected);
+
+    for (fix, key, words) in [
+        (
+            hole("within_mm = 2").replace("radius_mm = 9", "radius_mm = 0"),
+            "cylinder.radius_mm",
+            "above 0 mm",
+        ),
+        (hole("within_mm = -1"), "cylinder.within_mm", "0 mm or more"),
+        (
+            hole("part = \"inside\", within_mm = 1"),
+            "cylinder.within_mm",
+            "has no wall",
+        ),
+        (
+            hole("part = \"wall\"").replace("[0, 0, 2]", "[0, 0, 0]"),
+            "cylinder.axis",
+            "not all zero",
+        ),
+        (
+            hole("part = \"inside\"").replace("26", "260"),
+            "cylinder",
+            "no node in this part of the cylinder",
+        ),
+        (
+            format!("{}\nnodes = [1]", hole("part = \"wall\"")),
+            "",
+            "`nodes` beside another choice",
+        ),
+        ("surface_of = \"phantom\"".to_owned(), "surface_of", "phantom_inclusion"),
+        (
+            "surface_of = \"phantom_inclusion\"\nbox_mm = [[-1, -1, -1], [1, 1, 1]]".to_owned(),
+            "box_mm",
+            "no node in this box",
+        ),
+    ] {
+        let error = resolved(&with(&fix)).map(drop).expect_err(&fix);
+        let key = if key.is_empty() {
+            "tissue.fix[1]".to_owned()
+        } else {
+            format!("tissue.fix[1].{key}")
+        };
+        assert_eq!(error.key(), Some(key.as_str()), "{error}");
+        assert!(error.to_string().contains(words), "{error}");
+    }
+}
+
+/// Remeshing moves nodes of interfaces to the tip, but no interface: the inclusion, whose end is a hemisphere of 15 mm about z = -10 mm,
+/// begins on the needle's line where it does at rest, on coarse and fine meshes.
+#[test]
+fn regions_are_met_at_their_depth_at_rest_on_any_mesh() {
+    let block = BLOCK
+        .replace("resolution_mm = 5", "resolution_mm = 1.5")
+        .replace("dt_ms = 10", "dt_ms = 20");
+    let border = -10.0 - f64::sqrt(225.0 - 13.0);
+    for nodes in [250, 700, 1500] {
+        let text = block
+            .replace("nodes = 250", &format!("nodes = {nodes}"))
+            .replace("[0, 0, -50]", "[3, 2, -50]");
+        let scenario = resolved(&text.replace("[0, 0, -30]", "[3, 2, -15]")).expect("a scenario");
+        let mut model = scenario.model(|_, _| {}).expect("a model");
+        let (kept, summary) = Kept::of(&scenario, model.as_mut(), Requests::default());
+        assert!(summary.remeshes > 2, "{nodes}: {}", summary.remeshes);
+        let [(2, depth)] = kept.regions[..] else {
+            panic!("{nodes} nodes: {:?}", kept.regions)
+        };
+        assert!(
+            (depth - border).abs() < 0.5,
+            "{nodes} nodes: met at {depth}, at rest at {border} mm"
+        );
+    }
+}
