@@ -28,7 +28,7 @@ fn refused(case: &str, line: usize, words: &[&str]) {
 fn a_spring_pot_creeps() {
     let bench = Bench::new();
     bench.write("c.toml", CREEP);
-    for rule in ["rectangle", "trapezoid", "exponentials"] {
+    for rule in ["rectangle", "time-scaled-trapezoid", "trapezoid", "exponentials"] {
         bench.write("c.toml", &CREEP.replace("trapezoid", rule));
         let found = bench.run("material c.toml --json -o c.svg").json();
         assert_eq!(found["time_s"], serde_json::json!([0.0, 1.0, 4.0]));
@@ -89,7 +89,13 @@ fn the_example_and_its_measurements_run() {
     assert!(told.text().contains("slopes 0.1000 and 0.1000"), "{told:?}");
     assert_eq!(
         bench.files("tests"),
-        ["creep.svg", "dynamic-moduli.svg", "stiffness.svg"]
+        [
+            "creep.csv",
+            "creep.svg",
+            "dynamic-moduli.csv",
+            "dynamic-moduli.svg",
+            "stiffness.svg"
+        ]
     );
 }
 
@@ -168,7 +174,7 @@ fn rules_are_traded_off() {
     let found = bench.run("tradeoff history --steps 100 --quiet --json -o study").json();
     let rows = found["tables"]["history"]["rows"].as_array().unwrap();
     assert!(
-        rows.len() == 11 && rows.iter().all(|row| row["flag"].is_null()),
+        rows.len() == 13 && rows.iter().all(|row| row["flag"].is_null()),
         "{found}"
     );
     assert!(bench.files("study").contains(&"history-error-time.svg".to_owned()));

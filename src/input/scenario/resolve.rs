@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use super::clearance;
 use super::file::{RunSpec, ScenarioFile};
 use super::labels::{Labels, unmeshed};
+use super::manipulator::Guided;
 use super::modelling::Modelling;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
@@ -104,6 +105,8 @@ pub struct Scenario {
     pub guides: Vec<Guide>,
     /// Places to be reached.
     pub targets: Vec<Target>,
+    /// Motion of the needle guide on the probe, if there is one.
+    pub manipulator: Option<Arc<Guided>>,
     /// Times of steps and frames.
     pub timing: Timing,
     /// Time budgets of steps and frames; empty where the scenario states none.
@@ -300,6 +303,7 @@ impl ScenarioFile {
             .cloned()
             .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
         let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
+        let manipulator = self.guided(path.tip(), scene.probe_path())?;
         self.check_deposits(&deposits, &timing)?;
         let changes = self.changes(&timing)?;
         let gpu = self.gpu()?;
@@ -323,7 +327,15 @@ impl ScenarioFile {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
+        let path = match &manipulator {
+            Some(guided) => {
+                let tip = guided.tip(scene.probe_path());
+                path.with_tip(tip.map_err(|error| self.fault("manipulator", error))?)
+            }
+            None => path,
+        };
         Ok(Scenario {
+            manipulator: manipulator.map(Arc::new),
             stiffened: stiffening.map(|(viscosity, options)| Stiffened {
                 laws: tissue.laws,
                 viscosity,
