@@ -141,9 +141,10 @@ impl SceneFile {
     /// The needle in the world, of one that is stated in the frame of the probe.
     pub(super) fn in_world(&self, needle: Option<Needle>, probe: &Trajectory) -> Result<Option<Needle>, InputError> {
         let frame = self.needle.as_ref().and_then(|table| table.frame);
-        let Some(needle) = needle.filter(|_| frame == Some(NeedleFrame::Probe)) else {
-            return Ok(needle);
-        };
+        let Some(needle) = needle else { return Ok(None) };
+        if frame != Some(NeedleFrame::Probe) {
+            return Ok(Some(needle));
+        }
         let fault = |error: TrackingError| self.fault("needle.frame", error);
         Ok(Some(match needle {
             Needle::Moving { path, recorded } => Needle::Moving {
