@@ -176,6 +176,22 @@ mod tests {
         assert!(at(marked[0] + 10.0, marked[1].max(8.0)) > 200);
     }
 
+    /// Left of the middle in reach, and a path down the middle of the right half.
+    #[test]
+    fn a_workspace_is_tinted_and_its_path_drawn() {
+        let tables = tables(320, 240);
+        let right = tables.image_grid.to_plane(240.0, 0.0)[0];
+        let picture = workspace(&vec![40; 320 * 240], &tables, |[x, _]| x < 0.0, &[[right, 10.0], [right, 30.0]]);
+        let at = |column: u32, row: u32| picture.get_pixel(column, row).0;
+        let middle = tables.image_grid.to_pixel(0.0, 0.0)[0];
+        let [left, border] = [middle as u32 / 2, middle.ceil() as u32 - 1];
+        let tinted = at(left, 120);
+        assert!(tinted[1] > tinted[0] && tinted[1] > 60, "{tinted:?}");
+        assert!(at(border, 120)[1] > 180 && at(border + 20, 120) == [40; 3]);
+        let row = tables.image_grid.to_pixel(right, 20.0)[1].round() as u32;
+        assert_eq!(at(240, row), PATH);
+    }
+
     #[test]
     fn small_pictures_are_marked_as_far_as_they_go() {
         for (width, height) in [(1, 1), (3, 40), (40, 3), (16, 16)] {

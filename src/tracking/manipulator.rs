@@ -236,18 +236,18 @@ impl Guide {
     pub fn angles_deg(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
         let below = y + self.behind_mm;
         let [shortest, longest] = INSERTION_MM.map(|mm| self.standoff_mm + mm);
-        if !(below > 0.0 && below <= longest) {
+        if !(below > 0.0 && below <= longest + ROUNDING) {
             return None;
         }
         let by_position = POSITION_MM.map(|mm| ((x - self.side_mm + mm) / below).atan());
         let by_posture = POSTURE_DEG.map(|degrees| (self.tilt_deg + degrees).to_radians());
-        let steepest = (below / longest).acos();
+        let steepest = (below / longest).min(1.0).acos();
         let flattest = (below / shortest).min(1.0).acos();
         let meets = |by_depth: [f64; 2]| {
             let all = [by_position, by_posture, by_depth];
             let low = all.iter().map(|range| range[0]).fold(f64::NEG_INFINITY, f64::max);
             let high = all.iter().map(|range| range[1]).fold(f64::INFINITY, f64::min);
-            (low <= high).then(|| [low.to_degrees(), high.to_degrees()])
+            (low <= high + ROUNDING).then(|| [low.to_degrees(), high.to_degrees()])
         };
         let parts = [meets([-steepest, -flattest]), meets([flattest, steepest])];
         let low = parts.iter().flatten().map(|part| part[0]).reduce(f64::min)?;

@@ -98,7 +98,7 @@ fn what_a_guide_cannot_do_is_refused() {
     let only = |keys: &str| by_guide(POSE, "ideal").split("[[manipulator").next().unwrap().to_owned() + keys;
     let cases = [
         (guide("[manipulator]\n"), "needle.motion", "at 0.000 s the guide would have to hold horizontal positioning (A) of -40.000 mm; expected -20 to 20"),
-        (guide("[manipulator.guide]\nside_mm = 0\ntilt_deg = 0\nbehind_mm = 60\n"), "needle.motion", "needle insertion (C) of 60.005"),
+        (guide("[manipulator.guide]\nside_mm = 0\ntilt_deg = 0\nbehind_mm = 60\n"), "needle.motion", "needle insertion (C) of 60.0"),
         (guide(&format!("[manipulator]\n{GUIDE}")).replace("tip_mm = [0, 0, -30]", "tip_mm = [0, 4, -30]"), "needle.motion", "from the image plane"),
         (guide("[manipulator.guide]\nrod_mm = 1\n"), "manipulator.guide.crank_mm", "dead point"),
         (guide("[manipulator.drive]\nlead_mm = 0\n"), "manipulator.drive.lead_mm", "expected 0.1 to 50"),
