@@ -82,7 +82,12 @@ mod tests {
                 *moment += x.powi(power) / f64::from(count);
             }
         }
-        for (found, exact, bound) in [(moments[0], 0.0, 0.03), (moments[1], 1.0, 0.05), (moments[2], 0.0, 0.1), (moments[3], 3.0, 0.3)] {
+        for (found, exact, bound) in [
+            (moments[0], 0.0, 0.03),
+            (moments[1], 1.0, 0.05),
+            (moments[2], 0.0, 0.1),
+            (moments[3], 3.0, 0.3),
+        ] {
             assert!((found - exact).abs() < bound, "{moments:?}");
         }
     }

@@ -169,7 +169,16 @@ impl Kinematics {
 fn text(places: &[Place]) -> String {
     let timed = places.iter().any(|place| place.time_s.is_some());
     let mut head = vec![
-        "I mm", "II mm", "III mm", "A mm", "B deg", "C mm", "tip x mm", "tip y mm", "angle deg", "deg per mm of II",
+        "I mm",
+        "II mm",
+        "III mm",
+        "A mm",
+        "B deg",
+        "C mm",
+        "tip x mm",
+        "tip y mm",
+        "angle deg",
+        "deg per mm of II",
     ];
     if timed {
         head.insert(0, "time s");
@@ -187,7 +196,9 @@ fn text(places: &[Place]) -> String {
         let numbers = place.time_s.into_iter().chain(numbers);
         numbers.map(|number| format!("{number:.4}")).collect::<Vec<_>>()
     });
-    Table::new(head.into_iter().map(Cell::number)).with(rows).text("  ", &[])
+    Table::new(head.into_iter().map(Cell::number))
+        .with(rows)
+        .text("  ", &[])
 }
 
 /// Motion of the guide of a scenario, and the times of its keyframes.
@@ -248,7 +259,9 @@ impl From<ControlArg> for Control {
 
 impl Follow {
     fn run(&self) -> Result<(), Failure> {
-        let folder = self.force.folder(&self.output, "manipulator", &[], &inputs(&self.scenario))?;
+        let folder = self
+            .force
+            .folder(&self.output, "manipulator", &[], &inputs(&self.scenario))?;
         let (motion, _) = guided(&self.scenario, self.control.map(Control::from))?;
         output::text(&folder.path().join("motion.csv"), &table(&motion, 1).csv())?;
         output::plot(&folder.path().join("tip-error.svg"), &plot(&motion))?;
@@ -256,7 +269,10 @@ impl Follow {
         let off = |at| motion.off_mm(at);
         let largest = motion.driven.iter().map(off).fold(0.0, f64::max);
         let last = motion.driven.last().map_or(0.0, off);
-        let lost = motion.drive.lost_mm(motion.drive.load_n).map(|mm| mm * motion.drive.reduction());
+        let lost = motion
+            .drive
+            .lost_mm(motion.drive.load_n)
+            .map(|mm| mm * motion.drive.reduction());
         if self.json {
             let every = motion.driven.len().div_ceil(MOST_ROWS);
             return terminal::emit_json(&json!({
@@ -295,10 +311,22 @@ const MOTION: [&str; 11] = [
 
 /// Rows of a motion, every n-th period of the controller.
 fn rows(motion: &Guided, every: usize) -> impl Iterator<Item = [f64; 11]> + '_ {
-    motion.driven.iter().step_by(every.max(1)).map(|at| {
+    motion.driven.iter().step_by(every.max(1)).map(move |at| {
         let [c, p] = [at.command, at.posture].map(|it| [it.position_mm, it.posture_deg, it.insertion_mm]);
         let [l1, l2, l3] = at.lost_mm;
-        [at.time_s, c[0], c[1], c[2], p[0], p[1], p[2], l1, l2, l3, motion.off_mm(at)]
+        [
+            at.time_s,
+            c[0],
+            c[1],
+            c[2],
+            p[0],
+            p[1],
+            p[2],
+            l1,
+            l2,
+            l3,
+            motion.off_mm(at),
+        ]
     })
 }
 
@@ -315,7 +343,12 @@ fn plot(motion: &Guided) -> Plot {
         Series::line("lost motion, II", 2, line(|row| row[8])),
         Series::line("lost motion, III", 3, line(|row| row[9])),
     ];
-    Plot::new("Needle guide: error and lost motion", Axis::linear("time, s"), Axis::linear("mm"), series)
+    Plot::new(
+        "Needle guide: error and lost motion",
+        Axis::linear("time, s"),
+        Axis::linear("mm"),
+        series,
+    )
 }
 
 // `insonify manipulator workspace`: what the tip can reach, over an image.
@@ -337,7 +370,8 @@ pub struct Workspace {
 
 impl Workspace {
     fn run(&self) -> Result<(), Failure> {
-        self.force.check_ending(&self.output, "png", "pictures", &inputs(&self.scenario))?;
+        self.force
+            .check_ending(&self.output, "png", "pictures", &inputs(&self.scenario))?;
         let file = ScenarioFile::read(&self.scenario)?;
         let folder = self.scenario.parent().unwrap_or(Path::new(""));
         let (scene, guided) = file.resolve_guided(folder)?;
@@ -351,7 +385,12 @@ impl Workspace {
         let pixels = chosen.synth.render(&state)?.pixels.clone();
         let path = guided.driven.iter().step_by(guided.driven.len().div_ceil(MOST_ROWS));
         let path: Vec<[f64; 2]> = path.map(|at| guided.guide.needle(&at.command).tip_mm).collect();
-        let picture = overlay::workspace(&pixels, chosen.synth.tables(), |at| guided.guide.angles_deg(at).is_some(), &path);
+        let picture = overlay::workspace(
+            &pixels,
+            chosen.synth.tables(),
+            |at| guided.guide.angles_deg(at).is_some(),
+            &path,
+        );
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         Ok(png::write_rgb(&self.output, width, height, picture.as_raw())?)
     }

@@ -181,7 +181,12 @@ mod tests {
     fn a_workspace_is_tinted_and_its_path_drawn() {
         let tables = tables(320, 240);
         let right = tables.image_grid.to_plane(240.0, 0.0)[0];
-        let picture = workspace(&vec![40; 320 * 240], &tables, |[x, _]| x < 0.0, &[[right, 10.0], [right, 30.0]]);
+        let picture = workspace(
+            &vec![40; 320 * 240],
+            &tables,
+            |[x, _]| x < 0.0,
+            &[[right, 10.0], [right, 30.0]],
+        );
         let at = |column: u32, row: u32| picture.get_pixel(column, row).0;
         let middle = tables.image_grid.to_pixel(0.0, 0.0)[0];
         let [left, border] = [middle as u32 / 2, middle.ceil() as u32 - 1];

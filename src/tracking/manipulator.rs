@@ -200,7 +200,10 @@ impl Guide {
     }
 
     fn apart(&self) -> TrackingError {
-        TrackingError::at("rod_mm", format!("manipulator: a rod of {} mm does not reach the rail", self.rod_mm))
+        TrackingError::at(
+            "rod_mm",
+            format!("manipulator: a rod of {} mm does not reach the rail", self.rod_mm),
+        )
     }
 
     /// Needle at a posture.
@@ -263,9 +266,21 @@ impl Posture {
     /// [`TrackingError`] that names it.
     pub fn check(&self) -> Result<(), TrackingError> {
         let axes = [
-            ("position_mm", "horizontal positioning (A)", self.position_mm, POSITION_MM, "mm"),
+            (
+                "position_mm",
+                "horizontal positioning (A)",
+                self.position_mm,
+                POSITION_MM,
+                "mm",
+            ),
             ("posture_deg", "posture (B)", self.posture_deg, POSTURE_DEG, "degrees"),
-            ("insertion_mm", "needle insertion (C)", self.insertion_mm, INSERTION_MM, "mm"),
+            (
+                "insertion_mm",
+                "needle insertion (C)",
+                self.insertion_mm,
+                INSERTION_MM,
+                "mm",
+            ),
         ];
         for (key, name, found, [low, high], unit) in axes {
             if !(low - ROUNDING..=high + ROUNDING).contains(&found) {

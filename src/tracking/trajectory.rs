@@ -192,10 +192,7 @@ impl Trajectory {
             let keys: Result<Vec<_>, TrackingError> = self.keys.iter().map(|key| at(key.time_s, &key.pose)).collect();
             return Self::from_keys(keys?, self.interpolation);
         }
-        let (start, end) = (
-            self.start_s().min(carrier.start_s()),
-            self.end_s().max(carrier.end_s()),
-        );
+        let (start, end) = (self.start_s().min(carrier.start_s()), self.end_s().max(carrier.end_s()));
         let steps = ((end - start) / CARRIED_S).ceil().clamp(1.0, MOST_CARRIED) as usize;
         let mut times: Vec<f64> = (0..=steps)
             .map(|step| start + (end - start) * step as f64 / steps as f64)
@@ -387,7 +384,10 @@ mod tests {
     fn a_carried_trajectory_goes_with_its_carrier() {
         let path = bent(Interpolation::Linear);
         let still = Trajectory::fixed(at([3.0, -2.0, 7.0], 0.4));
-        let moving = Trajectory::from_keys([(0.5, at([0.0; 3], 0.0)), (2.5, at([0.0, 0.0, 30.0], 1.2))], Interpolation::Linear);
+        let moving = Trajectory::from_keys(
+            [(0.5, at([0.0; 3], 0.0)), (2.5, at([0.0, 0.0, 30.0], 1.2))],
+            Interpolation::Linear,
+        );
         for (carrier, bound) in [(still, 1e-9), (moving.expect("trajectory"), 1e-5)] {
             let carried = path.carried(&carrier).expect("trajectory");
             for time in [0.0, 0.5, 0.77123, 1.0, 2.2, 3.5] {

@@ -27,7 +27,10 @@ insertion_mm = 20
 #[test]
 fn slides_and_needles_are_tables_both_ways() {
     let bench = Bench::new();
-    bench.write("slides.csv", "slide_1_mm,slide_2_mm,slide_3_mm\n0,0,0\n-12.5,-9,33\n20,12,60\n");
+    bench.write(
+        "slides.csv",
+        "slide_1_mm,slide_2_mm,slide_3_mm\n0,0,0\n-12.5,-9,33\n20,12,60\n",
+    );
     let forward = bench.run("manipulator forward slides.csv --json").json();
     assert_eq!(forward[0]["posture_deg"], 0.0);
     assert_eq!(forward[0]["angle_deg"], -30.0);
@@ -37,13 +40,21 @@ fn slides_and_needles_are_tables_both_ways() {
     }
     bench.write("poses.csv", &poses);
     let inverse = bench.run("manipulator inverse poses.csv --json").json();
-    for (row, slides) in [[0.0, 0.0, 0.0], [-12.5, -9.0, 33.0], [20.0, 12.0, 60.0]].iter().enumerate() {
+    for (row, slides) in [[0.0, 0.0, 0.0], [-12.5, -9.0, 33.0], [20.0, 12.0, 60.0]]
+        .iter()
+        .enumerate()
+    {
         for (axis, slide) in slides.iter().enumerate() {
             let found = inverse[row]["slides_mm"][axis].as_f64().unwrap();
             assert!((found - slide).abs() < 1e-9, "{row} {axis}: {found}");
         }
     }
-    assert!(bench.run("manipulator inverse poses.csv").text().contains("deg per mm of II"));
+    assert!(
+        bench
+            .run("manipulator inverse poses.csv")
+            .text()
+            .contains("deg per mm of II")
+    );
     bench.write("poses.csv", "tip_x_mm,tip_y_mm,angle_deg\n30,20,-30\n30,120,-30\n");
     bench
         .run("manipulator inverse poses.csv")
@@ -66,11 +77,22 @@ fn a_scenario_is_followed_and_drawn() {
     assert!(motion["largest_tip_error_mm"].as_f64().unwrap() < 0.3);
     assert!(motion["motion"].as_array().unwrap().len() > 500);
     assert!(bench.text("motion/motion.csv").lines().count() == 4002);
-    let open = bench.run("manipulator follow g.toml -o open --control open-loop --json").json();
+    let open = bench
+        .run("manipulator follow g.toml -o open --control open-loop --json")
+        .json();
     let lost = open["lost_mm"][0].as_f64().unwrap();
     assert!(open["final_tip_error_mm"].as_f64().unwrap() > 0.5 * lost, "{open}");
-    bench.run("manipulator workspace g.toml -o reach.png --backend cpu").text();
+    bench
+        .run("manipulator workspace g.toml -o reach.png --backend cpu")
+        .text();
     assert!(bench.files(".").contains(&"reach.png".to_owned()));
-    bench.write("none.toml", &GUIDED.replace("[manipulator]\n", "").replace("manipulator.keyframes", "needle.motion.keyframes"));
-    bench.run("manipulator follow none.toml -o none").fails(2, &["none.toml"]);
+    bench.write(
+        "none.toml",
+        &GUIDED
+            .replace("[manipulator]\n", "")
+            .replace("manipulator.keyframes", "needle.motion.keyframes"),
+    );
+    bench
+        .run("manipulator follow none.toml -o none")
+        .fails(2, &["none.toml"]);
 }

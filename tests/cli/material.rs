@@ -115,16 +115,38 @@ fn parameters_return_from_measurements() {
         let value = found.pointer(path).unwrap().as_f64().unwrap();
         assert!((value / exact - 1.0).abs() < 5e-3, "{path}: {value}");
     }
-    assert!(run.stderr.is_empty() && bench.files("plots").contains(&"stiffness.svg".to_owned()), "{run:?}");
+    assert!(
+        run.stderr.is_empty() && bench.files("plots").contains(&"stiffness.svg".to_owned()),
+        "{run:?}"
+    );
     let told = bench.run("material fit tests/creep.csv --order 0.1");
-    assert!(told.text().contains("knee_shear = 0.3") && told.text().contains("shear_kpa = 0.4"), "{told:?}");
+    assert!(
+        told.text().contains("knee_shear = 0.3") && told.text().contains("shear_kpa = 0.4"),
+        "{told:?}"
+    );
     // What it prints is a case.
-    let lines: String = told.text().lines().skip_while(|line| !line.starts_with("law")).take(6).map(|line| line.to_owned() + "\n").collect();
-    bench.write("f.toml", &format!("{lines}[history]\ncontrol = \"stress\"\ntime_s = [0, 1]\nvalue = [0.1, 0.1]\n"));
-    assert!(bench.run("material f.toml --json").json()["strain"][1].as_f64().unwrap() > 0.2);
+    let lines: String = told
+        .text()
+        .lines()
+        .skip_while(|line| !line.starts_with("law"))
+        .take(6)
+        .map(|line| line.to_owned() + "\n")
+        .collect();
+    bench.write(
+        "f.toml",
+        &format!("{lines}[history]\ncontrol = \"stress\"\ntime_s = [0, 1]\nvalue = [0.1, 0.1]\n"),
+    );
+    assert!(
+        bench.run("material f.toml --json").json()["strain"][1]
+            .as_f64()
+            .unwrap()
+            > 0.2
+    );
     bench.write("m.csv", "frequency_rad_s,storage_kpa,loss_kpa\n1,0.4,0.06\n2,0.41,x\n");
     bench.run("material fit m.csv").fails(2, &["m.csv, line 3", "loss_kpa"]);
-    bench.run("material fit tests/creep.csv --order 1").fails(2, &["above 0 and below 1"]);
+    bench
+        .run("material fit tests/creep.csv --order 1")
+        .fails(2, &["above 0 and below 1"]);
     bench.run("material fit").fails(2, &["FILE.csv"]);
 }
 

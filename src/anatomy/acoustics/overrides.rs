@@ -282,7 +282,10 @@ mod tests {
         let soft = liver("shear_kpa = 2.0\npoisson = 0.45").unwrap();
         assert_eq!((soft.young_kpa, soft.poisson), (5.8, 0.45));
         for (keys, words) in [
-            ("shear_kpa = 2.0\nyoung_kpa = 5.0", "shear_kpa = 2 beside `young_kpa`, expected one of the two"),
+            (
+                "shear_kpa = 2.0\nyoung_kpa = 5.0",
+                "shear_kpa = 2 beside `young_kpa`, expected one of the two",
+            ),
             ("shear_kpa = -1.0", "shear_kpa = -1, expected 2 (1 + poisson)"),
         ] {
             let error = liver(keys).unwrap_err().to_string();

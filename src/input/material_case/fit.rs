@@ -1,34 +1,23 @@
 //! Parameters of tissue from measurements of a rheometer, after Kobayashi et al. 2010 (section 3.1): order and modulus of a
 //! spring-pot from storage and loss moduli (figure 7), modulus, knee and stiffening from creep (equations 2 and 3, figure 8).
 
+mod curve;
 mod measured;
 mod report;
 
 pub use measured::{Creep, Measured, Modulus};
 
 use libm::tgamma;
-use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::Serialize;
 
 use crate::base::report::statistics::mean;
-use crate::mechanics::tissue::viscoelastic::HistoryError;
-use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
+use crate::mechanics::tissue::viscoelastic::point::Structure;
+use curve::Curve;
 
 /// Least number of frequencies for two unknowns, and of strains for three.
 const FEWEST: [usize; 2] = [3, 4];
-/// Number of tried knees between 0 and the largest strain.
-const KNEES: usize = 400;
 /// Relative deviation of the loss tangent from that of a spring-pot above which a warning is given.
 const TANGENT: f64 = 0.1;
-/// Ratio of the measured strains on both sides of a knee above which a warning is given.
-const GAP: f64 = 1.3;
-/// Stiffening counts if it explains this many times the variance of its two parameters in noise, and more than this relative
-/// deviation from a constant modulus (root mean square).
-const EXPLAINED: [f64; 2] = [10.0, 1e-3];
-/// Iterations for `rate`, the change that ends them, and steps between two measured times.
-const ROUNDS: usize = 20;
-const SETTLED: f64 = 1e-6;
-const SUBSTEPS: usize = 4;
 
 /// A parameter with its standard error, from the scatter of the measurements about the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -119,7 +108,9 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<Dynamic, St
     frequencies.dedup();
     if frequencies.len() < FEWEST[0] {
         let (found, least) = (frequencies.len(), FEWEST[0]);
-        return Err(format!("found moduli at {found} frequencies; expected at least {least}"));
+        return Err(format!(
+            "found moduli at {found} frequencies; expected at least {least}"
+        ));
     }
     let of = |of: fn(&Modulus) -> f64| points.iter().map(|point| of(point).ln()).collect::<Vec<f64>>();
     let (x, storage, loss) = (
@@ -146,7 +137,10 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<Dynamic, St
     let scatter = ((square(&storage) + square(&loss)) / (2.0 * count - 3.0)).sqrt();
     let of_order = scatter / (2.0 * spread).sqrt();
     let modulus_kpa = (mean(&complex) - k * middle).exp();
-    let (loss_tangent, expected) = ((mean(&loss) - mean(&storage)).exp(), (0.5 * std::f64::consts::PI * k).tan());
+    let (loss_tangent, expected) = (
+        (mean(&loss) - mean(&storage)).exp(),
+        (0.5 * std::f64::consts::PI * k).tan(),
+    );
     if (loss_tangent / expected - 1.0).abs() > TANGENT {
         warnings.push(format!(
             "the loss tangent G''/G' is {loss_tangent:.3}, that of a spring-pot of order {k:.3} {expected:.3}: no spring-pot fits both slope and \
@@ -184,7 +178,9 @@ fn of_creep(tests: &[Creep]) -> Result<f64, String> {
     let order = crate::base::report::statistics::slope(&x, &y);
     match order > 0.0 && order < 1.0 {
         true => Ok(order),
-        false => Err(format!("the strain in the test of the least stress grows as time to the power {order:.3}; {expected}")),
+        false => Err(format!(
+            "the strain in the test of the least stress grows as time to the power {order:.3}; {expected}"
+        )),
     }
 }
 
@@ -228,155 +224,6 @@ fn creep(tests: &[Creep], order: f64, memory: Structure, warnings: &mut Vec<Stri
         memory,
         points,
     })
-}
-
-/// Modulus against strain: G0 (kPa s^k), gamma0 and a; gamma0 infinite and a 0 without a knee.
-#[derive(Clone, Copy, Debug)]
-struct Curve([f64; 3]);
-
-impl Curve {
-    fn has_knee(&self) -> bool {
-        self.0[1].is_finite()
-    }
-
-    fn knee(&self) -> Knee {
-        let [_, strain, stiffening] = self.0;
-        Knee { strain, stiffening }
-    }
-
-    fn at(&self, strain: f64) -> f64 {
-        self.0[0] * self.knee().factor(strain)
-    }
-
-    /// Sum of squared deviations of measured moduli, relative to each.
-    fn square(&self, points: &[[f64; 2]]) -> f64 {
-        points.iter().map(|[strain, g]| (self.at(*strain) / g - 1.0).powi(2)).sum()
-    }
-
-    /// Best curve with this knee: G0 and G0 a follow by linear least squares.
-    fn with_knee(points: &[[f64; 2]], knee: f64) -> Curve {
-        let (mut matrix, mut right) = (Matrix2::zeros(), Vector2::zeros());
-        for [strain, g] in points {
-            let row = Vector2::new(1.0, (strain - knee).max(0.0).powi(2)) / *g;
-            matrix += row * row.transpose();
-            right += row;
-        }
-        match matrix.try_inverse().map(|inverse| inverse * right) {
-            Some(found) if found[0] > 0.0 && found[1] > 0.0 => Curve([found[0], knee, found[1] / found[0]]),
-            _ => Curve([right[0] / matrix[(0, 0)], f64::INFINITY, 0.0]),
-        }
-    }
-
-    fn fitted(points: &[[f64; 2]]) -> Curve {
-        let largest = points.iter().map(|point| point[0]).fold(0.0, f64::max);
-        let step = largest / KNEES as f64;
-        let left = |knee: f64| Curve::with_knee(points, knee).square(points);
-        let knees = (0..KNEES).map(|at| step * at as f64);
-        let start = knees.min_by(|a, b| left(*a).total_cmp(&left(*b))).unwrap_or(0.0);
-        // Golden-section search.
-        let (mut low, mut high) = ((start - step).max(0.0), start + step);
-        let golden = 0.5 * (5.0f64.sqrt() - 1.0);
-        while high - low > 1e-9 * largest {
-            let [a, b] = [high - golden * (high - low), low + golden * (high - low)];
-            if left(a) < left(b) {
-                high = b;
-            } else {
-                low = a;
-            }
-        }
-        let (flat, curve) = (
-            Curve::with_knee(points, f64::INFINITY),
-            Curve::with_knee(points, 0.5 * (low + high)),
-        );
-        let (without, with) = (flat.square(points), curve.square(points));
-        let count = points.len() as f64;
-        let noise = with / (count - 3.0).max(1.0);
-        let counts = without - with > 2.0 * EXPLAINED[0] * noise && (without / count).sqrt() > EXPLAINED[1];
-        if counts { curve } else { flat }
-    }
-
-    /// Standard errors of the three parameters.
-    fn errors(&self, points: &[[f64; 2]]) -> [f64; 3] {
-        let [g0, knee, a] = self.0;
-        let count = points.len() as f64;
-        if !self.has_knee() {
-            return [g0 * (self.square(points) / (count - 1.0) / count).sqrt(), 0.0, 0.0];
-        }
-        let mut matrix = Matrix3::zeros();
-        for [strain, g] in points {
-            let above = (strain - knee).max(0.0);
-            let row = Vector3::new(1.0 + a * above * above, -2.0 * g0 * a * above, g0 * above * above) / *g;
-            matrix += row * row.transpose();
-        }
-        let noise = self.square(points) / (count - 3.0).max(1.0);
-        match matrix.try_inverse() {
-            Some(inverse) => [0, 1, 2].map(|at| (noise * inverse[(at, at)]).max(0.0).sqrt()),
-            None => [f64::INFINITY; 3],
-        }
-    }
-
-    /// Parameters with which simulated creep under the `rate` law, evaluated by equation 2, shows this curve.
-    fn corrected(self, tests: &[Creep], order: f64) -> Result<Curve, HistoryError> {
-        let mut trial = self;
-        for _ in 0..ROUNDS {
-            let simulated: Result<Vec<Creep>, HistoryError> = tests.iter().map(|test| trial.creep(test, order)).collect();
-            let shown = Curve::fitted(&moduli(&simulated?, order));
-            if !shown.has_knee() {
-                break;
-            }
-            let mut change = 0.0f64;
-            for at in 0..3 {
-                let off = self.0[at] - shown.0[at];
-                let next = (trial.0[at] + off).max(0.1 * trial.0[at]);
-                change = change.max((next - trial.0[at]).abs() / self.0[at].max(f64::MIN_POSITIVE));
-                trial.0[at] = next;
-            }
-            if change < SETTLED {
-                break;
-            }
-        }
-        Ok(trial)
-    }
-
-    /// Creep at the stress and times of a test under the `rate` law.
-    fn creep(&self, test: &Creep, order: f64) -> Result<Creep, HistoryError> {
-        let point = Point {
-            body: Body::SpringPot {
-                order,
-                modulus_kpa: self.0[0],
-            },
-            knee: self.knee(),
-            structure: Structure::Rate,
-        };
-        let loading = Loading {
-            control: Control::Stress,
-            time_s: std::iter::once(0.0).chain(test.rows.iter().map(|row| row[0])).collect(),
-            value: vec![test.stress_kpa; test.rows.len() + 1],
-        };
-        let strain = point.respond_in(&loading, Method::Exponentials, SUBSTEPS)?.strain;
-        let rows = test.rows.iter().zip(&strain[1..]).map(|(row, strain)| [row[0], *strain]);
-        Ok(Creep {
-            rows: rows.collect(),
-            ..*test
-        })
-    }
-
-    /// Warns of a knee outside the measured strains, or in a gap between them.
-    fn doubt(&self, points: &[[f64; 2]], warnings: &mut Vec<String>) {
-        let knee = self.0[1];
-        let strains = points.iter().map(|point| point[0]);
-        let below = strains.clone().filter(|strain| *strain < knee).fold(0.0, f64::max);
-        let above = strains.filter(|strain| *strain >= knee).fold(f64::INFINITY, f64::min);
-        if below == 0.0 {
-            warnings.push(format!(
-                "no strain below the knee of {knee:.3} was measured: the modulus is extrapolated from strains from {above:.3} on"
-            ));
-        } else if above > GAP * below {
-            warnings.push(format!(
-                "the knee of {knee:.3} lies in a gap: no strain was measured between {below:.3} and {above:.3}"
-            ));
-        }
-    }
 }
 
 #[cfg(test)]

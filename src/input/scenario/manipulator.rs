@@ -89,7 +89,9 @@ impl SensorSpec {
     /// Reading of force (N) and torque (N mm) in a step.
     pub fn reading(&self, step: u64, wrench: &Wrench) -> [Vector3<f64>; 2] {
         let [low, high] = [step as i32, (step >> 32) as i32];
-        let noise = |row: i32, size: f64| Vector3::from_fn(|axis, _| size * normal([low, high, 3 * row + axis as i32], seed_words(self.seed)));
+        let noise = |row: i32, size: f64| {
+            Vector3::from_fn(|axis, _| size * normal([low, high, 3 * row + axis as i32], seed_words(self.seed)))
+        };
         [
             wrench.force_n + noise(0, self.noise_n),
             wrench.torque_nmm + noise(1, self.noise_nmm),
@@ -124,7 +126,11 @@ impl Guided {
     pub fn tip(&self, probe: &Trajectory) -> Result<Trajectory, TrackingError> {
         let every = self.driven.len().div_ceil(MOST_POSES);
         let last = self.driven.len() - 1;
-        let shown = self.driven.iter().enumerate().filter(|(at, _)| at % every == 0 || *at == last);
+        let shown = self
+            .driven
+            .iter()
+            .enumerate()
+            .filter(|(at, _)| at % every == 0 || *at == last);
         let poses: Result<Vec<(f64, Pose)>, TrackingError> = shown
             .map(|(_, at)| Ok((at.time_s, self.guide.needle(&at.posture).pose()?)))
             .collect();
@@ -151,7 +157,9 @@ impl ScenarioFile {
         let guided = path.map_or(Ok(None), |path| self.guided(path, scene.probe_path()))?;
         match guided {
             Some(guided) => Ok((scene, guided)),
-            None => self.guide().and_then(|_| Err(self.wrong_keys("needle", "a needle that does not move", "one that does"))),
+            None => self
+                .guide()
+                .and_then(|_| Err(self.wrong_keys("needle", "a needle that does not move", "one that does"))),
         }
     }
 
@@ -161,7 +169,8 @@ impl ScenarioFile {
     /// [`InputError`] with the key; also if the scenario has no `[manipulator]`.
     pub fn guide(&self) -> Result<Guide, InputError> {
         let spec = self.manipulator.as_ref();
-        let spec = spec.ok_or_else(|| self.wrong_keys("manipulator", "no `[manipulator]`", "the guide that moves the needle"))?;
+        let spec = spec
+            .ok_or_else(|| self.wrong_keys("manipulator", "no `[manipulator]`", "the guide that moves the needle"))?;
         self.check_guide(spec)?;
         Ok(spec.guide)
     }
@@ -186,7 +195,11 @@ impl ScenarioFile {
         let mover = self.mover()?;
         if span[1] - span[0] > LONGEST_S {
             let found = format!("a motion of {} s", span[1] - span[0]);
-            return Err(self.wrong_keys(mover, found, "at most 1000 s for a guide, which is controlled every millisecond"));
+            return Err(self.wrong_keys(
+                mover,
+                found,
+                "at most 1000 s for a guide, which is controlled every millisecond",
+            ));
         }
         let periods = ((span[1] - span[0]) / PERIOD_S).ceil() as usize;
         let commands: Result<Vec<Posture>, InputError> = (0..=periods)
@@ -215,24 +228,53 @@ impl ScenarioFile {
 
     fn check_guide(&self, spec: &ManipulatorSpec) -> Result<(), InputError> {
         for (table, checked) in [("guide", spec.guide.check()), ("drive", spec.drive.check())] {
-            checked.map_err(|error| self.fault(format!("manipulator.{table}.{}", error.key().unwrap_or_default()), error))?;
+            checked.map_err(|error| {
+                self.fault(
+                    format!("manipulator.{table}.{}", error.key().unwrap_or_default()),
+                    error,
+                )
+            })?;
         }
         let sensor = "manipulator.sensor";
-        self.number(format!("{sensor}.noise_n"), spec.sensor.noise_n, |x| (0.0..=100.0).contains(&x), "0 to 100 N")?;
+        self.number(
+            format!("{sensor}.noise_n"),
+            spec.sensor.noise_n,
+            |x| (0.0..=100.0).contains(&x),
+            "0 to 100 N",
+        )?;
         let range = |x: f64| (0.0..=1e4).contains(&x);
-        self.number(format!("{sensor}.noise_nmm"), spec.sensor.noise_nmm, range, "0 to 1e4 N mm")?;
+        self.number(
+            format!("{sensor}.noise_nmm"),
+            spec.sensor.noise_nmm,
+            range,
+            "0 to 1e4 N mm",
+        )?;
         for (at, key) in spec.keyframes.iter().enumerate() {
             let path = format!("manipulator.keyframes[{at}]");
-            let after = at.checked_sub(1).map_or(f64::NEG_INFINITY, |before| spec.keyframes[before].time_s);
+            let after = at
+                .checked_sub(1)
+                .map_or(f64::NEG_INFINITY, |before| spec.keyframes[before].time_s);
             let range = |x: f64| x > after && x.abs() <= 1e9;
-            self.number(format!("{path}.time_s"), key.time_s, range, "a time after that of the keyframe before")?;
+            self.number(
+                format!("{path}.time_s"),
+                key.time_s,
+                range,
+                "a time after that of the keyframe before",
+            )?;
             let posture = key.posture().check();
             posture.map_err(|error| self.fault(format!("{path}.{}", error.key().unwrap_or_default()), error))?;
         }
         let turns = |roll: Option<f64>| roll.is_some_and(|roll| roll != 0.0);
         let motion = self.needle.as_ref().and_then(|needle| needle.motion.as_ref());
-        let mut rolls = motion.iter().flat_map(|motion| motion.keyframes.iter().flatten()).map(|key| key.roll_deg);
-        let planned = self.plan.iter().flat_map(|plan| &plan.needle).map(|needle| needle.roll_deg);
+        let mut rolls = motion
+            .iter()
+            .flat_map(|motion| motion.keyframes.iter().flatten())
+            .map(|key| key.roll_deg);
+        let planned = self
+            .plan
+            .iter()
+            .flat_map(|plan| &plan.needle)
+            .map(|needle| needle.roll_deg);
         if rolls.any(turns) || planned.into_iter().any(turns) {
             let found = "a needle that turns about its axis (`roll_deg`), which the guide does not";
             return Err(self.wrong_keys("manipulator", found, "no `roll_deg`"));
@@ -266,5 +308,6 @@ fn between(keys: &[PostureKey], time_s: f64) -> Posture {
     let (Some(a), Some(b)) = (after.checked_sub(1).and_then(|at| keys.get(at)), keys.get(after)) else {
         return keys[after.min(keys.len() - 1)].posture();
     };
-    a.posture().lerp(&b.posture(), (time_s - a.time_s) / (b.time_s - a.time_s))
+    a.posture()
+        .lerp(&b.posture(), (time_s - a.time_s) / (b.time_s - a.time_s))
 }

@@ -71,7 +71,10 @@ impl Record {
         let distances = self.targets.iter().map(|target| (tip - target).norm());
         self.last = (outcome.inserted_mm, distances.reduce(f64::min));
         self.curves.add(step, self.last.1);
-        let guided = self.manipulator.as_ref().map(|guided| (&**guided, guided.at(self.start_s + step.time_s)));
+        let guided = self
+            .manipulator
+            .as_ref()
+            .map(|guided| (&**guided, guided.at(self.start_s + step.time_s)));
         table::row(step, guided, out)
     }
 

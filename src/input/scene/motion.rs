@@ -109,7 +109,11 @@ impl SceneFile {
             let found = "`bending`, whose entry lies in the world, of a needle in the frame of the probe";
             return Err(self.wrong_keys("needle.bending", found, "`frame = \"world\"`"));
         }
-        let of_probe = self.motion.as_ref().and_then(|motion| motion.world).filter(|_| !in_probe);
+        let of_probe = self
+            .motion
+            .as_ref()
+            .and_then(|motion| motion.world)
+            .filter(|_| !in_probe);
         if table.world.is_none() && of_probe == Some(World::Ras) {
             let note = "the needle is read as RAS, as [motion] states; `world` under [needle] states its own axes";
             notes.push(note.to_owned());

@@ -77,9 +77,19 @@ fn a_shear_modulus_stands_for_youngs() {
         assert!((a - b).abs() < 1e-12);
     }
     let both = GOOD.replace("young_kpa = 5.0", "young_kpa = 5.0\nshear_kpa = 2.0");
-    refused(&both, "material[0].shear_kpa", 5, &["2 beside `young_kpa`", "one of the two"]);
+    refused(
+        &both,
+        "material[0].shear_kpa",
+        5,
+        &["2 beside `young_kpa`", "one of the two"],
+    );
     let neither = GOOD.replace("young_kpa = 5.0\n", "");
-    refused(&neither, "material[0].young_kpa", 3, &["neither `young_kpa` nor `shear_kpa`"]);
+    refused(
+        &neither,
+        "material[0].young_kpa",
+        3,
+        &["neither `young_kpa` nor `shear_kpa`"],
+    );
 }
 
 #[test]

@@ -41,10 +41,12 @@ impl Material {
     pub fn given(young_kpa: Option<f64>, shear_kpa: Option<f64>, poisson: f64) -> Result<Material, OutOfRange> {
         match (young_kpa, shear_kpa) {
             (Some(young), None) => Material::new(young, poisson),
-            (None, Some(shear)) => Material::new(2.0 * (1.0 + poisson) * shear, poisson).map_err(|error| match error.key.as_str() {
-                "young_kpa" => OutOfRange::new("shear_kpa", shear, error.expected),
-                _ => error,
-            }),
+            (None, Some(shear)) => {
+                Material::new(2.0 * (1.0 + poisson) * shear, poisson).map_err(|error| match error.key.as_str() {
+                    "young_kpa" => OutOfRange::new("shear_kpa", shear, error.expected),
+                    _ => error,
+                })
+            }
             (Some(_), Some(shear)) => Err(OutOfRange::new(
                 "shear_kpa",
                 format!("{shear} beside `young_kpa`"),

@@ -110,7 +110,8 @@ impl Drive {
     /// Lost motion while the rack pushes (0) or pulls (1) against a load, mm of the rack's travel.
     pub fn lost_mm(&self, load_n: f64) -> [f64; 2] {
         let through = load_n * self.reduction() / self.efficiency;
-        [through, -through].map(|by| 0.5 * self.dead_band_mm + (self.friction_n + by).max(0.0) / self.stiffness_n_per_mm)
+        [through, -through]
+            .map(|by| 0.5 * self.dead_band_mm + (self.friction_n + by).max(0.0) / self.stiffness_n_per_mm)
     }
 }
 

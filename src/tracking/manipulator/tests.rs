@@ -107,16 +107,28 @@ fn what_is_out_of_range_names_its_axis() {
         insertion_mm,
     };
     for (posture, words) in [
-        (with(20.5, 0.0, 0.0), "horizontal positioning (A) of 20.500 mm; expected -20 to 20"),
-        (with(0.0, -31.0, 0.0), "posture (B) of -31.000 degrees; expected -30 to 30"),
-        (with(0.0, 0.0, 60.1), "needle insertion (C) of 60.100 mm; expected 0 to 60"),
+        (
+            with(20.5, 0.0, 0.0),
+            "horizontal positioning (A) of 20.500 mm; expected -20 to 20",
+        ),
+        (
+            with(0.0, -31.0, 0.0),
+            "posture (B) of -31.000 degrees; expected -30 to 30",
+        ),
+        (
+            with(0.0, 0.0, 60.1),
+            "needle insertion (C) of 60.100 mm; expected 0 to 60",
+        ),
         (with(0.0, 0.0, f64::NAN), "needle insertion (C) of NaN"),
     ] {
         let found = guide.slides(&posture).unwrap_err().to_string();
         assert!(found.contains(words), "{found}");
     }
     let found = guide.posture([0.0, 40.0, 0.0]).unwrap_err();
-    assert!(found.to_string().contains("does not close") && found.key() == Some("slide_2_mm"), "{found}");
+    assert!(
+        found.to_string().contains("does not close") && found.key() == Some("slide_2_mm"),
+        "{found}"
+    );
     let found = guide.posture([0.0, 12.0, 0.0]).unwrap_err().to_string();
     assert!(found.contains("posture (B)"), "{found}");
     // Dead points: the rod in line with the crank, and square to the rail.
@@ -148,14 +160,18 @@ fn what_is_out_of_range_names_its_axis() {
     };
     let mut matrix = *aside.pose().unwrap().probe_to_world();
     matrix[(2, 3)] = 5.0;
-    let found = InPlane::of(&Pose::from_matrix(&matrix).unwrap()).unwrap_err().to_string();
+    let found = InPlane::of(&Pose::from_matrix(&matrix).unwrap())
+        .unwrap_err()
+        .to_string();
     assert!(found.contains("5.00 mm from the image plane"), "{found}");
 }
 
 /// A point is in reach exactly where some posture of a fine grid comes near it.
 #[test]
 fn points_in_reach_are_those_that_postures_reach() {
-    let fine = |[low, high]: [f64; 2], count: i32| (0..=count).map(move |at| low + (high - low) * f64::from(at) / f64::from(count));
+    let fine = |[low, high]: [f64; 2], count: i32| {
+        (0..=count).map(move |at| low + (high - low) * f64::from(at) / f64::from(count))
+    };
     for guide in guides() {
         let mut tips = Vec::new();
         for position_mm in fine(POSITION_MM, 40) {
@@ -175,7 +191,10 @@ fn points_in_reach_are_those_that_postures_reach() {
         let mut reached = 0;
         for x in fine([-120.0, 120.0], 24) {
             for y in fine([-20.0, 80.0], 10) {
-                let nearest = tips.iter().map(|tip| (tip[0] - x).hypot(tip[1] - y)).fold(f64::INFINITY, f64::min);
+                let nearest = tips
+                    .iter()
+                    .map(|tip| (tip[0] - x).hypot(tip[1] - y))
+                    .fold(f64::INFINITY, f64::min);
                 let angles = guide.angles_deg([x, y]);
                 reached += usize::from(angles.is_some());
                 assert!(angles.is_none() || nearest < 2.0, "{x} {y}: {nearest}");
@@ -206,7 +225,11 @@ fn commands() -> Vec<Posture> {
     let end = (keys[keys.len() - 1].0 / PERIOD_S).round() as usize;
     let at = |step: usize| {
         let time = step as f64 * PERIOD_S;
-        let after = keys.iter().position(|key| key.0 >= time).unwrap_or(keys.len() - 1).max(1);
+        let after = keys
+            .iter()
+            .position(|key| key.0 >= time)
+            .unwrap_or(keys.len() - 1)
+            .max(1);
         let (from, to) = (keys[after - 1], keys[after]);
         from.1.lerp(&to.1, ((time - from.0) / (to.0 - from.0)).clamp(0.0, 1.0))
     };
@@ -259,7 +282,13 @@ fn the_closed_loop_holds_the_tip_and_the_open_loop_loses_the_lost_motion() {
 /// An output at rest does not follow the input within the dead band, whatever the load.
 #[test]
 fn a_screw_at_rest_stays() {
-    let (guide, drive) = (Guide::default(), Drive { load_n: 5.0, ..Drive::default() });
+    let (guide, drive) = (
+        Guide::default(),
+        Drive {
+            load_n: 5.0,
+            ..Drive::default()
+        },
+    );
     let [push, pull] = drive.lost_mm(5.0).map(|mm| mm * drive.reduction());
     let sway = |at: i32| Posture {
         insertion_mm: 10.0 + if at % 2 == 0 { 0.9 * push } else { -0.9 * pull },
@@ -279,7 +308,9 @@ fn a_screw_at_rest_stays() {
 fn the_guide_goes_where_the_probe_goes() {
     let needle = Guide::default().needle(&Posture::default());
     let probe = Pose::from_direction(Point3::new(5.0, -40.0, 10.0), Vector3::y(), Some(Vector3::x())).unwrap();
-    let tip = probe.probe_to_world().transform_point(&needle.pose().unwrap().position_mm());
+    let tip = probe
+        .probe_to_world()
+        .transform_point(&needle.pose().unwrap().position_mm());
     let expected = Point3::new(5.0 + needle.tip_mm[0], -40.0 + needle.tip_mm[1], 10.0);
     assert!((tip - expected).norm() < 1e-12);
 }

@@ -10,12 +10,12 @@ const SAME: f64 = 0.01;
 /// Units of a column: names with their factors.
 type Units<'a> = &'a [(&'static str, f64)];
 
-const FREQUENCY: Units<'_> = &[("frequency_rad_s", 1.0), ("frequency_hz", std::f64::consts::TAU)];
-const STORAGE: Units<'_> = &[("storage_kpa", 1.0), ("storage_pa", 1e-3)];
-const LOSS: Units<'_> = &[("loss_kpa", 1.0), ("loss_pa", 1e-3)];
-const STRESS: Units<'_> = &[("stress_kpa", 1.0), ("stress_pa", 1e-3)];
-const TIME: Units<'_> = &[("time_s", 1.0), ("time_min", 60.0)];
-const STRAIN: Units<'_> = &[("strain", 1.0), ("strain_percent", 0.01)];
+const FREQUENCY: Units<'static> = &[("frequency_rad_s", 1.0), ("frequency_hz", std::f64::consts::TAU)];
+const STORAGE: Units<'static> = &[("storage_kpa", 1.0), ("storage_pa", 1e-3)];
+const LOSS: Units<'static> = &[("loss_kpa", 1.0), ("loss_pa", 1e-3)];
+const STRESS: Units<'static> = &[("stress_kpa", 1.0), ("stress_pa", 1e-3)];
+const TIME: Units<'static> = &[("time_s", 1.0), ("time_min", 60.0)];
+const STRAIN: Units<'static> = &[("strain", 1.0), ("strain_percent", 0.01)];
 
 /// Columns of a table, in words.
 const EXPECTED: &str = "the columns frequency_rad_s (or frequency_hz), storage_kpa and loss_kpa (or _pa) of a frequency sweep, or stress_kpa (or \

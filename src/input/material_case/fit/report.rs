@@ -26,7 +26,9 @@ impl Fit {
         let line = |share: f64| [low, high].map(|at| [at, g * share * at.powf(k)]).to_vec();
         let measured = |of: fn(&super::Modulus) -> f64| {
             let points = fit.points.iter();
-            points.map(|point| [point.frequency_rad_s, of(point)]).collect::<Vec<_>>()
+            points
+                .map(|point| [point.frequency_rad_s, of(point)])
+                .collect::<Vec<_>>()
         };
         let series = vec![
             Series::line("G', storage", 0, line(angle.cos())),

@@ -59,8 +59,18 @@ fn noisy(table: &str, share: f64, seed: u64) -> String {
         let cells = line.split(',').enumerate().map(|(at, cell)| {
             count += 1;
             let noise = random::normal([count, 0, 0], seed) * share;
-            let factor = if at == 0 || cell.parse::<f64>().is_err() { 1.0 } else { 1.0 + noise };
-            (cell.parse::<f64>().unwrap() * if at == 1 && table.contains("time_s") { 1.0 } else { factor }).to_string()
+            let factor = if at == 0 || cell.parse::<f64>().is_err() {
+                1.0
+            } else {
+                1.0 + noise
+            };
+            (cell.parse::<f64>().unwrap()
+                * if at == 1 && table.contains("time_s") {
+                    1.0
+                } else {
+                    factor
+                })
+            .to_string()
         });
         let cells: Vec<String> = cells.collect();
         *line = cells.join(",");
@@ -88,7 +98,7 @@ fn noise_of_two_percent_moves_the_parameters_by_their_standard_errors() {
             offs.push((it.value - exact) / it.standard_error);
         }
     }
-    for (worst, bound) in worst.iter().zip([0.1, 0.02, 0.02, 0.1, 0.25]) {
+    for (worst, bound) in worst.iter().zip([0.1, 0.02, 0.01, 0.06, 0.2]) {
         assert!(worst < &bound, "{worst:?}");
     }
     // Deviations in standard errors have a variance of one.
@@ -103,7 +113,10 @@ fn tissue_that_does_not_stiffen_has_no_knee() {
         for stress in [50.0, 100.0, 200.0] {
             for time in [1.0f64, 10.0, 100.0] {
                 let off = 1.0 + noise * (stress * time).sin();
-                table += &format!("{stress},{time},{}\n", 100.0 * off * stress * 1e-3 / 0.4 * time.powf(0.1) / tgamma(1.1));
+                table += &format!(
+                    "{stress},{time},{}\n",
+                    100.0 * off * stress * 1e-3 / 0.4 * time.powf(0.1) / tgamma(1.1)
+                );
             }
         }
         table
@@ -122,14 +135,38 @@ fn what_does_not_determine_the_parameters_is_refused() {
     const SWEEP: &str = "frequency_hz,storage_pa,loss_pa\n0.1,400,63\n1,500,79\n10,630,100\n";
     const CREEP: &str = "stress_kpa,time_s,strain\n0.1,0,0\n0.1,1,0.2\n0.1,10,0.3\n0.2,1,0.4\n0.2,10,0.5\n";
     let cases = [
-        ("a,b\n1,2\n".to_owned(), "line 1: found the columns of neither kind of test; expected the columns frequency_rad_s"),
-        (SWEEP.replace("0.1,400,63\n", ""), "found moduli at 2 frequencies; expected at least 3"),
-        (SWEEP.replace("500,79", "500,"), "line 3: found `` in column `loss_pa`; expected a finite number"),
-        (SWEEP.replace("79", "-79"), "line 3: found `-79` in column `loss_pa`; expected a number above 0"),
-        (SWEEP.replace("630,100", "330,50"), "expected a power above 0 and below 1"),
-        (CREEP.replace("0.1,10,", "0.1,1,"), "line 4: found `1` in column `time_s`; expected a time from 0 that rises"),
-        (CREEP.replace("0.2,10,0.5", "0.2,10,0.3"), "line 6: found `0.3` in column `strain`; expected a strain that rises"),
-        (CREEP.replace("0.2,1,0.4\n0.2,10,0.5\n", ""), "found 2 strains; expected at least 4"),
+        (
+            "a,b\n1,2\n".to_owned(),
+            "line 1: found the columns of neither kind of test; expected the columns frequency_rad_s",
+        ),
+        (
+            SWEEP.replace("0.1,400,63\n", ""),
+            "found moduli at 2 frequencies; expected at least 3",
+        ),
+        (
+            SWEEP.replace("500,79", "500,"),
+            "line 3: found `` in column `loss_pa`; expected a finite number",
+        ),
+        (
+            SWEEP.replace("79", "-79"),
+            "line 3: found `-79` in column `loss_pa`; expected a number above 0",
+        ),
+        (
+            SWEEP.replace("630,100", "330,50"),
+            "expected a power above 0 and below 1",
+        ),
+        (
+            CREEP.replace("0.1,10,", "0.1,1,"),
+            "line 4: found `1` in column `time_s`; expected a time from 0 that rises",
+        ),
+        (
+            CREEP.replace("0.2,10,0.5", "0.2,10,0.3"),
+            "line 6: found `0.3` in column `strain`; expected a strain that rises",
+        ),
+        (
+            CREEP.replace("0.2,1,0.4\n0.2,10,0.5\n", ""),
+            "found 2 strains; expected at least 4",
+        ),
         (CREEP.replace("10,0.3", "10,nan"), "line 4: found `nan`"),
     ];
     for (table, words) in cases {
@@ -137,7 +174,10 @@ fn what_does_not_determine_the_parameters_is_refused() {
         assert!(found.contains(words), "{found}\nexpected {words}");
     }
     let found = fitted(&[CREEP], None, Structure::LoadIntegral).unwrap_err();
-    assert!(found.contains("from 2 times in the test of the least stress; expected `--order`"), "{found}");
+    assert!(
+        found.contains("from 2 times in the test of the least stress; expected `--order`"),
+        "{found}"
+    );
     // Slopes of 0.1 and a loss that does not belong to them.
     let odd = fitted(&[&SWEEP.replace("630,100", "630,200")], None, Structure::Rate).unwrap();
     assert!(odd.warnings[0].contains("no spring-pot fits"), "{:?}", odd.warnings);

@@ -23,8 +23,14 @@ fn block(probe: &str) -> String {
 fn in_probe(probe: &str) -> String {
     block(probe)
         .replace("deposit_s", "frame = \"probe\"\ndeposit_s")
-        .replace("tip_mm = [0, 0, -50]\ndirection = [0, 0, 1]", "tip_mm = [0, 10, 0]\ndirection = [0, 1, 0]")
-        .replace("tip_mm = [0, 0, -30]\ndirection = [0, 0, 1]", "tip_mm = [0, 30, 0]\ndirection = [0, 1, 0]")
+        .replace(
+            "tip_mm = [0, 0, -50]\ndirection = [0, 0, 1]",
+            "tip_mm = [0, 10, 0]\ndirection = [0, 1, 0]",
+        )
+        .replace(
+            "tip_mm = [0, 0, -30]\ndirection = [0, 0, 1]",
+            "tip_mm = [0, 30, 0]\ndirection = [0, 1, 0]",
+        )
 }
 
 /// The block whose needle the keyframes of a guide move.
@@ -95,19 +101,73 @@ fn keyframes_of_a_guide_move_the_needle_with_the_probe() {
 fn what_a_guide_cannot_do_is_refused() {
     let guide = |tables: &str| format!("{}{tables}", block(POSE));
     let key = "[[manipulator.keyframes]]\ntime_s = 0\nposition_mm = 0\nposture_deg = 0\ninsertion_mm = 0\n";
-    let only = |keys: &str| by_guide(POSE, "ideal").split("[[manipulator").next().unwrap().to_owned() + keys;
+    let only = |keys: &str| {
+        by_guide(POSE, "ideal")
+            .split("[[manipulator")
+            .next()
+            .unwrap()
+            .to_owned()
+            + keys
+    };
     let cases = [
-        (guide("[manipulator]\n"), "needle.motion", "at 0.000 s the guide would have to hold horizontal positioning (A) of -40.000 mm; expected -20 to 20"),
-        (guide("[manipulator.guide]\nside_mm = 0\ntilt_deg = 0\nbehind_mm = 60\n"), "needle.motion", "needle insertion (C) of 60.0"),
-        (guide(&format!("[manipulator]\n{GUIDE}")).replace("tip_mm = [0, 0, -30]", "tip_mm = [0, 4, -30]"), "needle.motion", "from the image plane"),
-        (guide("[manipulator.guide]\nrod_mm = 1\n"), "manipulator.guide.crank_mm", "dead point"),
-        (guide("[manipulator.drive]\nlead_mm = 0\n"), "manipulator.drive.lead_mm", "expected 0.1 to 50"),
-        (guide("[manipulator.sensor]\nnoise_n = -1\n"), "manipulator.sensor.noise_n", "0 to 100 N"),
-        (guide(&format!("[manipulator]\n{key}")), "manipulator.keyframes", "both `needle.motion` and `manipulator.keyframes`"),
-        (only(&key.replace("posture_deg = 0", "posture_deg = 31")), "manipulator.keyframes[0].posture_deg", "posture (B) of 31.000 degrees"),
-        (only(&format!("{key}{key}")), "manipulator.keyframes[1].time_s", "after that of the keyframe before"),
-        (format!("{}[manipulator]\n{GUIDE}", block(POSE)).replace("direction = [0, 0, 1]\n[manip", "direction = [0, 0, 1]\nroll_deg = 9\n[manip"), "manipulator", "turns about its axis"),
-        (by_guide(POSE, "ideal").replace("deposit_s", "frame = \"probe\"\ndeposit_s"), "needle.frame", "`frame` without `needle.motion`"),
+        (
+            guide("[manipulator]\n"),
+            "needle.motion",
+            "at 0.000 s the guide would have to hold horizontal positioning (A) of -40.000 mm; expected -20 to 20",
+        ),
+        (
+            guide("[manipulator.guide]\nside_mm = 0\ntilt_deg = 0\nbehind_mm = 60\n"),
+            "needle.motion",
+            "needle insertion (C) of 60.0",
+        ),
+        (
+            guide(&format!("[manipulator]\n{GUIDE}")).replace("tip_mm = [0, 0, -30]", "tip_mm = [0, 4, -30]"),
+            "needle.motion",
+            "from the image plane",
+        ),
+        (
+            guide("[manipulator.guide]\nrod_mm = 1\n"),
+            "manipulator.guide.crank_mm",
+            "dead point",
+        ),
+        (
+            guide("[manipulator.drive]\nlead_mm = 0\n"),
+            "manipulator.drive.lead_mm",
+            "expected 0.1 to 50",
+        ),
+        (
+            guide("[manipulator.sensor]\nnoise_n = -1\n"),
+            "manipulator.sensor.noise_n",
+            "0 to 100 N",
+        ),
+        (
+            guide(&format!("[manipulator]\n{key}")),
+            "manipulator.keyframes",
+            "both `needle.motion` and `manipulator.keyframes`",
+        ),
+        (
+            only(&key.replace("posture_deg = 0", "posture_deg = 31")),
+            "manipulator.keyframes[0].posture_deg",
+            "posture (B) of 31.000 degrees",
+        ),
+        (
+            only(&format!("{key}{key}")),
+            "manipulator.keyframes[1].time_s",
+            "after that of the keyframe before",
+        ),
+        (
+            format!("{}[manipulator]\n{GUIDE}", block(POSE)).replace(
+                "direction = [0, 0, 1]\n[manip",
+                "direction = [0, 0, 1]\nroll_deg = 9\n[manip",
+            ),
+            "manipulator",
+            "turns about its axis",
+        ),
+        (
+            by_guide(POSE, "ideal").replace("deposit_s", "frame = \"probe\"\ndeposit_s"),
+            "needle.frame",
+            "`frame` without `needle.motion`",
+        ),
         (by_guide(POSE, "pid"), "", "unknown variant `pid`"),
     ];
     for (text, key, words) in cases {
@@ -120,23 +180,39 @@ fn what_a_guide_cannot_do_is_refused() {
 
 #[test]
 fn the_sensor_reads_the_wrench_with_its_noise() {
-    let (sensor, wrench) = (SensorSpec::default(), Wrench { force_n: Vector3::new(0.0, 0.1, -0.8), torque_nmm: Vector3::new(3.0, 0.0, 0.0) });
+    let (sensor, wrench) = (
+        SensorSpec::default(),
+        Wrench {
+            force_n: Vector3::new(0.0, 0.1, -0.8),
+            torque_nmm: Vector3::new(3.0, 0.0, 0.0),
+        },
+    );
     let count = 4000;
     let mut squares = [[0.0; 3]; 2];
     for step in 0..count {
         let read = sensor.reading(step, &wrench);
         assert_eq!(read, sensor.reading(step, &wrench));
-        for (sum, (read, exact)) in squares.iter_mut().zip(read.iter().zip([wrench.force_n, wrench.torque_nmm])) {
+        for (sum, (read, exact)) in squares
+            .iter_mut()
+            .zip(read.iter().zip([wrench.force_n, wrench.torque_nmm]))
+        {
             for axis in 0..3 {
                 sum[axis] += (read[axis] - exact[axis]).powi(2) / count as f64;
             }
         }
     }
     for (sums, size) in squares.iter().zip([sensor.noise_n, sensor.noise_nmm]) {
-        assert!(sums.iter().all(|square| (square.sqrt() / size - 1.0).abs() < 0.05), "{squares:?}");
+        assert!(
+            sums.iter().all(|square| (square.sqrt() / size - 1.0).abs() < 0.05),
+            "{squares:?}"
+        );
     }
     let other = SensorSpec { seed: 1, ..sensor };
     assert_ne!(sensor.reading(5, &wrench), other.reading(5, &wrench));
-    let exact = SensorSpec { noise_n: 0.0, noise_nmm: 0.0, seed: 0 };
+    let exact = SensorSpec {
+        noise_n: 0.0,
+        noise_nmm: 0.0,
+        seed: 0,
+    };
     assert_eq!(exact.reading(5, &wrench), [wrench.force_n, wrench.torque_nmm]);
 }
