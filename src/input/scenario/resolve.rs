@@ -200,6 +200,7 @@ impl Scenario {
         }
         self.timing.steps = recording.inputs.len() as u64;
         self.changes.clear();
+        self.manipulator = None;
         self.replayed = Some(Arc::new(recording));
         Ok(self)
     }
@@ -212,6 +213,7 @@ impl Scenario {
             .ceil()
             .max(1.0) as u64;
         moved.path = self.path.with_tip(tip);
+        moved.manipulator = None;
         if let Some(probe) = probe {
             moved.scene.move_probe(probe);
         }
