@@ -12,6 +12,7 @@ mod info;
 mod input;
 mod insert;
 mod inspect;
+mod manipulator;
 mod matching;
 mod material;
 mod mesh;
@@ -59,6 +60,7 @@ Examples:
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify score out                               how well a needle was guided: ten metrics
+  insonify manipulator inverse poses.csv           a needle guide on the probe: its slides for poses of the needle
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
   insonify beam case.toml -o shape.svg             how a needle bends in tissue when its base is moved
@@ -96,6 +98,7 @@ enum Command {
     Insert(insert::Insert),
     Rf(Box<rf::Rf>),
     Motion(motion::Motion),
+    Manipulator(manipulator::Manipulator),
     Score(score::ScoreArgs),
     Exercise(exercise::Exercise),
     Solve(solve::Solve),
@@ -135,6 +138,7 @@ impl Cli {
             Command::Insert(insert) => insert.run(),
             Command::Rf(rf) => rf.run(),
             Command::Motion(motion) => motion.run(),
+            Command::Manipulator(manipulator) => manipulator.run(),
             Command::Score(score) => score.run(),
             Command::Exercise(exercise) => exercise.run(),
             Command::Solve(solve) => solve.run(),

@@ -3,6 +3,7 @@
 pub mod calibrate;
 pub mod calibration;
 mod error;
+pub mod manipulator;
 pub mod needle;
 pub mod placement;
 pub mod plus;

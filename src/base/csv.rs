@@ -196,6 +196,15 @@ impl<'a> Row<'a> {
         found.map_err(|_| self.wrong(column, "a whole number from 0"))
     }
 
+    /// Error for numbers of the row that do not go together.
+    pub fn refused(self, text: impl std::fmt::Display) -> CsvError {
+        let line = self.record.position().map_or(1, csv::Position::line);
+        CsvError::Contents {
+            path: self.table.path.clone(),
+            text: format!("line {line}: {text}"),
+        }
+    }
+
     /// Error for the cell of a column.
     pub fn wrong(self, column: &str, expected: impl Into<String>) -> CsvError {
         let line = self.record.position().map_or(1, csv::Position::line);

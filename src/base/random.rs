@@ -62,9 +62,35 @@ pub fn unit(word: u32) -> f32 {
     (word >> 8) as f32 * (1.0 / 16_777_216.0)
 }
 
+/// Standard normal number of a lattice point and a seed (Box and Muller 1958).
+pub fn normal(point: [i32; 3], seed: [u32; 2]) -> f64 {
+    let [a, b, _] = hash3(point, seed).map(|word| f64::from(unit(word)));
+    (-2.0 * (1.0 - a).ln()).sqrt() * (std::f64::consts::TAU * b).cos()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn normal_numbers_have_the_moments_of_their_distribution() {
+        let mut moments = [0.0; 4];
+        let count = 20_000;
+        for at in 0..count {
+            let x = normal([at, 3, 1], [5, 6]);
+            for (power, moment) in (1..).zip(&mut moments) {
+                *moment += x.powi(power) / f64::from(count);
+            }
+        }
+        for (found, exact, bound) in [
+            (moments[0], 0.0, 0.03),
+            (moments[1], 1.0, 0.05),
+            (moments[2], 0.0, 0.1),
+            (moments[3], 3.0, 0.3),
+        ] {
+            assert!((found - exact).abs() < bound, "{moments:?}");
+        }
+    }
 
     #[test]
     fn neighbouring_points_are_uncorrelated_and_uniform() {

@@ -2,8 +2,11 @@
 
 use std::path::PathBuf;
 
+use crate::base::csv::CsvError;
+use crate::input::material_case::fit::{Fit, Measured};
 use crate::input::material_case::{self, CaseFile};
-use clap::Args;
+use crate::mechanics::tissue::viscoelastic::point::Structure;
+use clap::{Args, Subcommand, ValueEnum};
 
 use super::failure::Failure;
 use super::output::{self, Force};
@@ -25,6 +28,7 @@ Examples:
   insonify material creep.toml -o creep.svg        what answers, against time
   insonify material creep.toml --json | jq .strain
   insonify material creep.toml --rheometer tests   the measurements of Kobayashi et al. 2010 on this material: moduli, creep, stiffness
+  insonify material fit moduli.csv creep.csv       the parameters from such measurements of one's own
   insonify schema material                         every key, as a JSON schema
 
 The history is linear between its times and may jump at the start, where the material was at rest. In between, steps are
@@ -37,8 +41,32 @@ Exit status: 0 done; 2 the case or a file is wrong; 1 what the machine could not
 
 /// Tests a material: strain from a history of stress, or stress from strain, with memory and stiffening
 #[derive(Args)]
-#[command(after_help = EXAMPLES)]
+#[command(after_help = EXAMPLES, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Material {
+    #[command(subcommand)]
+    task: Option<Task>,
+    #[command(flatten)]
+    test: Test,
+}
+
+#[derive(Subcommand)]
+enum Task {
+    Fit(FitArgs),
+}
+
+impl Material {
+    pub fn run(&self) -> Result<(), Failure> {
+        match &self.task {
+            None => self.test.run(),
+            Some(Task::Fit(fit)) => fit.run(),
+        }
+    }
+}
+
+// `insonify material CASE.toml`: response of a material.
+
+#[derive(Args)]
+pub struct Test {
     /// Case file: the material and its history
     #[arg(value_name = "CASE.toml", required_unless_present = "example")]
     case: Option<PathBuf>,
@@ -53,13 +81,13 @@ pub struct Material {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Run the measurements of Kobayashi et al. 2010 on the material in place of its history: plots, one SVG file each
+    /// Run the measurements of Kobayashi et al. 2010 on the material in place of its history: plots (SVG), and the moduli and creep as CSV
     #[arg(long, value_name = "DIR", conflicts_with_all = ["json", "output"])]
     rheometer: Option<PathBuf>,
 }
 
-impl Material {
-    pub fn run(&self) -> Result<(), Failure> {
+impl Test {
+    fn run(&self) -> Result<(), Failure> {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(material_case::EXAMPLE);
         };
@@ -75,6 +103,9 @@ impl Material {
             for (stem, plot) in tests.plots() {
                 output::plot(&folder.path().join(stem).with_extension("svg"), &plot)?;
             }
+            for (stem, table) in tests.tables() {
+                output::text(&folder.path().join(stem).with_extension("csv"), &table.csv())?;
+            }
             folder.install()?;
             return terminal::emit(&tests.to_string());
         }
@@ -87,6 +118,89 @@ impl Material {
             terminal::emit_json(&report)
         } else {
             terminal::emit(&report.to_string())
+        }
+    }
+}
+
+// `insonify material fit`: parameters from measurements.
+
+const FIT_EXAMPLES: &str = "\
+The header of a file says what was measured; other columns are ignored, and lines that begin with # are left out:
+  frequency_rad_s,storage_kpa,loss_kpa      a frequency sweep (frequency_hz, storage_pa, loss_pa will do)
+  stress_kpa,time_s,strain                  creep from time 0 on, one stress after another (stress_pa, time_min, strain_percent will do)
+
+A sweep gives order k and modulus G of a spring-pot, G (i w)^k. Creep gives the modulus against strain by equation 2 of Kobayashi et
+al. 2010, gamma = tau t^k / (G Gamma(1 + k)), and from it G0, the knee gamma0 and the stiffening a of equation 3. The order for creep is that
+of --order, else of the sweep, else of the test with the least stress. Standard errors are those of the scatter about the fit.
+
+Examples:
+  insonify material fit moduli.csv creep.csv
+  insonify material fit moduli.csv creep.csv --json -o plots
+  insonify material fit creep.csv --order 0.1 --memory rate
+  insonify material creep.toml --rheometer tests; insonify material fit tests/dynamic-moduli.csv tests/creep.csv --memory rate
+Exit status: 0 done; 2 a file is wrong, or does not determine the parameters; 1 what the machine could not do.";
+
+/// Fits order, modulus, knee and stiffening to measured moduli and creep
+#[derive(Args)]
+#[command(after_help = FIT_EXAMPLES)]
+pub struct FitArgs {
+    /// Tables of measurements: a frequency sweep, creep tests, or both
+    #[arg(value_name = "FILE.csv", required = true)]
+    files: Vec<PathBuf>,
+    /// Order k for creep, above 0 and below 1 [default: that of the sweep, else of the creep]
+    #[arg(long, value_name = "K", value_parser = order)]
+    order: Option<f64>,
+    /// What the stiffness multiplies: with `rate` the result is corrected for what equation 2 neglects
+    #[arg(long, value_enum, default_value = "load-integral")]
+    memory: MemoryArg,
+    /// Print one JSON object: `dynamic` (`order`, `modulus_kpa`, `loss_tangent`, ...), `creep` (`modulus_kpa`, `knee_shear`, `stiffening`, ...), `warnings`
+    #[arg(long)]
+    json: bool,
+    /// Draw measurements and fitted laws: dynamic-moduli.svg, stiffness.svg
+    #[arg(short, long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+}
+
+#[derive(Clone, Copy, ValueEnum)]
+enum MemoryArg {
+    /// G(strain) strain = I^k stress, by which equation 2 is exact
+    LoadIntegral,
+    /// G(strain) d^k strain/dt^k = stress
+    Rate,
+}
+
+fn order(text: &str) -> Result<f64, String> {
+    let found = text.parse().ok().filter(|order: &f64| *order > 0.0 && *order < 1.0);
+    found.ok_or_else(|| "expected a number above 0 and below 1".to_owned())
+}
+
+impl FitArgs {
+    fn run(&self) -> Result<(), Failure> {
+        let folder = self.output.as_ref();
+        let folder = folder.map(|target| self.force.folder(target, "material", &[], &self.files));
+        let folder = folder.transpose()?;
+        let mut measured = Measured::default();
+        self.files.iter().try_for_each(|file| measured.add(file))?;
+        let memory = match self.memory {
+            MemoryArg::LoadIntegral => Structure::LoadIntegral,
+            MemoryArg::Rate => Structure::Rate,
+        };
+        let fit = Fit::new(&measured, self.order, memory).map_err(|text| CsvError::Contents {
+            path: self.files[0].clone(),
+            text,
+        })?;
+        fit.warnings.iter().for_each(terminal::warn);
+        if let Some(folder) = folder {
+            for (stem, plot) in fit.plots() {
+                output::plot(&folder.path().join(stem).with_extension("svg"), &plot)?;
+            }
+            folder.install()?;
+        }
+        match self.json {
+            true => terminal::emit_json(&fit),
+            false => terminal::emit(&fit.to_string()),
         }
     }
 }

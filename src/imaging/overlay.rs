@@ -7,6 +7,9 @@ use crate::imaging::effects::point_spread::PointSpread;
 use crate::imaging::effects::tone::Tone;
 use crate::imaging::synth::tables::Tables;
 
+/// Colours of a workspace and of a path in it.
+const REACH: Colour = [64, 220, 120];
+const PATH: Colour = [90, 215, 255];
 const INK: Colour = [235; 3];
 const RIM: Colour = [0; 3];
 /// Tick spacings of the scale, mm: the smallest with ticks at least [`APART`] pixels apart is used. Each fifth tick
@@ -31,6 +34,37 @@ pub fn draw(pixels: &mut [u8], tables: &Tables) {
     for (grey, Rgb([own, ..])) in pixels.iter_mut().zip(picture.pixels()) {
         *grey = *own;
     }
+}
+
+/// Tints the part of a grey picture whose points in the plane of the probe (lateral, axial, mm) a needle reaches, outlines it, and draws a path of
+/// the needle's tip with a disc at its end.
+pub fn workspace(pixels: &[u8], tables: &Tables, reaches: impl Fn([f64; 2]) -> bool, path: &[[f64; 2]]) -> RgbImage {
+    let (width, height) = (tables.width() as u32, tables.height() as u32);
+    let grid = &tables.image_grid;
+    let within = |column: u32, row: u32| {
+        let at = |column: f64, row: f64| reaches(grid.to_plane(column, row));
+        [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]].map(|[right, down]| at(f64::from(column) + right, f64::from(row) + down))
+    };
+    let mut picture = RgbImage::from_fn(width, height, |column, row| {
+        let grey = f64::from(pixels[(row * width + column) as usize]);
+        let [here, right, below] = within(column, row);
+        let share = match (here == right && here == below, here) {
+            (false, _) => 0.9,
+            (true, true) => 0.18,
+            (true, false) => 0.0,
+        };
+        Rgb(REACH.map(|colour| (grey * (1.0 - share) + f64::from(colour) * share).round() as u8))
+    });
+    let points: Vec<Point> = path.iter().map(|[x, y]| grid.to_pixel(*x, *y)).collect();
+    for pair in points.windows(2) {
+        canvas::line(&mut picture, [pair[0], pair[1]], 3.6, RIM, 0.7);
+        canvas::line(&mut picture, [pair[0], pair[1]], 1.8, PATH, 1.0);
+    }
+    if let Some(end) = points.last() {
+        canvas::disc(&mut picture, *end, 4.0, RIM);
+        canvas::disc(&mut picture, *end, 3.0, PATH);
+    }
+    picture
 }
 
 /// Draws the greys of the dynamic range, the brightest on top.
@@ -140,6 +174,27 @@ mod tests {
         }
         let marked = tables.image_grid.to_pixel(19.0, 0.0);
         assert!(at(marked[0] + 10.0, marked[1].max(8.0)) > 200);
+    }
+
+    /// Left of the middle in reach, and a path down the middle of the right half.
+    #[test]
+    fn a_workspace_is_tinted_and_its_path_drawn() {
+        let tables = tables(320, 240);
+        let right = tables.image_grid.to_plane(240.0, 0.0)[0];
+        let picture = workspace(
+            &vec![40; 320 * 240],
+            &tables,
+            |[x, _]| x < 0.0,
+            &[[right, 10.0], [right, 30.0]],
+        );
+        let at = |column: u32, row: u32| picture.get_pixel(column, row).0;
+        let middle = tables.image_grid.to_pixel(0.0, 0.0)[0];
+        let [left, border] = [middle as u32 / 2, middle.ceil() as u32 - 1];
+        let tinted = at(left, 120);
+        assert!(tinted[1] > tinted[0] && tinted[1] > 60, "{tinted:?}");
+        assert!(at(border, 120)[1] > 180 && at(border + 20, 120) == [40; 3]);
+        let row = tables.image_grid.to_pixel(right, 20.0)[1].round() as u32;
+        assert_eq!(at(240, row), PATH);
     }
 
     #[test]

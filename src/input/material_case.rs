@@ -26,6 +26,7 @@
 //! ```
 
 mod file;
+pub mod fit;
 mod report;
 mod resolve;
 pub mod rheometer;

@@ -38,6 +38,7 @@ mod file;
 pub mod guidance;
 mod instruments;
 mod labels;
+pub mod manipulator;
 mod mesh;
 mod model;
 mod modelling;

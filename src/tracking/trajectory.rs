@@ -56,6 +56,10 @@ pub struct Trajectory {
     repeated: usize,
 }
 
+/// Time between the poses of a carried trajectory, s, and most of them.
+const CARRIED_S: f64 = 1e-3;
+const MOST_CARRIED: f64 = 1e5;
+
 /// Largest time, s.
 const LATEST_S: f64 = 1e9;
 
@@ -164,6 +168,32 @@ impl Trajectory {
             + slope(before) * (span * (s3 - 2.0 * s2 + s))
             + point(before + 1) * (3.0 * s2 - 2.0 * s3)
             + slope(before + 1) * (span * (s3 - s2))
+    }
+
+    /// The trajectory of poses in a frame that moves itself: at each time the pose of `carrier` times this one. A carrier that moves is
+    /// followed in steps of a millisecond, or in [`MOST_CARRIED`] steps if those are longer.
+    ///
+    /// # Errors
+    /// [`TrackingError`] for poses beyond the range of positions.
+    pub(crate) fn carried(&self, carrier: &Self) -> Result<Self, TrackingError> {
+        let at = |time_s: f64, pose: &Pose| {
+            let matrix = carrier.at(time_s).probe_to_world() * pose.probe_to_world();
+            Ok((time_s, Pose::from_matrix(&matrix)?))
+        };
+        if carrier.keys.len() == 1 {
+            let keys: Result<Vec<_>, TrackingError> = self.keys.iter().map(|key| at(key.time_s, &key.pose)).collect();
+            return Self::from_keys(keys?, self.interpolation);
+        }
+        let (start, end) = (self.start_s().min(carrier.start_s()), self.end_s().max(carrier.end_s()));
+        let steps = ((end - start) / CARRIED_S).ceil().clamp(1.0, MOST_CARRIED) as usize;
+        let mut times: Vec<f64> = (0..=steps)
+            .map(|step| start + (end - start) * step as f64 / steps as f64)
+            .collect();
+        times.extend(self.keys.iter().map(|key| key.time_s));
+        times.sort_by(f64::total_cmp);
+        times.dedup_by(|later, earlier| *later - *earlier < 1e-9);
+        let keys: Result<Vec<_>, TrackingError> = times.into_iter().map(|time| at(time, &self.at(time))).collect();
+        Self::from_keys(keys?, Interpolation::Linear)
     }
 
     /// Skipped frames of a tracked sequence, with the reason for each.
@@ -332,6 +362,24 @@ mod tests {
             })
         ));
         assert!(matches!(make(&[1e10]), Err(TrackingError::Keyframe { index: 0, .. })));
+    }
+
+    #[test]
+    fn a_carried_trajectory_goes_with_its_carrier() {
+        let path = bent(Interpolation::Linear);
+        let still = Trajectory::fixed(at([3.0, -2.0, 7.0], 0.4));
+        let moving = Trajectory::from_keys(
+            [(0.5, at([0.0; 3], 0.0)), (2.5, at([0.0, 0.0, 30.0], 1.2))],
+            Interpolation::Linear,
+        );
+        for (carrier, bound) in [(still, 1e-9), (moving.expect("trajectory"), 1e-5)] {
+            let carried = path.carried(&carrier).expect("trajectory");
+            for time in [0.0, 0.5, 0.77123, 1.0, 2.2, 3.5] {
+                let product = carrier.at(time).probe_to_world() * path.at(time).probe_to_world();
+                let off = (carried.at(time).probe_to_world() - product).amax();
+                assert!(off < bound, "{time}: {off}");
+            }
+        }
     }
 
     #[test]

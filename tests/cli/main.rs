@@ -14,6 +14,7 @@ mod hostile_text;
 mod insert;
 mod insert_far;
 mod insert_ready;
+mod manipulator;
 mod matching;
 mod material;
 mod mesh_make;

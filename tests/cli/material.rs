@@ -28,7 +28,7 @@ fn refused(case: &str, line: usize, words: &[&str]) {
 fn a_spring_pot_creeps() {
     let bench = Bench::new();
     bench.write("c.toml", CREEP);
-    for rule in ["rectangle", "trapezoid", "exponentials"] {
+    for rule in ["rectangle", "time-scaled-trapezoid", "trapezoid", "exponentials"] {
         bench.write("c.toml", &CREEP.replace("trapezoid", rule));
         let found = bench.run("material c.toml --json -o c.svg").json();
         assert_eq!(found["time_s"], serde_json::json!([0.0, 1.0, 4.0]));
@@ -89,8 +89,65 @@ fn the_example_and_its_measurements_run() {
     assert!(told.text().contains("slopes 0.1000 and 0.1000"), "{told:?}");
     assert_eq!(
         bench.files("tests"),
-        ["creep.svg", "dynamic-moduli.svg", "stiffness.svg"]
+        [
+            "creep.csv",
+            "creep.svg",
+            "dynamic-moduli.csv",
+            "dynamic-moduli.svg",
+            "stiffness.svg"
+        ]
     );
+}
+
+#[test]
+fn parameters_return_from_measurements() {
+    let bench = Bench::new();
+    bench.write("e.toml", bench.run("material --example").text());
+    bench.run("material e.toml --rheometer tests");
+    let run = bench.run("material fit tests/dynamic-moduli.csv tests/creep.csv --memory rate --json -o plots");
+    let found = run.json();
+    for (path, exact) in [
+        ("/dynamic/order/value", 0.1),
+        ("/dynamic/modulus_kpa/value", 0.4),
+        ("/creep/modulus_kpa/value", 0.4),
+        ("/creep/knee_shear/value", 0.35),
+    ] {
+        let value = found.pointer(path).unwrap().as_f64().unwrap();
+        assert!((value / exact - 1.0).abs() < 5e-3, "{path}: {value}");
+    }
+    assert!(
+        run.stderr.is_empty() && bench.files("plots").contains(&"stiffness.svg".to_owned()),
+        "{run:?}"
+    );
+    let told = bench.run("material fit tests/creep.csv --order 0.1");
+    assert!(
+        told.text().contains("knee_shear = 0.3") && told.text().contains("shear_kpa = 0.4"),
+        "{told:?}"
+    );
+    // What it prints is a case.
+    let lines: String = told
+        .text()
+        .lines()
+        .skip_while(|line| !line.starts_with("law"))
+        .take(6)
+        .map(|line| line.to_owned() + "\n")
+        .collect();
+    bench.write(
+        "f.toml",
+        &format!("{lines}[history]\ncontrol = \"stress\"\ntime_s = [0, 1]\nvalue = [0.1, 0.1]\n"),
+    );
+    assert!(
+        bench.run("material f.toml --json").json()["strain"][1]
+            .as_f64()
+            .unwrap()
+            > 0.2
+    );
+    bench.write("m.csv", "frequency_rad_s,storage_kpa,loss_kpa\n1,0.4,0.06\n2,0.41,x\n");
+    bench.run("material fit m.csv").fails(2, &["m.csv, line 3", "loss_kpa"]);
+    bench
+        .run("material fit tests/creep.csv --order 1")
+        .fails(2, &["above 0 and below 1"]);
+    bench.run("material fit").fails(2, &["FILE.csv"]);
 }
 
 #[test]
@@ -168,7 +225,7 @@ fn rules_are_traded_off() {
     let found = bench.run("tradeoff history --steps 100 --quiet --json -o study").json();
     let rows = found["tables"]["history"]["rows"].as_array().unwrap();
     assert!(
-        rows.len() == 11 && rows.iter().all(|row| row["flag"].is_null()),
+        rows.len() == 13 && rows.iter().all(|row| row["flag"].is_null()),
         "{found}"
     );
     assert!(bench.files("study").contains(&"history-error-time.svg".to_owned()));

@@ -53,6 +53,9 @@ pub struct TissueOverride {
     /// Young's modulus, kPa, 0.001 to 1e8.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub young_kpa: Option<f64>,
+    /// In place of `young_kpa`: shear modulus G, kPa. Young's modulus is 2 (1 + poisson) G.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shear_kpa: Option<f64>,
     /// Poisson's ratio, 0 to 0.4999.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub poisson: Option<f64>,
@@ -166,14 +169,30 @@ impl TissueOverride {
             occlusion_per_mm: self.occlusion_per_mm.unwrap_or(base.occlusion_per_mm),
             impedance_mrayl: self.impedance_mrayl.unwrap_or(base.impedance_mrayl),
             capsule: self.capsule.unwrap_or(base.capsule),
-            young_kpa: self.young_kpa.unwrap_or(base.young_kpa),
+            young_kpa: match self.shear_kpa {
+                Some(shear) => 2.0 * (1.0 + self.poisson.unwrap_or(base.poisson)) * shear,
+                None => self.young_kpa.unwrap_or(base.young_kpa),
+            },
             poisson: self.poisson.unwrap_or(base.poisson),
             friction_n_per_mm: self.friction_n_per_mm.unwrap_or(base.friction_n_per_mm),
             cutting_n: self.cutting_n.unwrap_or(base.cutting_n),
             soft_organ: self.soft_organ.unwrap_or(base.soft_organ),
         };
-        check(&tissue, &self.name)?;
-        Ok(tissue)
+        let of_shear = |found: String, expected| TissueError::Range {
+            tissue: self.name.clone(),
+            key: "shear_kpa",
+            found,
+            expected,
+        };
+        match (self.shear_kpa, check(&tissue, &self.name)) {
+            (Some(shear), _) if self.young_kpa.is_some() => {
+                Err(of_shear(format!("{shear} beside `young_kpa`"), "one of the two"))
+            }
+            (Some(shear), Err(TissueError::Range { key: "young_kpa", .. })) => {
+                Err(of_shear(shear.to_string(), "2 (1 + poisson) times it 0.001 to 1e8 kPa"))
+            }
+            (_, checked) => checked.map(|()| tissue),
+        }
     }
 }
 
@@ -255,6 +274,23 @@ mod tests {
             unknown.echogenicity_db,
             presets::get("soft_tissue").unwrap().echogenicity_db
         );
+    }
+
+    #[test]
+    fn a_shear_modulus_stands_for_youngs() {
+        let liver = |keys: &str| parse(&format!("name = \"liver\"\n{keys}")).apply();
+        let soft = liver("shear_kpa = 2.0\npoisson = 0.45").unwrap();
+        assert_eq!((soft.young_kpa, soft.poisson), (5.8, 0.45));
+        for (keys, words) in [
+            (
+                "shear_kpa = 2.0\nyoung_kpa = 5.0",
+                "shear_kpa = 2 beside `young_kpa`, expected one of the two",
+            ),
+            ("shear_kpa = -1.0", "shear_kpa = -1, expected 2 (1 + poisson)"),
+        ] {
+            let error = liver(keys).unwrap_err().to_string();
+            assert!(error.contains(words), "{error}");
+        }
     }
 
     #[test]

@@ -216,6 +216,25 @@ impl Rheometer {
         self.dynamic.iter().map(error).fold(0.0, f64::max)
     }
 
+    /// Tables of moduli and creep as a rheometer exports them, each with the stem of its file: `insonify material fit` reads them.
+    pub fn tables(&self) -> [(&'static str, Table); 2] {
+        let moduli = self.dynamic.iter().map(|dynamic| {
+            let [storage, loss] = dynamic.found_kpa;
+            [dynamic.frequency, storage, loss].map(|x| x.to_string())
+        });
+        let creep = self.creep.iter().flat_map(|creep| {
+            let rows = creep.curve.iter();
+            rows.map(|[time, strain]| [creep.stress_kpa, *time, *strain].map(|x| x.to_string()))
+        });
+        [
+            (
+                "dynamic-moduli",
+                Table::new(["frequency_rad_s", "storage_kpa", "loss_kpa"]).with(moduli),
+            ),
+            ("creep", Table::new(["stress_kpa", "time_s", "strain"]).with(creep)),
+        ]
+    }
+
     /// Plots, each with the stem of its file.
     pub fn plots(&self) -> Vec<(&'static str, Plot)> {
         let points = |name: &str, colour, points| Series::points(name, colour, Marker::Disc, points);

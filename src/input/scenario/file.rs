@@ -9,6 +9,7 @@ use serde::de::{Deserializer, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::instruments::{ContactProbeSpec, NeedleTable};
+use super::manipulator::ManipulatorSpec;
 use super::planned::PlanSpec;
 use super::points::ReportSpec;
 use super::tissue::TissueSpec;
@@ -44,6 +45,8 @@ pub struct ScenarioFile {
     pub needle: Option<NeedleTable>,
     /// Probe as a cylinder in contact with tissue. Without it the probe only images.
     pub contact_probe: Option<ContactProbeSpec>,
+    /// Needle guide mounted on the probe. Without it the needle moves exactly as stated.
+    pub manipulator: Option<ManipulatorSpec>,
     /// Plan: template, needles, seeds, targets.
     pub plan: Option<PlanSpec>,
     /// Points of the tissue whose displacement is reported.

@@ -8,7 +8,7 @@ use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use crate::base::document::RegionName;
-use crate::input::scene::NeedleMotionSpec;
+use crate::input::scene::{NeedleFrame, NeedleMotionSpec};
 use crate::mechanics::needle::BendingConstraint;
 
 /// The needle. Its motion is that of an undeflected needle: base and direction are what the hand holds.
@@ -46,6 +46,8 @@ pub struct NeedleTable {
     /// nearest place 10 to 60 mm from an end of the array from which the path keeps 3 mm from bone and, if possible, meets no gas or
     /// lung. Default `"beside the probe"`.
     pub entry: Option<EntrySpec>,
+    /// Frame of `motion`: `world`, or `probe`, in which case the needle goes where the probe goes. Default `world`.
+    pub frame: Option<NeedleFrame>,
     /// Motion, as in a scene. Tip and direction are those of the undeflected needle. Not with `plan.needle` or `target`, which
     /// move it.
     pub motion: Option<NeedleMotionSpec>,

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
-use crate::input::scene::{NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
+use crate::input::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::input::{Cause, InputError};
 use crate::mechanics::needle::{self, BEVEL_MM, Bevel, beam::bending_stiffness_nmm2};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
@@ -231,27 +231,32 @@ impl ScenarioFile {
         })
     }
 
-    /// Checks that exactly one key moves the needle.
-    pub(super) fn mover(&self) -> Result<(), InputError> {
+    /// Returns the key that moves the needle, and checks that there is exactly one.
+    pub(super) fn mover(&self) -> Result<&'static str, InputError> {
         let table = self.needle_table()?;
         let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
         let movers = [
             ("plan.needle", planned),
             ("needle.motion", table.motion.is_some()),
             ("needle.target", table.target.is_some()),
+            ("manipulator.keyframes", self.is_guided()),
         ];
         let given: Vec<&str> = movers.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
-        match given[..] {
+        let mover = match given[..] {
             [] => {
                 let expected = "`target`, `[[needle.motion.keyframes]]`, `needle.motion.csv`, `needle.motion.sequence` or \
                                 `[[plan.needle]]`";
                 return Err(self.wrong_keys("needle", "a needle that does not move", expected));
             }
-            [_] => {}
+            [mover] => mover,
             [first, second, ..] => {
                 let found = format!("both `{first}` and `{second}`");
                 return Err(self.wrong_keys(second, found, "one of them: each moves the needle"));
             }
+        };
+        if table.frame.is_some() && table.motion.is_none() {
+            let found = "`frame` without `needle.motion`, whose frame it is";
+            return Err(self.wrong_keys("needle.frame", found, "both, or neither"));
         }
         if table.entry.is_some() && table.target.is_none() {
             return Err(self.wrong_keys("needle.entry", "`entry` without `target`", "both, or neither"));
@@ -260,7 +265,12 @@ impl ScenarioFile {
             let found = "both `plan.needle` and `needle.deposit_s`";
             return Err(self.wrong_keys("needle.deposit_s", found, "`seeds_mm` of the needles of the plan"));
         }
-        Ok(())
+        Ok(mover)
+    }
+
+    /// Whether the keyframes of the manipulator move the needle.
+    fn is_guided(&self) -> bool {
+        self.manipulator.as_ref().is_some_and(|spec| !spec.keyframes.is_empty())
     }
 
     /// Returns the needle of the scene, the seeds to deposit and the guiding holes; `aimed` is the motion of an aimed needle.
@@ -277,7 +287,8 @@ impl ScenarioFile {
         let (motion, deposits, guides) = match (self.insertions(needle.length_mm)?, aimed) {
             (Some(plan), _) => (of_keyframes(plan.keyframes), plan.deposits, plan.guides),
             (None, aimed) => {
-                let motion = aimed.map(of_keyframes).or_else(|| table.motion.clone());
+                let keyframes = aimed.map_or_else(|| self.guide_keyframes(), |aimed| Ok(Some(aimed)))?;
+                let motion = keyframes.map(of_keyframes).or_else(|| table.motion.clone());
                 (
                     motion.unwrap_or_default(),
                     self.commanded(&table.deposit_s)?,
@@ -285,8 +296,15 @@ impl ScenarioFile {
                 )
             }
         };
+        let frame = if self.is_guided() {
+            NeedleFrame::Probe
+        } else {
+            table.frame.unwrap_or_default()
+        };
         let needle = SceneNeedle {
-            world: Some(World::Lps),
+            // Axes of the world have no meaning in the frame of the probe.
+            world: (frame == NeedleFrame::World).then_some(World::Lps),
+            frame: Some(frame),
             length_mm: Some(needle.length_mm),
             diameter_mm: Some(needle.diameter_mm),
             motion: Some(motion),

@@ -7,7 +7,9 @@ mod points;
 mod table;
 
 use std::io::{self, Write};
+use std::sync::Arc;
 
+use super::manipulator::Guided;
 use super::points::Displaced;
 use super::resolve::Scenario;
 use super::run::{Moment, Step};
@@ -32,6 +34,8 @@ pub struct Record {
     head: String,
     film: Film,
     targets: Vec<Point3<f64>>,
+    manipulator: Option<Arc<Guided>>,
+    start_s: f64,
     /// Depth of the tip and its distance from the nearest target at the last step, mm.
     last: (f64, Option<f64>),
 }
@@ -42,9 +46,14 @@ impl Record {
         Self {
             curves: Curves::new(scenario),
             points: Points::new(scenario),
-            head: table::head(scenario.contact.as_ref().map(|contact| &contact.probe)),
+            head: table::head(
+                scenario.contact.as_ref().map(|contact| &contact.probe),
+                scenario.manipulator.is_some(),
+            ),
             film: Film::new(scenario.timing.moments(scenario.timing.frame_s)),
             targets: scenario.targets.iter().map(|target| target.at_mm).collect(),
+            manipulator: scenario.manipulator.clone(),
+            start_s: scenario.timing.start_s,
             last: (0.0, None),
         }
     }
@@ -67,7 +76,11 @@ impl Record {
         let distances = self.targets.iter().map(|target| (tip - target).norm());
         self.last = (outcome.inserted_mm, distances.reduce(f64::min));
         self.curves.add(step, self.last.1);
-        table::row(step, out)
+        let guided = self
+            .manipulator
+            .as_ref()
+            .map(|guided| (&**guided, guided.at(self.start_s + step.time_s)));
+        table::row(step, guided, out)
     }
 
     /// Records a frame if the page shows it.

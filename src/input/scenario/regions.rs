@@ -122,7 +122,8 @@ impl<'a> Regions<'a> {
             };
             self.file.fault(format!("{table}.{within}{}", error.key), error)
         })?;
-        let material = Material::new(spec.young_kpa.unwrap_or(1.0), spec.poisson.unwrap_or(0.0));
+        let young = spec.young_kpa.or(spec.shear_kpa.is_none().then_some(1.0));
+        let material = Material::given(young, spec.shear_kpa, spec.poisson.unwrap_or(0.0));
         let material = material.map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
         self.law(table, spec, material).map(drop)
     }
@@ -149,11 +150,14 @@ impl<'a> Regions<'a> {
                     .wrong_keys(&table, found, "a `[[tissue.material]]` that states it")
             })
         };
-        let young_kpa = number(spec.young_kpa, |tissue| tissue.young_kpa, "young_kpa")?;
+        let young = match spec.shear_kpa {
+            Some(_) => spec.young_kpa,
+            None => Some(number(spec.young_kpa, |tissue| tissue.young_kpa, "young_kpa")?),
+        };
         let poisson = number(spec.poisson, |tissue| tissue.poisson, "poisson")?;
-        let material = Material::new(young_kpa, poisson)
+        let material = Material::given(young, spec.shear_kpa, poisson)
             .map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
-        let rigid = spec.rigid.unwrap_or(young_kpa >= RIGID_KPA);
+        let rigid = spec.rigid.unwrap_or(material.young_kpa() >= RIGID_KPA);
         let usual = Interaction {
             friction_n_per_mm: tissue.map_or(0.0, |tissue| tissue.friction_n_per_mm),
             cutting_n: tissue.map_or(0.0, |tissue| tissue.cutting_n),

@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Point3};
 use super::clearance;
 use super::file::{RunSpec, ScenarioFile};
 use super::labels::{Labels, unmeshed};
+use super::manipulator::Guided;
 use super::modelling::Modelling;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
@@ -108,6 +109,8 @@ pub struct Scenario {
     pub targets: Vec<Target>,
     /// Points whose displacement is reported.
     pub reports: Vec<Reported>,
+    /// Motion of the needle guide on the probe, if there is one.
+    pub manipulator: Option<Arc<Guided>>,
     /// Times of steps and frames.
     pub timing: Timing,
     /// Time budgets of steps and frames; empty where the scenario states none.
@@ -201,6 +204,7 @@ impl Scenario {
         }
         self.timing.steps = recording.inputs.len() as u64;
         self.changes.clear();
+        self.manipulator = None;
         self.replayed = Some(Arc::new(recording));
         Ok(self)
     }
@@ -213,6 +217,7 @@ impl Scenario {
             .ceil()
             .max(1.0) as u64;
         moved.path = self.path.with_tip(tip);
+        moved.manipulator = None;
         if let Some(probe) = probe {
             moved.scene.move_probe(probe);
         }
@@ -303,6 +308,7 @@ impl ScenarioFile {
             .cloned()
             .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
         let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
+        let manipulator = self.guided(path.tip(), scene.probe_path())?;
         self.check_deposits(&deposits, &timing)?;
         let changes = self.changes(&timing)?;
         let gpu = self.gpu()?;
@@ -324,7 +330,15 @@ impl ScenarioFile {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
+        let path = match &manipulator {
+            Some(guided) => {
+                let tip = guided.tip(scene.probe_path());
+                path.with_tip(tip.map_err(|error| self.fault("manipulator", error))?)
+            }
+            None => path,
+        };
         Ok(Scenario {
+            manipulator: manipulator.map(Arc::new),
             stiffened: stiffening.map(|(viscosity, options)| Stiffened {
                 laws: tissue.laws,
                 viscosity,

@@ -1,6 +1,7 @@
 //! Scenarios parsed, resolved and run with a model of prescribed response.
 
 mod aimed;
+mod guided;
 mod parts;
 mod points;
 mod prescribed;

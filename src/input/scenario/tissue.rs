@@ -109,7 +109,9 @@ pub struct MaterialSpec {
     pub region: Option<RegionName>,
     /// Young's modulus, kPa (above 0).
     pub young_kpa: Option<f64>,
-    /// Poisson's ratio (above -1, below 0.5).
+    /// In place of `young_kpa`: shear modulus G, kPa (above 0). Young's modulus is 2 (1 + nu) G.
+    pub shear_kpa: Option<f64>,
+    /// Poisson's ratio nu (above -1, below 0.5).
     pub poisson: Option<f64>,
     /// Nonlinear and viscoelastic models: relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
     /// simple shear the relative strain is 0.866 of the shear.

@@ -6,13 +6,14 @@ use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::error::At;
 use super::file::SceneFile;
-use super::paths::{MotionSpec, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
+use super::paths::{MotionSpec, NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
 use crate::base::document::InvalidFile;
 use crate::input::{Cause, InputError};
 use crate::tracking::TrackingError;
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::plus::PlusConfig;
+use crate::tracking::pose::Pose;
 use crate::tracking::trajectory::{Interpolation, Trajectory};
 use crate::tracking::world::World;
 
@@ -99,7 +100,20 @@ impl SceneFile {
         warnings: &mut Vec<String>,
     ) -> Result<Option<Needle>, InputError> {
         let Some(table) = &self.needle else { return Ok(None) };
-        let of_probe = self.motion.as_ref().and_then(|motion| motion.world);
+        let in_probe = table.frame == Some(NeedleFrame::Probe);
+        if in_probe && table.world.is_some() {
+            let found = "`world` of a needle in the frame of the probe";
+            return Err(self.wrong_keys("needle.world", found, "one of `world` and `frame = \"probe\"`"));
+        }
+        if in_probe && table.bending.is_some() {
+            let found = "`bending`, whose entry lies in the world, of a needle in the frame of the probe";
+            return Err(self.wrong_keys("needle.bending", found, "`frame = \"world\"`"));
+        }
+        let of_probe = self
+            .motion
+            .as_ref()
+            .and_then(|motion| motion.world)
+            .filter(|_| !in_probe);
         if table.world.is_none() && of_probe == Some(World::Ras) {
             let note = "the needle is read as RAS, as [motion] states; `world` under [needle] states its own axes";
             notes.push(note.to_owned());
@@ -126,6 +140,35 @@ impl SceneFile {
         let (tip, recorded) = self.needle_tip(motion, world, (base, plus), notes, warnings)?;
         let path = self.needle_path(table, tip)?;
         Ok(Some(Needle::Moving { path, recorded }))
+    }
+
+    /// The needle in the world, of one that is stated in the frame of the probe.
+    pub(super) fn in_world(&self, needle: Option<Needle>, probe: &Trajectory) -> Result<Option<Needle>, InputError> {
+        let frame = self.needle.as_ref().and_then(|table| table.frame);
+        let Some(needle) = needle else { return Ok(None) };
+        if frame != Some(NeedleFrame::Probe) {
+            return Ok(Some(needle));
+        }
+        let fault = |error: TrackingError| self.fault("needle.frame", error);
+        Ok(Some(match needle {
+            Needle::Moving { path, recorded } => Needle::Moving {
+                path: path.with_tip(path.tip().carried(probe).map_err(fault)?),
+                recorded,
+            },
+            Needle::Still(pose) if probe.keys().len() == 1 => {
+                Needle::Still(pose.transformed(probe.at(probe.start_s()).probe_to_world()))
+            }
+            Needle::Still(pose) if pose.nodes_mm().len() > 2 => {
+                let found = "a bent needle in the frame of a probe that moves";
+                return Err(self.wrong_keys("needle.frame", found, "a straight needle (`tip_mm` and `direction`)"));
+            }
+            Needle::Still(pose) => {
+                let tip = Pose::from_direction(pose.tip_mm(), pose.direction().into_inner(), None).map_err(fault)?;
+                let tip = Trajectory::fixed(tip).carried(probe).map_err(fault)?;
+                let path = NeedlePath::new(tip, pose.length_mm(), pose.diameter_mm()).map_err(fault)?;
+                Needle::Moving { path, recorded: false }
+            }
+        }))
     }
 
     fn needle_path(&self, table: &NeedleTable, tip: Trajectory) -> Result<NeedlePath, InputError> {

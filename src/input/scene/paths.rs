@@ -66,6 +66,17 @@ pub struct SequenceSpec {
     pub tracker_to_world: Option<Rows>,
 }
 
+/// Frame in which a needle is stated.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum NeedleFrame {
+    /// World.
+    #[default]
+    World,
+    /// Frame of the probe, with which the needle moves: x lateral, to the marked side, y axial, into the body, z = x cross y.
+    Probe,
+}
+
 /// A needle, at rest or moving.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -73,6 +84,9 @@ pub struct NeedleTable {
     /// World axes of the needle and its motion: `lps`, or `ras` as in 3D Slicer. Default: those of `[motion]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world: Option<World>,
+    /// Frame of the needle and its motion: `world`, or `probe`, in which case it goes where the probe goes. Default `world`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frame: Option<NeedleFrame>,
     /// Tip in the world, mm.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tip_mm: Option<[f64; 3]>,

@@ -76,6 +76,7 @@ impl SceneFile {
                 (Trajectory::fixed(pose), false, None)
             }
         };
+        let needle = self.in_world(needle, &probe)?;
         let image = self.on_grid(framing.image, tracked.as_ref())?;
         settle(&image, &mut file, tracked.as_mut());
         let blind = outside(&volume, &framing.grid, &probe, self.stated_world());

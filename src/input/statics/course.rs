@@ -184,6 +184,7 @@ impl ViscositySpec {
     pub(super) fn rule(&self, moments: &[Moment]) -> Rule {
         match self.rule {
             Method::Rectangle => Rule::Rectangle,
+            Method::TimeScaledTrapezoid => Rule::TimeScaledTrapezoid,
             Method::Trapezoid => Rule::Trapezoid,
             Method::GruenwaldLetnikov => Rule::GruenwaldLetnikov,
             Method::Exponentials => {

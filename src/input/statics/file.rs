@@ -66,14 +66,16 @@ document::input_file!(ProblemFile, Cause);
 pub struct MaterialSpec {
     /// Region: its name, a part of its name, or its number. Without one the material applies to all other regions.
     pub region: Option<RegionName>,
-    /// Young's modulus, kPa, above 0.
-    pub young_kpa: f64,
+    /// Young's modulus, kPa, above 0. Required unless `shear_kpa` is given.
+    pub young_kpa: Option<f64>,
+    /// In place of `young_kpa`: shear modulus G, kPa, above 0. Young's modulus is 2 (1 + poisson) G.
+    pub shear_kpa: Option<f64>,
     /// Poisson's ratio, above -1 and below 0.5.
     pub poisson: f64,
     /// Relative strain (0 or more) above which the tissue stiffens, for nonlinear and viscoelastic tissue; sqrt(3)/2 times a knee in
     /// simple shear. Default: no stiffening.
     pub knee_strain: Option<f64>,
-    /// Stiffening coefficient (0 or more): a in young_kpa (1 + a (strain - knee_strain)^2).
+    /// Stiffening coefficient (0 or more): a in E (1 + a (strain - knee_strain)^2).
     pub stiffening: Option<f64>,
     /// Density, kg/m^3 (above 0, at most 1e6): about 1050 for soft tissue. Required with `gravity_m_per_s2`.
     pub density_kg_per_m3: Option<f64>,

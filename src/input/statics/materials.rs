@@ -71,8 +71,8 @@ impl ProblemFile {
 
     fn law(&self, table: &str, spec: &MaterialSpec) -> Result<Stiffening, InputError> {
         let key = |name: &str| format!("{table}.{name}");
-        let material =
-            Material::new(spec.young_kpa, spec.poisson).map_err(|error| self.fault(key(&error.key), error))?;
+        let material = Material::given(spec.young_kpa, spec.shear_kpa, spec.poisson);
+        let material = material.map_err(|error| self.fault(key(&error.key), error))?;
         if let Some(found) = spec.density_kg_per_m3
             && !(found > 0.0 && found <= DENSEST)
         {

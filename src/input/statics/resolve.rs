@@ -19,6 +19,7 @@ use crate::mechanics::mesh::quality::Quality;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::Materials;
 use crate::mechanics::tissue::problem::{Fix, Solution, StaticProblem};
+use crate::mechanics::tissue::viscoelastic::point::Method;
 
 /// Largest displacement, mm.
 const FARTHEST: f64 = 1e6;
@@ -112,6 +113,14 @@ impl ProblemFile {
         let unloaded = loads.forces.iter().all(|applied| applied.load.force_n == [0.0; 3]);
         if unloaded && fixes.iter().all(|fix| fix.displacement_mm == 0.0) {
             warnings.push("no force and no displacement is given: nothing moves".to_owned());
+        }
+        let rule = self.viscosity.map(|viscosity| viscosity.rule);
+        if rule == Some(Method::TimeScaledTrapezoid) {
+            warnings.push(
+                "viscosity.rule: under the time-scaled trapezoid, reactions of held and driven nodes alternate from step to step; it suits displacements \
+                 under given loads"
+                    .to_owned(),
+            );
         }
         let nodes = mesh.nodes().len();
         Ok(Problem {

@@ -69,11 +69,35 @@ fn a_problem_is_solved() {
 }
 
 #[test]
+fn a_shear_modulus_stands_for_youngs() {
+    let moved = |text: &str| solve(text).unwrap().displacement_mm;
+    let nu = 0.45;
+    let shear = GOOD.replace("young_kpa = 5.0", &format!("shear_kpa = {}", 5.0 / (2.0 * (1.0 + nu))));
+    for (a, b) in moved(&shear).iter().flatten().zip(moved(GOOD).iter().flatten()) {
+        assert!((a - b).abs() < 1e-12);
+    }
+    let both = GOOD.replace("young_kpa = 5.0", "young_kpa = 5.0\nshear_kpa = 2.0");
+    refused(
+        &both,
+        "material[0].shear_kpa",
+        5,
+        &["2 beside `young_kpa`", "one of the two"],
+    );
+    let neither = GOOD.replace("young_kpa = 5.0\n", "");
+    refused(
+        &neither,
+        "material[0].young_kpa",
+        3,
+        &["neither `young_kpa` nor `shear_kpa`"],
+    );
+}
+
+#[test]
 fn the_example_has_every_key() {
     let file = ProblemFile::parse(EXAMPLE, "press.toml").unwrap();
     let material = |region, young_kpa| MaterialSpec {
         region,
-        young_kpa,
+        young_kpa: Some(young_kpa),
         poisson: 0.45,
         ..MaterialSpec::default()
     };
@@ -217,6 +241,8 @@ fn numbers_are_checked() {
     }
     for young in ["0", "-2.0", "nan", "inf"] {
         refused(&GOOD.replace("5.0", young), "material[0].young_kpa", 4, &["above 0"]);
+        let shear = GOOD.replace("young_kpa = 5.0", &format!("shear_kpa = {young}"));
+        refused(&shear, "material[0].shear_kpa", 4, &["above 0"]);
     }
     refused(
         &GOOD.replace("0.001]", "nan]"),

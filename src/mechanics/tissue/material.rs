@@ -34,6 +34,32 @@ impl Material {
         Ok(material)
     }
 
+    /// Creates a material from the one given of Young's modulus E and the shear modulus G (above 0, kPa), where `E = 2 (1 + nu) G`.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] with the parameter that is out of range, or if not exactly one modulus is given.
+    pub fn given(young_kpa: Option<f64>, shear_kpa: Option<f64>, poisson: f64) -> Result<Material, OutOfRange> {
+        match (young_kpa, shear_kpa) {
+            (Some(young), None) => Material::new(young, poisson),
+            (None, Some(shear)) => {
+                Material::new(2.0 * (1.0 + poisson) * shear, poisson).map_err(|error| match error.key.as_str() {
+                    "young_kpa" => OutOfRange::new("shear_kpa", shear, error.expected),
+                    _ => error,
+                })
+            }
+            (Some(_), Some(shear)) => Err(OutOfRange::new(
+                "shear_kpa",
+                format!("{shear} beside `young_kpa`"),
+                "one of the two",
+            )),
+            (None, None) => Err(OutOfRange::new(
+                "young_kpa",
+                "neither `young_kpa` nor `shear_kpa`",
+                "one of the two",
+            )),
+        }
+    }
+
     /// Young's modulus, kPa.
     pub const fn young_kpa(&self) -> f64 {
         self.young_kpa

@@ -45,6 +45,7 @@
 //! | rule | function between two times | order | steps | cost per step |
 //! |---|---|---|---|---|
 //! | [`Rule::Rectangle`] | constant, equal to its end value | 1 | any | O(n) |
+//! | [`Rule::TimeScaledTrapezoid`] | constant, equal to the mean of both values | 1 + k | any | O(n) |
 //! | [`Rule::Trapezoid`] | linear | 2 | any | O(n) |
 //! | [`Rule::GruenwaldLetnikov`] | (a difference quotient) | 1 | equal | O(n) |
 //! | [`Rule::Exponentials`] | linear | 2, down to its bound | in its [`Span`] | O(1) |

@@ -130,8 +130,9 @@ pub fn crossing(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 const ORDERS: [f64; 6] = [0.0, 1e-3, 0.1, 0.5, 0.999, 1.0];
-const FULL: [(&str, Rule); 3] = [
+const FULL: [(&str, Rule); 4] = [
     ("rectangle", Rule::Rectangle),
+    ("time-scaled trapezoid", Rule::TimeScaledTrapezoid),
     ("trapezoid", Rule::Trapezoid),
     ("Gruenwald-Letnikov", Rule::GruenwaldLetnikov),
 ];
@@ -199,7 +200,7 @@ pub fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
             record.under(format!("{name}, {}: error", load.0), worst, limit);
         }
-        record.done((at + 1) as f64 / 4.0);
+        record.done((at + 1) as f64 / 5.0);
     }
     Ok(())
 }
@@ -302,7 +303,7 @@ pub fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
         // The newest value has the weight h^k / Gamma(1 + k), and Gamma(1 + k) is at least 0.8856.
         record.under(format!("{name}: integral over h^k"), integral, 1.13);
         record.under(format!("{name}: derivative over h^-k"), derivative, 4.0);
-        record.done((at + 1) as f64 / 4.0);
+        record.done((at + 1) as f64 / 5.0);
     }
     Ok(())
 }

@@ -103,8 +103,9 @@ const EXPONENTIALS: [(&str, f64); 3] = [
     ("exponentials, 1e-7", 1e-7),
     ("exponentials, 1e-10", 1e-10),
 ];
-const FULL: [(&str, Rule); 3] = [
+const FULL: [(&str, Rule); 4] = [
     ("rectangle", Rule::Rectangle),
+    ("time-scaled trapezoid", Rule::TimeScaledTrapezoid),
     ("trapezoid", Rule::Trapezoid),
     ("Gruenwald-Letnikov", Rule::GruenwaldLetnikov),
 ];

@@ -5,8 +5,10 @@ use std::io::{self, Write};
 use nalgebra::Vector3;
 
 use crate::input::scenario::guidance::Guidance;
+use crate::input::scenario::manipulator::Guided;
 use crate::input::scenario::run::Step;
 use crate::mechanics::insertion::ProbeContact;
+use crate::tracking::manipulator::drive::Driven;
 
 /// Columns before the pose of the probe. Their contents are documented in docs/insertion.md.
 const NUMBERS: &str = "time_s,base_x_mm,base_y_mm,base_z_mm,base_dx,base_dy,base_dz,tip_x_mm,tip_y_mm,tip_z_mm,\
@@ -18,6 +20,11 @@ const POSE: &str = "probe_x_mm,probe_y_mm,probe_z_mm,probe_qx,probe_qy,probe_qz,
 /// Columns of the tissue force on each of the two points that drive the probe, if it has them.
 const DRIVEN: &str = "driven_1_force_x_n,driven_1_force_y_n,driven_1_force_z_n,\
     driven_2_force_x_n,driven_2_force_y_n,driven_2_force_z_n,";
+/// Columns of a needle guide: commanded and actual posture, lost motion of its slides, and the reading of its force sensor in the base frame of
+/// the needle.
+const GUIDE: &str = "command_position_mm,command_posture_deg,command_insertion_mm,\
+    guide_position_mm,guide_posture_deg,guide_insertion_mm,lost_1_mm,lost_2_mm,lost_3_mm,\
+    sensor_force_x_n,sensor_force_y_n,sensor_force_z_n,sensor_torque_x_nmm,sensor_torque_y_nmm,sensor_torque_z_nmm,";
 /// Columns of counts, and the duration of the step.
 const COUNTS: &str = "contacts,stuck,probe_contacts,remeshes,substeps,iterations,converged,crushed,step_ms";
 
@@ -29,13 +36,14 @@ const GUIDANCE: &str = "tip_dx,tip_dy,tip_dz,measured_tip_x_mm,measured_tip_y_mm
     target_shown,clearance_mm";
 
 /// Header line.
-pub(super) fn head(probe: Option<&ProbeContact>) -> String {
+pub(super) fn head(probe: Option<&ProbeContact>, has_guide: bool) -> String {
     let driven = probe.and_then(|probe| probe.driven_at_mm);
     let driven = if driven.is_some() { DRIVEN } else { "" };
-    format!("{NUMBERS},{POSE},{GUIDANCE},{driven}{COUNTS}")
+    let guide = if has_guide { GUIDE } else { "" };
+    format!("{NUMBERS},{POSE},{GUIDANCE},{driven}{guide}{COUNTS}")
 }
 
-pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
+pub(super) fn row(step: &Step<'_>, guided: Option<(&Guided, &Driven)>, out: &mut impl Write) -> io::Result<()> {
     let outcome = step.outcome;
     let own = outcome.on_hand.in_frame(&step.base);
     let probe = outcome.on_probe.unwrap_or_default();
@@ -65,6 +73,16 @@ pub(super) fn row(step: &Step<'_>, out: &mut impl Write) -> io::Result<()> {
     guidance(&step.guidance, out)?;
     for force in step.driven.iter().flatten() {
         write!(out, ",{},{},{}", force.x, force.y, force.z)?;
+    }
+    if let Some((guided, at)) = guided {
+        for posture in [at.command, at.posture] {
+            let (a, b, c) = (posture.position_mm, posture.posture_deg, posture.insertion_mm);
+            write!(out, ",{a:.6},{b:.6},{c:.6}")?;
+        }
+        let read = guided.sensor.reading(step.number, &own);
+        for vector in [at.lost_mm.into(), read[0], read[1]] {
+            write!(out, ",{:.6},{:.6},{:.6}", vector.x, vector.y, vector.z)?;
+        }
     }
     writeln!(
         out,

@@ -102,6 +102,7 @@ impl Exponentials {
             step.weighted[at] = decay * self.weights[at];
             let [start, end] = match self.basis {
                 Basis::Constant => [0.0, mean(z)],
+                Basis::Mean => [0.5 * mean(z); 2],
                 Basis::Linear => ends(z, decay),
             };
             step.starts[at] = start * step_s;

@@ -79,10 +79,16 @@ impl Operator {
 /// Summation rule of a history. The order of convergence is for smooth functions as the longest step h goes to 0.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Rule {
-    /// Product rectangle: constant over a step, with the value at its end. Order 1. Costs O(n) per step. The integral
-    /// is the ordinary one over a deformed scale of time, as in Kobayashi et al. 2010 (section 3.2.1); the derivative
-    /// is its inverse.
+    /// Product rectangle: constant over a step, with the value at its end. Order 1. Costs O(n) per step. The derivative
+    /// is the inverse of the integral.
     Rectangle,
+    /// Time-scaled trapezoid: constant over a step, with the mean of the values at both ends, so that the integral is the ordinary
+    /// trapezoidal sum over steps of `((t_n - t_(j-1))^k - (t_n - t_j)^k) / Gamma(1 + k)`: the sampling time scaling of C. Ma and Y. Hori,
+    /// "The time-scaled trapezoidal integration rule for discrete fractional order controllers", Nonlinear Dynamics 38 (2004)
+    /// 171-180, which Kobayashi et al. 2010 apply to loads (section 3.2.1). Order 1 + k for the integral; the derivative is that of
+    /// [`Trapezoid`](Rule::Trapezoid). Costs O(n) per step. As its new value counts by half, an unknown integrand that is solved for
+    /// step by step, as the reaction at a prescribed displacement is, alternates about the solution without decay.
+    TimeScaledTrapezoid,
     /// Product trapezoid: linear over a step. Order 2 for the integral, 2 - k for the derivative (L1 rule); exact for
     /// piecewise linear functions. Costs O(n) per step.
     Trapezoid,

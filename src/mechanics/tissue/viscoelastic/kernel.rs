@@ -18,6 +18,8 @@ pub(super) fn of_jump(nu: f64, t: f64) -> f64 {
 pub(super) enum Basis {
     /// Constant, with the value at the end.
     Constant,
+    /// Constant, with the mean of both values.
+    Mean,
     /// Linear between both values.
     Linear,
 }
@@ -63,10 +65,15 @@ impl Moments {
         let x = step / lag;
         let rest = near / lag;
         let log = if x < SERIES { (-x).ln_1p() } else { rest.ln() };
+        let zeroth = -power * (k * log).exp_m1();
         match self.basis {
             Basis::Constant => Ends {
                 start: 0.0,
-                end: -power * (k * log).exp_m1(),
+                end: zeroth,
+            },
+            Basis::Mean => Ends {
+                start: 0.5 * zeroth,
+                end: 0.5 * zeroth,
             },
             Basis::Linear => {
                 let [start, end] = if x < SERIES {

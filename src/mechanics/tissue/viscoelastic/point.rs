@@ -21,12 +21,12 @@ pub use respond::{Loading, Method, Response};
 
 use crate::base::range::OutOfRange;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use super::HistoryError;
 
 /// Relation of stiffness and memory.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Structure {
     /// Stiffness times the rate is the stress, as Kobayashi et al. 2010 (equation 4) state the material law.

@@ -25,8 +25,9 @@ impl Rule {
                 let inner = Full::new(Basis::Constant, k, &zero);
                 Box::new(Inverse::new(k, initial, Box::new(inner)))
             }
+            (Rule::TimeScaledTrapezoid, Operator::Integral(k)) => Box::new(Full::new(Basis::Mean, k, initial)),
             (Rule::Trapezoid, Operator::Integral(k)) => Box::new(Full::new(Basis::Linear, k, initial)),
-            (Rule::Trapezoid, Operator::Derivative(k)) => {
+            (Rule::Trapezoid | Rule::TimeScaledTrapezoid, Operator::Derivative(k)) => {
                 let inner = Full::new(Basis::Constant, 1.0 - k, &zero);
                 Box::new(Slopes::new(k, initial, Box::new(inner)))
             }

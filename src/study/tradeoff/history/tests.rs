@@ -15,8 +15,8 @@ fn every_rule_comes_near_the_exact_law_with_its_order() {
     assert_eq!(last, 1.0);
     let json = study.json();
     let rows = json["tables"]["history"]["rows"].as_array().unwrap();
-    // Six rules on equal steps, all but one on unequal ones, twice.
-    assert_eq!(rows.len(), 22);
+    // Seven rules on equal steps, all but one on unequal ones, twice.
+    assert_eq!(rows.len(), 26);
     let error = |rule: &str, lengths: &str, count: &str| {
         let of = rows
             .iter()
@@ -25,6 +25,7 @@ fn every_rule_comes_near_the_exact_law_with_its_order() {
     };
     for (rule, order) in [
         ("rectangle", 1.0),
+        ("time-scaled trapezoid", 1.0 + options.order),
         ("Gruenwald-Letnikov", 1.0),
         ("trapezoid", 2.0),
         ("exponentials, 1e-10", 2.0),

@@ -6,11 +6,12 @@ const SPAN: Span = Span {
     longest_s: 1e4,
     tolerance: 1e-10,
 };
-const RULES: [Rule; 4] = [
+const RULES: [Rule; 5] = [
     Rule::Rectangle,
     Rule::Trapezoid,
     Rule::GruenwaldLetnikov,
     Rule::Exponentials(SPAN),
+    Rule::TimeScaledTrapezoid,
 ];
 const ORDERS: [f64; 6] = [0.0, 1e-3, 0.1, 0.5, 0.999, 1.0];
 const OPERATORS: [fn(f64) -> Operator; 2] = [Operator::Integral, Operator::Derivative];

@@ -18,6 +18,8 @@ use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 pub enum Method {
     /// Product rectangle: integrand constant over a step, order 1.
     Rectangle,
+    /// Time-scaled trapezoid of Ma and Hori 2004: integrand constant over a step, the mean of its ends, order 1 + k.
+    TimeScaledTrapezoid,
     /// Product trapezoid: integrand linear over a step, order 2.
     Trapezoid,
     /// Gruenwald-Letnikov difference quotient, order 1: the times must be equally spaced.
@@ -261,6 +263,7 @@ fn rule(loading: &Loading, method: Method, division: Division) -> Rule {
     let times = &loading.time_s;
     match method {
         Method::Rectangle => Rule::Rectangle,
+        Method::TimeScaledTrapezoid => Rule::TimeScaledTrapezoid,
         Method::Trapezoid => Rule::Trapezoid,
         Method::GruenwaldLetnikov => Rule::GruenwaldLetnikov,
         Method::Exponentials => {

@@ -12,8 +12,9 @@ const LIVER: Point = Point {
     },
     structure: Structure::Rate,
 };
-const METHODS: [Method; 4] = [
+const METHODS: [Method; 5] = [
     Method::Rectangle,
+    Method::TimeScaledTrapezoid,
     Method::Trapezoid,
     Method::GruenwaldLetnikov,
     Method::Exponentials,

@@ -12,7 +12,7 @@ const FIRST: usize = 8;
 fn most(method: Method) -> usize {
     match method {
         // Every step weighs all values before it, with weights that differ from those of the previous step.
-        Method::Rectangle | Method::Trapezoid => 1 << 12,
+        Method::Rectangle | Method::TimeScaledTrapezoid | Method::Trapezoid => 1 << 12,
         Method::GruenwaldLetnikov => 1 << 15,
         Method::Exponentials => 1 << 17,
     }

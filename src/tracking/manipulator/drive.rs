@@ -1,0 +1,205 @@
+//! Drive of a slide by a flexible rack, after Kobayashi et al. 2010 (section 2.2, figures 2 and 3): a motor with an input pinion pushes and
+//! pulls a flexible rack in a guide tube; the rack turns an output pinion on a ball screw, whose flange is the slide.
+//!
+//! The rack has a dead band (clearance of teeth and tube, buckling) and a stiffness. With the travel u of the input and v of the output, the rack
+//! transmits `k (|u - v| - b/2)`, and the output moves while that exceeds what resists: friction of the tube and the load through the
+//! screw. The lost motion u - v is therefore `b/2 + R/k` while pushing and as much the other way while pulling. The screw is
+//! self-locking: an output at rest stays where it is whatever the load. An encoder on the screw measures the output, and a PI controller
+//! at 1 kHz with the commanded speed fed forward sets the speed of the motor, which follows without delay. Kobayashi et al. 2010 give none of the numbers: the defaults are choices.
+
+use std::f64::consts::TAU;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::{Guide, Posture};
+use crate::tracking::TrackingError;
+
+/// Period of the controller, s.
+pub const PERIOD_S: f64 = 1e-3;
+
+/// Control of the slides.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Control {
+    /// PI control on the encoder of the output.
+    #[default]
+    ClosedLoop,
+    /// The motor makes the commanded motion, without regard to the output.
+    OpenLoop,
+    /// The slides are where they are commanded to be.
+    Ideal,
+}
+
+/// Flexible rack, ball screw, encoder and controller of a slide.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct Drive {
+    /// Dead band of the rack, mm of its travel (0 to 50). Default 4.
+    pub dead_band_mm: f64,
+    /// Stiffness of the rack, N/mm (0.01 to 1e6). Default 2.
+    pub stiffness_n_per_mm: f64,
+    /// Friction of the rack in its guide tube, N (0 to 1000). Default 3.
+    pub friction_n: f64,
+    /// Pitch radius of the pinions, mm (0.5 to 100). Default 4.
+    pub pinion_mm: f64,
+    /// Lead of the ball screw, mm a turn (0.1 to 50). Default 2.
+    pub lead_mm: f64,
+    /// Efficiency of the screw (0.01 to 0.5: self-locking). Default 0.3.
+    pub efficiency: f64,
+    /// Counts of the encoder a turn (1 to 1e6). Default 2000: 1 um.
+    pub counts_per_turn: f64,
+    /// Proportional gain, 1/s (0 to 1000). Default 100.
+    pub proportional_per_s: f64,
+    /// Integral gain, 1/s^2 (0 to 1e5). Default 500.
+    pub integral_per_s2: f64,
+    /// Highest speed of a slide, mm/s (0.1 to 1000). Default 20.
+    pub speed_mm_s: f64,
+    /// Force on the needle against its insertion, N (0 to 100): the lost motion of slide III depends on it. Default 0.
+    pub load_n: f64,
+}
+
+impl Default for Drive {
+    fn default() -> Self {
+        Self {
+            dead_band_mm: 4.0,
+            stiffness_n_per_mm: 2.0,
+            friction_n: 3.0,
+            pinion_mm: 4.0,
+            lead_mm: 2.0,
+            efficiency: 0.3,
+            counts_per_turn: 2000.0,
+            proportional_per_s: 100.0,
+            integral_per_s2: 500.0,
+            speed_mm_s: 20.0,
+            load_n: 0.0,
+        }
+    }
+}
+
+impl Drive {
+    /// Checks every number against its range.
+    ///
+    /// # Errors
+    /// [`TrackingError`] with the key.
+    pub fn check(&self) -> Result<(), TrackingError> {
+        let numbers = [
+            ("dead_band_mm", self.dead_band_mm, [0.0, 50.0]),
+            ("stiffness_n_per_mm", self.stiffness_n_per_mm, [0.01, 1e6]),
+            ("friction_n", self.friction_n, [0.0, 1000.0]),
+            ("pinion_mm", self.pinion_mm, [0.5, 100.0]),
+            ("lead_mm", self.lead_mm, [0.1, 50.0]),
+            ("efficiency", self.efficiency, [0.01, 0.5]),
+            ("counts_per_turn", self.counts_per_turn, [1.0, 1e6]),
+            ("proportional_per_s", self.proportional_per_s, [0.0, 1000.0]),
+            ("integral_per_s2", self.integral_per_s2, [0.0, 1e5]),
+            ("speed_mm_s", self.speed_mm_s, [0.1, 1000.0]),
+            ("load_n", self.load_n, [0.0, 100.0]),
+        ];
+        for (key, found, range) in numbers {
+            crate::tracking::error::within("manipulator.drive", key, found, range)?;
+        }
+        Ok(())
+    }
+
+    /// Travel of the slide for a travel of the rack of 1 mm, mm: `lead / (2 pi r)`.
+    pub fn reduction(&self) -> f64 {
+        self.lead_mm / (TAU * self.pinion_mm)
+    }
+
+    /// Lost motion while the rack pushes (0) or pulls (1) against a load, mm of the rack's travel.
+    pub fn lost_mm(&self, load_n: f64) -> [f64; 2] {
+        let through = load_n * self.reduction() / self.efficiency;
+        [through, -through]
+            .map(|by| 0.5 * self.dead_band_mm + (self.friction_n + by).max(0.0) / self.stiffness_n_per_mm)
+    }
+}
+
+/// State of a slide and its drive.
+#[derive(Clone, Copy, Debug, Default)]
+struct Slide {
+    /// Travel of the rack at the input, mm.
+    input_mm: f64,
+    /// Travel of the rack at the output, mm.
+    output_mm: f64,
+    /// Integral of the control error, mm s.
+    integral: f64,
+}
+
+impl Slide {
+    /// One period of the controller towards a command (mm of the slide, mm/s); returns the place of the slide.
+    fn step(&mut self, drive: &Drive, open: bool, load_n: f64, command_mm: f64, rate_mm_s: f64) -> f64 {
+        let ratio = drive.reduction();
+        if open {
+            self.input_mm = command_mm / ratio;
+        } else {
+            let count = drive.lead_mm / drive.counts_per_turn;
+            let measured = (self.output_mm * ratio / count).round() * count;
+            let error = command_mm - measured;
+            let asked = rate_mm_s + drive.proportional_per_s * error + drive.integral_per_s2 * self.integral;
+            let speed = asked.clamp(-drive.speed_mm_s, drive.speed_mm_s);
+            // Against wind-up, the integral waits while the motor runs at its highest speed.
+            if speed == asked {
+                self.integral += error * PERIOD_S;
+            }
+            self.input_mm += speed / ratio * PERIOD_S;
+        }
+        let [push, pull] = drive.lost_mm(load_n);
+        self.output_mm = self.output_mm.clamp(self.input_mm - push, self.input_mm + pull);
+        self.output_mm * ratio
+    }
+}
+
+/// Command and outcome of a period of the controller.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Driven {
+    /// Time, s.
+    pub time_s: f64,
+    /// Commanded posture.
+    pub command: Posture,
+    /// Posture of the guide.
+    pub posture: Posture,
+    /// Lost motion of each slide: travel of the rack at the input less that at the output, in mm of the slide.
+    pub lost_mm: [f64; 3],
+}
+
+/// Follows commanded postures, one per [`PERIOD_S`] from `start_s` on; the guide is at the first of them at rest, in the middle of the dead bands.
+///
+/// # Errors
+/// [`TrackingError`] for a posture out of range.
+pub fn follow(
+    guide: &Guide,
+    drive: &Drive,
+    control: Control,
+    start_s: f64,
+    commands: &[Posture],
+) -> Result<Vec<Driven>, TrackingError> {
+    let Some(first) = commands.first() else {
+        return Ok(Vec::new());
+    };
+    let (from, ratio) = (guide.slides(first)?, drive.reduction());
+    let loads = [0.0, 0.0, drive.load_n];
+    let mut slides = [Slide::default(); 3];
+    let mut before = [0.0; 3];
+    let mut all = Vec::with_capacity(commands.len());
+    for (at, command) in commands.iter().enumerate() {
+        let wanted = guide.slides(command)?;
+        let mut places = wanted;
+        if control != Control::Ideal {
+            for axis in 0..3 {
+                let to = wanted[axis] - from[axis];
+                let rate = (to - before[axis]) / PERIOD_S;
+                before[axis] = to;
+                places[axis] =
+                    from[axis] + slides[axis].step(drive, control == Control::OpenLoop, loads[axis], to, rate);
+            }
+        }
+        all.push(Driven {
+            time_s: start_s + at as f64 * PERIOD_S,
+            command: *command,
+            posture: guide.at(places)?,
+            lost_mm: slides.map(|slide| (slide.input_mm - slide.output_mm) * ratio),
+        });
+    }
+    Ok(all)
+}
