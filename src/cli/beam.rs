@@ -1,6 +1,7 @@
 //! `insonify beam`: a needle with a moved base in stiffening tissue.
 
 mod fit;
+mod measure;
 mod studies;
 
 use std::path::PathBuf;
@@ -45,6 +46,8 @@ Examples:
   insonify beam compression case.toml -o out       compression of the tissue by layer and over depth
   insonify beam map case.toml --tip-mm -2,-1       which RCM for a correction of the tip: base motion, compression, force
   insonify beam sensitivity case.toml              what uncertain mu, alpha and t0 do to tip, COM and RCM
+  insonify beam measure rest.nii.gz moved.nii.gz --markers design.csv --case case.toml -o moved.toml   a needle in CT
+  insonify beam compare moved.toml                 measured against computed: tip, shape, RCM, COM
   insonify beam fit points.csv                     materials from measured stretch and stress
   insonify beam table                              Table I of Wang et al. 2023 beside this program's values
   insonify tradeoff beam                           what elements, friction and the choice of model do to the tip
@@ -71,6 +74,8 @@ pub struct Beam {
 #[derive(Subcommand)]
 enum Task {
     Inverse(Inverse),
+    Measure(measure::Measure),
+    Compare(measure::Compare),
     Compression(studies::Compression),
     Map(studies::Map),
     Sensitivity(studies::Sensitivity),
@@ -83,6 +88,8 @@ impl Beam {
         match &self.task {
             None => self.bend.run(),
             Some(Task::Inverse(inverse)) => inverse.run(),
+            Some(Task::Measure(measure)) => measure.run(),
+            Some(Task::Compare(compare)) => compare.run(),
             Some(Task::Compression(compression)) => compression.run(),
             Some(Task::Map(map)) => map.run(),
             Some(Task::Sensitivity(sensitivity)) => sensitivity.run(),

@@ -1,7 +1,10 @@
 //! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a 1 mm steel needle in a phantom and in
-//! porcine muscle, beside the values computed here. [`case`] studies a user's own needle.
+//! porcine muscle, beside the values computed here. [`case`] studies a user's own needle, [`measure`] finds needles in CT, and [`compare`]
+//! holds them against computed ones.
 
 pub mod case;
+pub mod compare;
+pub mod measure;
 
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
 use crate::base::report::machine::Machine;

@@ -139,7 +139,9 @@ pub fn place(design: &[Point3<f64>], found: &[Point3<f64>]) -> Result<Placement,
         return Err(few(best.first().map_or(0, Placement::count)));
     };
     let turned = |other: &Placement| first.pose.rotation.angle_to(&other.pose.rotation) > DIFFERENT;
-    let other = best.iter().find(|other| turned(other) && other.rms_mm < 0.5 * (first.rms_mm + TOLERANCE_MM));
+    let other = best
+        .iter()
+        .find(|other| turned(other) && other.rms_mm < 0.5 * (first.rms_mm + TOLERANCE_MM));
     match other {
         None => Ok(first.clone()),
         Some(other) => Err(VolumeError::new(format!(
@@ -179,7 +181,11 @@ fn settled(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize
     for _ in 0..10 {
         let pose = fitted(design, found, &pairs)?;
         let matched = matched(design, found, &pose);
-        let own: Vec<(usize, usize)> = matched.iter().enumerate().filter_map(|(a, i)| Some((a, (*i)?))).collect();
+        let own: Vec<(usize, usize)> = matched
+            .iter()
+            .enumerate()
+            .filter_map(|(a, i)| Some((a, (*i)?)))
+            .collect();
         if own.len() < LEAST_MATCHED {
             return None;
         }
@@ -203,7 +209,10 @@ fn fitted(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize)
     let matrix: Matrix4<f64> = kabsch(&pairs.iter().map(landmark).collect::<Vec<_>>()).ok()?;
     let rotation = Rotation3::from_matrix_unchecked(matrix.fixed_view::<3, 3>(0, 0).into_owned());
     let shift = Translation3::from(matrix.fixed_view::<3, 1>(0, 3).into_owned());
-    Some(Isometry3::from_parts(shift, UnitQuaternion::from_rotation_matrix(&rotation)))
+    Some(Isometry3::from_parts(
+        shift,
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    ))
 }
 
 /// Marker found nearest to each of the design, one to one, within the tolerance.
@@ -228,11 +237,107 @@ fn matched(design: &[Point3<f64>], found: &[Point3<f64>], pose: &Isometry3<f64>)
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Matrix4;
+
     use super::*;
-    use crate::base::random::noise::Noise;
+
+    fn design() -> Vec<Point3<f64>> {
+        let places = [
+            [0.0, -40.0, -30.0],
+            [10.0, 38.0, -28.0],
+            [35.0, -36.0, 25.0],
+            [50.0, 41.0, 12.0],
+            [62.0, -20.0, -31.0],
+            [70.0, 15.0, 29.0],
+            [22.0, 5.0, -33.0],
+        ];
+        places.map(Point3::from).to_vec()
+    }
+
+    fn pose() -> Isometry3<f64> {
+        Isometry3::new(Vector3::new(12.0, -250.0, 900.0), Vector3::new(1.9, -0.4, 0.3))
+    }
+
+    /// The points of a design as they are found, in reverse order.
+    fn found(design: &[Point3<f64>]) -> Vec<Point3<f64>> {
+        design.iter().rev().map(|point| pose() * point).collect()
+    }
 
     #[test]
-    fn placeholder() {
-        let _ = Noise::default;
+    fn markers_are_placed_exactly_whatever_is_missing_or_beside() {
+        let design = design();
+        for left_out in [None, Some(0), Some(4)] {
+            let mut found = found(&design);
+            left_out.map(|at| found.remove(at));
+            found.insert(1, pose() * Point3::new(40.0, 0.0, 0.0));
+            let placement = place(&design, &found).expect("a placement");
+            assert_eq!(placement.count(), design.len() - usize::from(left_out.is_some()));
+            assert!(placement.rms_mm < 1e-9, "{}", placement.rms_mm);
+            let apart = (placement.pose.inverse() * pose()).to_matrix() - Matrix4::identity();
+            assert!(apart.amax() < 1e-9, "{apart}");
+            for (at, matched) in placement.matched.iter().enumerate() {
+                let Some(matched) = matched else { continue };
+                assert!((found[*matched] - pose() * design[at]).norm() < 1e-9);
+            }
+        }
+    }
+
+    /// Neither a mirror image nor half of the markers is taken for the design.
+    #[test]
+    fn what_does_not_match_is_refused() {
+        let design = design();
+        let mirrored: Vec<_> = design.iter().map(|p| Point3::new(-p.x, p.y, p.z)).collect();
+        for (found, words) in [
+            (Vec::new(), "0 of 7"),
+            (found(&design)[..3].to_vec(), "of 3 found"),
+            (found(&mirrored), "of 7 markers match"),
+        ] {
+            let error = place(&design, &found).expect_err(words).to_string();
+            assert!(error.contains(words) && error.contains("at least 4"), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_symmetric_design_is_refused() {
+        let square = [[10.0, 10.0], [-10.0, 10.0], [-10.0, -10.0], [10.0, -10.0]];
+        let square: Vec<_> = square.iter().map(|[x, y]| Point3::new(*x, *y, 0.0)).collect();
+        let error = place(&square, &found(&square)).expect_err("ambiguous").to_string();
+        assert!(error.contains("without symmetry"), "{error}");
+    }
+
+    #[test]
+    fn bodies_have_centres_and_diameters() {
+        let size = [40, 30, 30];
+        let mut image = ScalarImage {
+            size,
+            spacing_mm: [0.5; 3],
+            index_to_world: Matrix4::new_translation(&Vector3::new(-3.0, 7.0, 1.0)) * Matrix4::new_scaling(0.5),
+            data: vec![0.0; size.iter().product()],
+        };
+        // Balls of 4 and 2 mm about voxels; the second lies in a corner.
+        for (centre, radius) in [([12usize, 14, 15], 4.0), ([38, 1, 1], 2.0)] {
+            for (at, value) in image.data.iter_mut().enumerate() {
+                let index = [at % 40, at / 40 % 30, at / 1200];
+                let away = [0, 1, 2].map(|axis| index[axis] as f64 - centre[axis] as f64);
+                if Vector3::from(away).norm() <= radius {
+                    *value = 3000.0;
+                }
+            }
+        }
+        let found = bodies(&image, 1500.0).expect("bodies");
+        assert_eq!(found.len(), 2);
+        let ball = found
+            .iter()
+            .max_by(|a, b| a.diameter_mm.total_cmp(&b.diameter_mm))
+            .expect("a ball");
+        assert!(
+            (ball.centre_mm - Point3::new(3.0, 14.0, 8.5)).norm() < 1e-9,
+            "{}",
+            ball.centre_mm
+        );
+        // Voxels on the boundary count whole.
+        assert!((ball.diameter_mm - 4.0).abs() < 0.2, "{}", ball.diameter_mm);
+        let error = bodies(&image, -1.0).expect_err("too low").to_string();
+        assert!(error.contains("higher threshold"), "{error}");
     }
 }

@@ -266,6 +266,63 @@ impl Case {
         inverse::reach(&mut self.beam()?, wanted).map_err(|error| self.blame(error))
     }
 
+    /// Text of this case with a measured base motion, its lengths (control distance and inserted depth, mm) and the measured shape in place of
+    /// its own. The last layer is made as thick as the needle needs.
+    ///
+    /// # Errors
+    /// [`InputError`] if the result is no valid case.
+    pub fn with_measured(
+        &self,
+        base: &Base,
+        lengths_mm: [f64; 2],
+        shape_mm: &[[f64; 2]],
+    ) -> Result<String, InputError> {
+        let failed = |error: &dyn std::fmt::Display| self.file.wrong_keys("needle", error.to_string(), "a case");
+        let source = self.file.source.as_ref();
+        let mut table: toml::Table = source
+            .map_or("", |source| source.text())
+            .parse()
+            .map_err(|error: toml::de::Error| failed(&error.message()))?;
+        let rounded = |x: f64| toml::Value::Float((x * 1e5).round() / 1e5);
+        let mut part = |name: &str, values: Vec<(&str, toml::Value)>, without: &[&str]| {
+            let entry = table.entry(name).or_insert_with(|| toml::Table::new().into());
+            if let Some(own) = entry.as_table_mut() {
+                without.iter().for_each(|key| drop(own.remove(*key)));
+                own.extend(values.into_iter().map(|(key, value)| (key.to_owned(), value)));
+            }
+        };
+        let shape = shape_mm
+            .iter()
+            .map(|pair| toml::Value::Array(pair.map(rounded).to_vec()));
+        let inserted = rounded(lengths_mm[1]);
+        part(
+            "needle",
+            vec![
+                ("inserted_mm", inserted.clone()),
+                ("measured_mm", shape.collect::<Vec<_>>().into()),
+            ],
+            &[],
+        );
+        let mut motion = vec![
+            ("control_distance_mm", rounded(lengths_mm[0])),
+            ("displacement_mm", rounded(base.displacement_mm)),
+        ];
+        motion.extend(base.slope.map(|slope| ("slope", rounded(slope))));
+        part("base", motion, &["slope", "pivot_mm"]);
+        let above: f64 = self.problem.layers.iter().map(|layer| layer.thickness_mm).sum();
+        let lacking = inserted.as_float().unwrap_or(0.0) - above;
+        let layers = table.get_mut("layer").and_then(toml::Value::as_array_mut);
+        let last = layers
+            .and_then(|layers| layers.last_mut())
+            .and_then(toml::Value::as_table_mut);
+        if let (Some(last), Some(own), true) = (last, self.problem.layers.last(), lacking > 0.0) {
+            last.insert("thickness_mm".to_owned(), (own.thickness_mm + lacking).into());
+        }
+        let text = toml::to_string(&table).map_err(|error| failed(&error))?;
+        CaseFile::parse(&text, "the measured case")?.resolve()?;
+        Ok(text)
+    }
+
     fn beam(&self) -> Result<FoundationBeam, InputError> {
         let key = |error: &OutOfRange| format!("needle.{}", error.key);
         FoundationBeam::new(&self.problem).map_err(|error| self.file.number(key(&error), error))
