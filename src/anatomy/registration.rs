@@ -4,6 +4,7 @@
 //! Both stages minimise the distances of mapped surface points from the skin of the volume along its normals (Y. Chen and G. Medioni,
 //! Image and Vision Computing 10, 1992). The map leads from the world to the volume, so that slicing needs no inverse.
 
+pub mod markers;
 pub mod report;
 mod resample;
 pub mod skin;

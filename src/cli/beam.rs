@@ -1,6 +1,8 @@
 //! `insonify beam`: a needle with a moved base in stiffening tissue.
 
 mod fit;
+mod measure;
+mod studies;
 
 use std::path::PathBuf;
 
@@ -19,11 +21,11 @@ const EXAMPLES: &str = "\
 The case file names the needle, how its base is moved, and layers of tissue from the entry on:
   [needle]
   young_gpa = 200.0            # steel
-  diameter_mm = 1.0            # also: inserted_mm, default through all layers
+  diameter_mm = 1.0            # also: inner_diameter_mm; inserted_mm, default through all layers
   [base]
   control_distance_mm = 20.0   # from the base to the point of entry
   displacement_mm = 15.0
-  slope = -0.4                 # without it the base turns freely
+  slope = -0.4                 # without it the base turns freely, about an axis pivot_mm behind it (default 0)
   [mesh]
   element_mm = 1.0
   [[layer]]
@@ -41,6 +43,11 @@ Examples:
   insonify beam case.toml -o shape.svg             and a plot of it
   insonify beam case.toml --json | jq .com_mm
   insonify beam inverse case.toml --com-mm 40      the base motion that puts the centre of motion there
+  insonify beam compression case.toml -o out       compression of the tissue by layer and over depth
+  insonify beam map case.toml --tip-mm -2,-1       which RCM for a correction of the tip: base motion, compression, force
+  insonify beam sensitivity case.toml              what uncertain mu, alpha and t0 do to tip, COM and RCM
+  insonify beam measure rest.nii.gz moved.nii.gz --markers design.csv --case case.toml -o moved.toml   a needle in CT
+  insonify beam compare moved.toml                 measured against computed: tip, shape, RCM, COM
   insonify beam fit points.csv                     materials from measured stretch and stress
   insonify beam table                              Table I of Wang et al. 2023 beside this program's values
   insonify tradeoff beam                           what elements, friction and the choice of model do to the tip
@@ -67,6 +74,11 @@ pub struct Beam {
 #[derive(Subcommand)]
 enum Task {
     Inverse(Inverse),
+    Measure(measure::Measure),
+    Compare(measure::Compare),
+    Compression(studies::Compression),
+    Map(studies::Map),
+    Sensitivity(studies::Sensitivity),
     Fit(fit::Fit),
     Table(Table),
 }
@@ -76,6 +88,11 @@ impl Beam {
         match &self.task {
             None => self.bend.run(),
             Some(Task::Inverse(inverse)) => inverse.run(),
+            Some(Task::Measure(measure)) => measure.run(),
+            Some(Task::Compare(compare)) => compare.run(),
+            Some(Task::Compression(compression)) => compression.run(),
+            Some(Task::Map(map)) => map.run(),
+            Some(Task::Sensitivity(sensitivity)) => sensitivity.run(),
             Some(Task::Fit(fit)) => fit.run(),
             Some(Task::Table(table)) => table.run(),
         }
@@ -153,8 +170,12 @@ Examples:
   insonify beam inverse case.toml --tip-mm -2 --rcm-mm 0  the base turns about the point of entry
   insonify beam inverse case.toml --com-mm 40             the displacement of the case; which slope, so which RCM?
   insonify beam inverse case.toml --tip-mm -2 --com-mm 40 both displacement and slope are found
+  insonify beam inverse case.toml --tip-mm -2 --least-compression   about the RCM that compresses the tissue least
 
-JSON: displacement_mm, slope, and what `insonify beam CASE.toml --json` prints of the needle then.
+A layer with `min_compression_ratio` must not be compressed beyond it: motions that do so are refused. --least-compression finds the motion
+for which the largest share that a layer has of its limit is least.
+
+JSON: displacement_mm, slope (with `pivot_mm` also axis_displacement_mm), and what `insonify beam CASE.toml --json` prints of the needle then.
 Exit status: 0 found; 2 there is no such motion, or a file is wrong.";
 
 /// Finds the base motion for a wanted deflection of the tip or a wanted centre of motion
@@ -178,6 +199,9 @@ pub struct Inverse {
     /// With --tip-mm: the base rotates about this point, mm below the entry
     #[arg(long, value_name = "MM", allow_negative_numbers = true, conflicts_with = "com_mm")]
     rcm_mm: Option<f64>,
+    /// With --tip-mm: the base moves so that the tissue is compressed least
+    #[arg(long, conflicts_with_all = ["com_mm", "rcm_mm"])]
+    least_compression: bool,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -223,6 +247,7 @@ impl Inverse {
         };
         let wanted = match (self.tip_mm, self.com_mm) {
             (Some(tip_mm), Some(com_mm)) => Wanted::TipAndCentre { tip_mm, com_mm },
+            (Some(tip_mm), None) if self.least_compression => Wanted::TipLeast { tip_mm },
             (Some(tip_mm), None) => match self.rcm_mm.map_or_else(own_rcm, |rcm| Ok(Some(rcm)))? {
                 Some(rcm_mm) => Wanted::TipAbout { tip_mm, rcm_mm },
                 None => Wanted::TipFree { tip_mm },
@@ -233,20 +258,26 @@ impl Inverse {
             },
             (None, None) => return Err(Failure::usage("nothing is wanted", "say --tip-mm, --com-mm or both")),
         };
-        let (_, shape) = case.find(&wanted)?;
+        let (driven, shape) = case.find(&wanted)?;
         if let Some(output) = &self.output {
             output::plot(output, &plot(&case, &shape))?;
         }
         let (base, report) = (&shape.points[0], Report::new(&shape));
         if self.json {
             let mut all = json!({ "displacement_mm": base.u_mm, "slope": base.slope });
+            if driven.slope.is_none() && case.problem.pivot_mm > 0.0 {
+                all["axis_displacement_mm"] = json!(driven.displacement_mm);
+            }
             let rest = serde_json::to_value(&report).map_err(|error| Failure::Output(error.into()))?;
             if let (Some(all), Some(rest)) = (all.as_object_mut(), rest.as_object()) {
                 all.extend(rest.clone());
             }
             return terminal::emit_json(&all);
         }
-        let motion = format!("displacement {:.6} mm\nslope        {:.6}\n", base.u_mm, base.slope);
+        let mut motion = format!("displacement {:.6} mm\nslope        {:.6}\n", base.u_mm, base.slope);
+        if driven.slope.is_none() && case.problem.pivot_mm > 0.0 {
+            motion += &format!("axis         displaced by {:.6} mm\n", driven.displacement_mm);
+        }
         terminal::emit(&(motion + &report.to_string()))
     }
 }
@@ -260,12 +291,15 @@ Letters 8 (2023) 1343-1350.";
 #[derive(Args)]
 #[command(after_help = SOURCE)]
 pub struct Table {
+    /// Also the RCM of free bases whose rotary axis lies so far behind them
+    #[arg(long, value_name = "MM,...", value_delimiter = ',')]
+    pivot_mm: Vec<f64>,
     #[command(flatten)]
     printed: Printed,
 }
 
 impl Table {
     pub fn run(&self) -> Result<(), Failure> {
-        self.printed.run(|_| Ok(table_one()?))
+        self.printed.run(|_| Ok(table_one(&self.pivot_mm)?))
     }
 }

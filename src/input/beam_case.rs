@@ -11,7 +11,7 @@
 //! assert_eq!(case.solve()?.rcm_mm(), Some(17.5));
 //!
 //! let error = CaseFile::parse(&beam_case::EXAMPLE.replace("slope", "slop"), "beam.toml").unwrap_err();
-//! assert_eq!(error.location(), Some(("beam.toml", 12)));
+//! assert_eq!(error.location(), Some(("beam.toml", 15)));
 //! # Ok::<(), insonify::input::InputError>(())
 //! ```
 
@@ -22,6 +22,7 @@ mod resolve;
 
 pub use file::CaseFile;
 pub use report::{Report, plot};
+pub use resolve::Case;
 
 /// Example case file with every key.
 pub const EXAMPLE: &str = include_str!("../../assets/beam.toml");

@@ -1,5 +1,10 @@
 //! Table I of Wang et al. 2023: remote centres of motion (RCM) and centres of motion (COM) of a 1 mm steel needle in a phantom and in
-//! porcine muscle, beside the values computed here.
+//! porcine muscle, beside the values computed here. [`case`] studies a user's own needle, [`measure`] finds needles in CT, and [`compare`]
+//! holds them against computed ones.
+
+pub mod case;
+pub mod compare;
+pub mod measure;
 
 use super::tradeoff::{Axis, Factor, Figure, Study, Table};
 use crate::base::report::machine::Machine;
@@ -72,6 +77,7 @@ pub fn problem(
     Problem {
         bending_nmm2: bending_stiffness_nmm2(200.0, 1.0),
         control_distance_mm,
+        pivot_mm: 0.0,
         inserted_mm,
         layers: vec![Layer {
             thickness_mm: inserted_mm,
@@ -79,6 +85,7 @@ pub fn problem(
             compression,
             initial_length_mm: INITIAL_LENGTH_MM,
             friction: 0.0,
+            least_ratio: 0.0,
         }],
         element_mm,
     }
@@ -93,11 +100,12 @@ const fn axis(key: &'static str, heading: &'static str, label: &'static str) -> 
     }
 }
 
-/// Reproduces the table: the COM of a base driven with the published mean RCM, and the RCM of a base that is free to rotate.
+/// Reproduces the table: the COM of a base driven with the published mean RCM, and the RCM of a base that is free to rotate; also on axes
+/// behind the base (`arms_mm`).
 ///
 /// # Errors
 /// [`BeamError`] if a needle shape cannot be solved.
-pub fn table_one() -> Result<Study, BeamError> {
+pub fn table_one(arms_mm: &[f64]) -> Result<Study, BeamError> {
     let factor = |key, label| Factor { key, label };
     let factors = [
         factor("tissue", "tissue"),
@@ -163,7 +171,9 @@ pub fn table_one() -> Result<Study, BeamError> {
             ),
         ],
         machine: Machine::here(),
-        tables: vec![table],
+        tables: std::iter::once(Ok(table))
+            .chain((!arms_mm.is_empty()).then(|| axis_table(arms_mm)))
+            .collect::<Result<_, _>>()?,
         figures: vec![table_one_figure()],
         notes: vec![
             format!("with tissue of 30 mm, or linear tissue, no COM here moves by more than {depends:.1} mm"),
@@ -172,6 +182,50 @@ pub fn table_one() -> Result<Study, BeamError> {
                 .to_owned(),
         ],
     })
+}
+
+/// RCM of a base that turns freely about an axis behind it, as Wang et al.'s rotary stage does (section II-C; they state no distance).
+fn axis_table(arms_mm: &[f64]) -> Result<Table, BeamError> {
+    let factor = |key, label| Factor { key, label };
+    let factors = [
+        factor("tissue", "tissue"),
+        factor("control_distance_mm", "base before entry"),
+        factor("inserted_mm", "depth"),
+        factor("pivot_mm", "axis behind base"),
+    ];
+    let axes = [
+        axis("rcm_published_mm", "RCM published", "RCM as measured, mm"),
+        axis("rcm_mm", "RCM here", "RCM, mm"),
+        axis(
+            "base_share",
+            "base/axis",
+            "displacement of the base over that of the axis",
+        ),
+    ];
+    let title = "RCM of a free base whose axis lies behind it, mm below the entry";
+    let mut table = Table::new("axis", title, &factors, &axes);
+    for (tissue, published) in TISSUES.iter().zip(PUBLISHED) {
+        for (control, published) in CONTROLS_MM.into_iter().zip(published) {
+            for (depth, [published, ..]) in DEPTHS_MM.into_iter().zip(published) {
+                for arm in arms_mm {
+                    let mut problem = problem(tissue.material, tissue.compression, control, depth, ELEMENT_MM);
+                    problem.pivot_mm = *arm;
+                    let mut beam = FoundationBeam::new(&problem)?;
+                    let (mut rcm, mut share) = (0.0, 0.0);
+                    for displacement_mm in DISPLACEMENTS_MM {
+                        let slope = None;
+                        let shape = beam.solve(&Base { displacement_mm, slope })?;
+                        rcm += shape.rcm_mm().unwrap_or(f64::NAN) / DISPLACEMENTS_MM.len() as f64;
+                        share += shape.points[0].u_mm / displacement_mm / DISPLACEMENTS_MM.len() as f64;
+                    }
+                    let lengths = [control, depth, *arm].map(|mm| format!("{mm} mm"));
+                    let choices = [&[tissue.name.to_owned()][..], &lengths[..]].concat();
+                    table.push(choices, [published, rcm, share].map(Some).to_vec(), None);
+                }
+            }
+        }
+    }
+    Ok(table)
 }
 
 fn table_one_figure() -> Figure {

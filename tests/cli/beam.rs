@@ -196,6 +196,89 @@ fn base_motions_are_found_for_what_is_wanted() {
     }
 }
 
+/// Limits of layers refuse a motion with their line; another motion keeps them.
+#[test]
+fn limits_of_compression_are_kept() {
+    let bench = bench();
+    let limited = CASE.replacen("friction = 0.1", "friction = 0.1\nmin_compression_ratio = 0.93", 1);
+    bench.write("limited.toml", &limited);
+    bench
+        .run("beam inverse limited.toml --tip-mm -2 -o shape.svg")
+        .fails(2, &["limited.toml, line 18", "layer 1", "0.93"]);
+    let least = bench
+        .run("beam inverse limited.toml --tip-mm -2 --least-compression --json")
+        .json();
+    assert!((number(&least, "tip_mm") + 2.0).abs() < 1e-8);
+    bench.write("tight.toml", &limited.replace("0.93", "0.999"));
+    bench
+        .run("beam inverse tight.toml --tip-mm -2 --least-compression")
+        .fails(2, &["tight.toml, line 18", "by every motion"]);
+    bench
+        .run("beam inverse case.toml --com-mm 40 --least-compression")
+        .fails(2, &["--least-compression"]);
+
+    let axis = CASE.replace("slope = -0.4", "pivot_mm = 40");
+    bench.write("axis.toml", &axis);
+    let found = bench.run("beam inverse axis.toml --tip-mm -1 --json").json();
+    let [base, slope, moved] = ["displacement_mm", "slope", "axis_displacement_mm"].map(|key| number(&found, key));
+    assert!((base - (moved + 40.0 * slope)).abs() < 1e-9, "{found}");
+}
+
+#[test]
+fn a_case_is_studied() {
+    let bench = bench();
+    let json = bench.run("beam compression case.toml --json -o out").json();
+    let layers = json["tables"]["layers"]["rows"].as_array().expect("rows").clone();
+    let bent = bench.run("beam case.toml").text().to_owned();
+    assert!(bent.contains("layer 2      30.0 to 60.0 mm"), "{bent}");
+    assert_eq!((layers.len(), number(&layers[1], "from_mm")), (2, 30.0));
+    assert!(bench.files("out").contains(&"depth.csv".to_owned()));
+
+    let json = bench
+        .run("beam map case.toml --tip-mm -2,1 --rcm-mm 0,20 --json")
+        .json();
+    let rows = json["tables"]["map"]["rows"].as_array().expect("rows").clone();
+    assert_eq!(rows.len(), 8);
+    let ratio = |at: usize| number(&rows[at], "least_ratio");
+    assert!((number(&rows[1], "rcm_mm") - 20.0).abs() < 1e-9 && rows[3]["base"] == "least compression");
+    assert!(ratio(3) >= ratio(0).max(ratio(1)).max(ratio(2)), "{rows:?}");
+    let inverse = bench
+        .run("beam inverse case.toml --tip-mm -2 --rcm-mm 20 --json")
+        .json();
+    assert_eq!(number(&rows[1], "displacement_mm"), number(&inverse, "displacement_mm"));
+
+    let run = "beam sensitivity case.toml --mu-percent 50 --alpha-percent 0 --t0-percent 10 --json";
+    let json = bench.run(run).json();
+    let rows = json["tables"]["sensitivity"]["rows"].as_array().expect("rows").clone();
+    // Three parameters at four values, for all layers and each of two.
+    assert_eq!(rows.len(), 36);
+    let softer = CASE
+        .replace("mu_kpa = 3.63", "mu_kpa = 1.815")
+        .replace("= 3.0\n", "= 1.5\n")
+        .replace("c01_kpa = 1.0", "c01_kpa = 0.5");
+    bench.write("softer.toml", &softer);
+    let softer = bench.run("beam softer.toml --json").json();
+    assert_eq!(number(&rows[0], "percent"), -50.0);
+    assert!((number(&rows[0], "tip_mm") - number(&softer, "tip_mm")).abs() < 1e-12);
+    assert_eq!(number(&rows[4], "tip_change_mm"), 0.0);
+    let ranges = json["tables"]["ranges"]["rows"][0].clone();
+    assert!(
+        number(&ranges, "least") <= number(&rows[0], "tip_mm").min(number(&rows[3], "tip_mm")),
+        "{ranges}"
+    );
+
+    let axes = bench.run("beam table --pivot-mm 0,40 --json").json();
+    assert_eq!(axes["tables"]["axis"]["rows"].as_array().map(Vec::len), Some(24));
+    for (arguments, words) in [
+        ("map case.toml", "--tip-mm"),
+        ("map case.toml --tip-mm nan", "--tip-mm"),
+        ("sensitivity case.toml --mu-percent 100", "below 100"),
+        ("table --pivot-mm=-1", "pivot_mm"),
+    ] {
+        bench.run(&format!("beam {arguments}")).fails(2, &[words]);
+    }
+}
+
 #[test]
 fn materials_are_fitted_to_points() {
     let bench = bench();

@@ -3,6 +3,7 @@
 mod adapters;
 mod bad_input;
 mod beam;
+mod beam_measure;
 mod calibrate;
 mod far;
 mod frames;

@@ -33,16 +33,23 @@ pub struct CaseFile {
 
 document::input_file!(CaseFile, Cause);
 
-/// A solid round rod.
+/// A round rod or tube; its bending stiffness follows from the material and the diameters, or is given.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NeedleSpec {
     /// Young's modulus, GPa (1e-3 to 1e4): 200 for steel.
-    pub young_gpa: f64,
-    /// Diameter, mm (0.01 to 10).
-    pub diameter_mm: f64,
+    pub young_gpa: Option<f64>,
+    /// Outer diameter, mm (0.01 to 10).
+    pub diameter_mm: Option<f64>,
+    /// Inner diameter of a hollow needle, mm (0 to below the outer one). Default 0: solid.
+    pub inner_diameter_mm: Option<f64>,
+    /// Bending stiffness EI, N mm^2 (1e-6 to 1e12), in place of modulus and diameters.
+    pub bending_stiffness_nmm2: Option<f64>,
     /// Depth of the tip, mm (0 to the sum of the layers). Default: that sum.
     pub inserted_mm: Option<f64>,
+    /// Measured shape: pairs of position along the undeflected needle and deflection, mm, from base to tip (`insonify beam measure`).
+    /// It is drawn, and compared with the computed shape (`insonify beam compare`).
+    pub measured_mm: Option<Vec<[f64; 2]>>,
 }
 
 /// Motion of the base.
@@ -51,10 +58,12 @@ pub struct NeedleSpec {
 pub struct BaseSpec {
     /// Distance from the base to the point of entry, mm (0 to 1e4).
     pub control_distance_mm: f64,
-    /// Lateral displacement, mm.
+    /// Lateral displacement, mm; with `pivot_mm` that of the axis.
     pub displacement_mm: f64,
     /// Slope du/dx. Default: the base rotates freely, without moment.
     pub slope: Option<f64>,
+    /// Without `slope`: distance from the base back to the axis about which it rotates freely, mm (0 to 1e4). Default 0.
+    pub pivot_mm: Option<f64>,
 }
 
 /// Discretisation of the needle.
@@ -96,6 +105,10 @@ pub struct LayerSpec {
     /// Friction between needle and tissue (0 to 1). Default 0.
     #[serde(default)]
     pub friction: f64,
+    /// Compression ratio (length over uncompressed length) below which `insonify beam inverse` rejects a motion of the base (0 to below
+    /// 1). Default 0: no limit.
+    #[serde(default)]
+    pub min_compression_ratio: f64,
 }
 
 /// Hyperelastic model.

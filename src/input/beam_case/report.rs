@@ -8,7 +8,7 @@ use super::resolve::Case;
 use crate::base::report::number::decimal;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::table::{Cell, Table};
-use crate::mechanics::needle::beam::Shape;
+use crate::mechanics::needle::beam::{LayerLoad, Shape};
 
 /// Number of rows of the shape in the text report.
 const ROWS: usize = 12;
@@ -36,6 +36,9 @@ pub struct Report {
     hold: [f64; 2],
     #[serde(skip)]
     least_ratio: f64,
+    /// Loads on the layers that the needle reaches.
+    #[serde(skip)]
+    layers: Vec<LayerLoad>,
 }
 
 /// A node of the needle.
@@ -69,6 +72,7 @@ impl Report {
             shape: nodes.collect(),
             hold: [shape.base_force_n, shape.base_moment_nmm],
             least_ratio: shape.least_ratio,
+            layers: shape.layers.clone(),
         }
     }
 }
@@ -86,6 +90,17 @@ impl fmt::Display for Report {
         let [force, moment] = self.hold.map(|it| decimal(it, 6));
         writeln!(f, "base         {force} N, {moment} N mm")?;
         writeln!(f, "compression  to {:.4} of the tissue's length", self.least_ratio)?;
+        for load in &self.layers {
+            let [from, to] = load.depths_mm.map(|depth| decimal(depth, 1));
+            let (name, force) = (format!("layer {}", load.layer + 1), decimal(load.force_n, 4));
+            write!(
+                f,
+                "{name:<12} {from} to {to} mm: to {:.4} of its length",
+                load.least_ratio
+            )?;
+            let [at, most] = [decimal(load.least_at_mm, 1), decimal(load.most_n_per_mm, 4)];
+            writeln!(f, " at {at} mm, at most {most} N/mm, {force} N in all")?;
+        }
         writeln!(
             f,
             "residual     {:.1e}, {} Newton steps\n",
@@ -135,6 +150,9 @@ pub fn plot(case: &Case, shape: &Shape) -> Plot {
         Series::line("where the base points", 4, vec![[base.x_mm, base.u_mm], end]),
         Series::line("needle", 0, needle),
     ]);
+    if !case.measured_mm.is_empty() {
+        series.push(Series::line("measured", 3, case.measured_mm.clone()));
+    }
     for (name, depth, colour) in [("RCM", shape.rcm_mm(), 1), ("COM", shape.com_mm(), 2)] {
         series.extend(depth.map(|depth| Series::points(name, colour, Marker::Disc, vec![[depth, 0.0]])));
     }

@@ -74,6 +74,36 @@ fn what_is_wrong_is_shown_with_its_line() {
         ),
         ("# inserted_mm = 60.0 ", "inserted_mm = 61.0 ", "# inserted_mm", "60 mm"),
         ("slope = -0.4", "slop = -0.4", "slope", "slop"),
+        (
+            "# pivot_mm = 40.0 ",
+            "pivot_mm = 40.0 ",
+            "# pivot_mm",
+            "only a base that rotates freely",
+        ),
+        (
+            "# inner_diameter_mm = 0.7 ",
+            "inner_diameter_mm = 1.0 ",
+            "# inner",
+            "outer diameter, 1 mm",
+        ),
+        (
+            "# bending_stiffness_nmm2",
+            "bending_stiffness_nmm2",
+            "young_gpa",
+            "one of them",
+        ),
+        (
+            "# measured_mm = [[-20",
+            "measured_mm = [[70",
+            "# measured_mm",
+            "positions rising",
+        ),
+        (
+            "# min_compression_ratio = 0.8",
+            "min_compression_ratio = 1.0",
+            "# min_compression_ratio",
+            "below 1",
+        ),
     ];
     for (from, to, line, words) in cases {
         let error = changed(from, to).map(drop).expect_err(to);
@@ -83,6 +113,27 @@ fn what_is_wrong_is_shown_with_its_line() {
     }
     let none = CaseFile::parse(EXAMPLE.split("[[layer]]").next().expect("a part"), "x").and_then(CaseFile::resolve);
     assert!(none.map(drop).expect_err("refused").to_string().contains("`[[layer]]`"));
+}
+
+/// A tube of 1 and 0.7 mm has the stiffness of its ring: 200 GPa pi (1 - 0.7^4)/64 mm^4.
+#[test]
+fn hollow_needles_bend_more_and_a_stiffness_may_be_given() {
+    let bending = |from: &str, to: &str| changed(from, to).expect(to).problem.bending_nmm2;
+    let tube = bending("# inner_diameter_mm = 0.7 ", "inner_diameter_mm = 0.7 ");
+    assert!((tube - 9817.477 * (1.0 - 0.2401)).abs() < 1e-3, "{tube}");
+    let given = bending(
+        "young_gpa = 200.0             # steel\ndiameter_mm = 1.0",
+        "bending_stiffness_nmm2 = 5000",
+    );
+    assert_eq!(given, 5000.0);
+    let none = changed("diameter_mm = 1.0", "")
+        .map(drop)
+        .expect_err("no diameter")
+        .to_string();
+    assert!(
+        none.contains("no `diameter_mm`") && none.contains("bending_stiffness_nmm2"),
+        "{none}"
+    );
 }
 
 /// Solver errors are reported with a key too.

@@ -38,7 +38,7 @@ mod sweep;
 pub use material::{Compression, Material};
 pub use newton::FoundationBeam;
 pub use problem::{Base, Layer, Problem, bending_stiffness_nmm2};
-pub use shape::Shape;
+pub use shape::{LayerLoad, Shape};
 
 /// Convergence tolerance: largest residual moment at any element's ends, as a share of the largest moment.
 pub const TOLERANCE: f64 = 1e-10;
@@ -88,6 +88,24 @@ pub enum BeamError {
     NoMotion {
         /// Largest distance from the goals, mm.
         miss_mm: f64,
+    },
+    /// A layer is compressed beyond its limit.
+    #[error(
+        "layer {layer} is compressed beyond its limit{}: found {ratio:.3} of its length {depth_mm:.2} mm below the entry; expected \
+         at least {least}",
+        if *always { " by every motion of the base that moves the tip so" } else { "" }
+    )]
+    Compressed {
+        /// Number of the layer, from 1.
+        layer: usize,
+        /// Compression ratio.
+        ratio: f64,
+        /// Limit of the compression ratio.
+        least: f64,
+        /// Depth of that tissue, mm from the entry.
+        depth_mm: f64,
+        /// Whether no other motion of the base compresses the layers less.
+        always: bool,
     },
     /// The needle crosses its undeflected line above that depth.
     #[error("no centre of motion at {wanted_mm} mm: a needle that crosses there has crossed at {found_mm} mm before")]

@@ -29,6 +29,7 @@ pub fn layer((material, compression): (Material, Compression), thickness_mm: f64
         compression,
         initial_length_mm: 50.0,
         friction: 0.0,
+        least_ratio: 0.0,
     }
 }
 
@@ -37,6 +38,7 @@ pub fn problem(control_distance_mm: f64, layers: Vec<Layer>) -> Problem {
     Problem {
         bending_nmm2: bending_stiffness_nmm2(200.0, 1.0),
         control_distance_mm,
+        pivot_mm: 0.0,
         inserted_mm: layers.iter().map(|layer| layer.thickness_mm).sum(),
         layers,
         element_mm: 1.0,

@@ -54,3 +54,47 @@ fn the_rcm_of_figure_five_is_exact() {
     let shape = solve(&problem(20.0, layers.to_vec()), &base(15.0, -0.4));
     assert_eq!(shape.rcm_mm(), Some(17.5));
 }
+
+/// The rotary axis of Wang et al.'s stage lies behind the base (section II-C). Natural RCM at 60 mm for a translation of 7.5 mm and arms of 0,
+/// 40 and 80 mm, by another solver (plain Hermite elements of 2 mm with deflections as unknowns), which the free base of this one meets
+/// within 0.2 mm.
+#[test]
+fn an_axis_behind_the_base_moves_the_natural_rcm() {
+    let expected = [
+        (PVC, 20.0, [Some(18.3), Some(11.8), Some(10.1)]),
+        (PVC, 40.0, [Some(10.7), Some(3.9), Some(1.7)]),
+        (PSM, 20.0, [Some(29.1), Some(22.6), None]),
+        (PSM, 40.0, [Some(23.0), Some(16.3), None]),
+    ];
+    for (tissue, control, rcms) in expected {
+        for (arm, expected) in [0.0, 40.0, 80.0].into_iter().zip(rcms) {
+            let mut needle = problem(control, vec![layer(tissue, 60.0)]);
+            needle.pivot_mm = arm;
+            let shape = solve(&needle, &free(7.5));
+            let (base, found) = (shape.points[0], shape.rcm_mm().expect("an RCM"));
+            if let Some(expected) = expected {
+                assert!((found - expected).abs() < 0.2, "{control} {arm}: {found} {expected}");
+            }
+            let share = base.u_mm / 7.5;
+            if arm == 40.0 {
+                assert!((0.425..0.585).contains(&share), "{control}: {share}");
+            }
+            // The arm is rigid, and its axis takes no moment.
+            assert!((base.u_mm - (7.5 + arm * base.slope)).abs() < 1e-12, "{base:?}");
+            let moment = shape.base_moment_nmm + arm * shape.base_force_n;
+            assert!(moment.abs() < 1e-8, "{moment}");
+        }
+    }
+}
+
+/// Without an arm nothing changes, and a short arm changes little.
+#[test]
+fn a_short_arm_is_none() {
+    let mut needle = problem(20.0, vec![layer(PSM, 60.0)]);
+    let without = solve(&needle, &free(10.0));
+    needle.pivot_mm = 1e-6;
+    let with = solve(&needle, &free(10.0));
+    // The slope of about -0.2 times the arm.
+    let apart = (without.tip_mm() - with.tip_mm()).abs();
+    assert!(apart > 0.0 && apart < 1e-6, "{apart}");
+}

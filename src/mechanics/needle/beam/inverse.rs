@@ -1,4 +1,6 @@
-//! Inverse problem: base motion for a given tip or centre of motion (Wang et al. 2023, section III-E).
+//! Inverse problem: base motion for a given tip or centre of motion, within limits of compression (Wang et al. 2023, section III-E).
+
+use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -16,6 +18,9 @@ const STEPS: usize = 60;
 const HALVINGS: usize = 12;
 /// Increment for finite differences: mm, and mm at the needle's tip.
 const NUDGE_MM: f64 = 1e-4;
+/// Number of ratios of slope and displacement tried for the least compression, and of steps of the golden section between the best.
+const RATIOS: usize = 60;
+const SECTIONS: usize = 40;
 
 /// Goal of the base motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,6 +35,12 @@ pub enum Wanted {
     },
     /// Deflection of the tip, with the base turning freely.
     TipFree {
+        /// Deflection of the tip, mm.
+        tip_mm: f64,
+    },
+    /// Deflection of the tip with the least compression of the tissue: that motion of the base, about any centre, for which the largest
+    /// share that a layer has of its limit (of its whole length, without one) is least.
+    TipLeast {
         /// Deflection of the tip, mm.
         tip_mm: f64,
     },
@@ -52,8 +63,32 @@ pub enum Wanted {
 /// Finds the motion of the base, and the resulting shape of the needle.
 ///
 /// # Errors
-/// [`BeamError`].
+/// [`BeamError`]; also if a layer is compressed beyond its limit.
 pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape), BeamError> {
+    let found = reach(beam, wanted)?;
+    let limits = &beam.problem().layers;
+    let over = found
+        .1
+        .layers
+        .iter()
+        .find(|load| load.least_ratio < limits[load.layer].least_ratio);
+    match over {
+        None => Ok(found),
+        Some(load) => Err(BeamError::Compressed {
+            layer: load.layer + 1,
+            ratio: load.least_ratio,
+            least: limits[load.layer].least_ratio,
+            depth_mm: load.least_at_mm,
+            always: matches!(wanted, Wanted::TipLeast { .. }),
+        }),
+    }
+}
+
+/// Finds the motion of the base, and the resulting shape of the needle, even if a layer is compressed beyond its limit.
+///
+/// # Errors
+/// [`BeamError`].
+pub fn reach(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape), BeamError> {
     let inserted = beam.problem().inserted_mm;
     let [distance, length] = [
         beam.problem().control_distance_mm,
@@ -82,6 +117,7 @@ pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape),
             };
             seek(beam, &[(inserted, tip_mm)], &free, &[NUDGE_MM])
         }
+        Wanted::TipLeast { tip_mm } => least_compressing(beam, tip_mm),
         Wanted::Centre {
             com_mm,
             displacement_mm,
@@ -101,6 +137,57 @@ pub fn find(beam: &mut FoundationBeam, wanted: &Wanted) -> Result<(Base, Shape),
             first(seek(beam, &goals, &|c| prescribed(c[0], c[1]), &nudges)?, com_mm)
         }
     }
+}
+
+/// Largest share that a layer has of the compression that its limit allows.
+fn strain_share(beam: &FoundationBeam, shape: &Shape) -> f64 {
+    let limits = &beam.problem().layers;
+    let shares = shape.layers.iter();
+    let shares = shares.map(|load| (1.0 - load.least_ratio) / (1.0 - limits[load.layer].least_ratio));
+    shares.fold(0.0, f64::max)
+}
+
+/// Moves the tip by the motion of the base that compresses the tissue least: displacement and slope times length are in the ratio of
+/// cosine and sine of an angle, which is scanned and then refined by golden sections.
+fn least_compressing(beam: &mut FoundationBeam, tip_mm: f64) -> Result<(Base, Shape), BeamError> {
+    let [distance, inserted] = [beam.problem().control_distance_mm, beam.problem().inserted_mm];
+    let length = (distance + inserted).max(1.0);
+    let mut at = |angle: f64| {
+        let base = |c: &[f64]| Base {
+            displacement_mm: c[0] * angle.cos(),
+            slope: Some(c[0] * angle.sin() / length),
+        };
+        let found = seek(beam, &[(inserted, tip_mm)], &base, &[NUDGE_MM])?;
+        Ok((strain_share(beam, &found.1), found))
+    };
+    let share = |found: &Result<(f64, (Base, Shape)), BeamError>| found.as_ref().map_or(f64::INFINITY, |found| found.0);
+    let width = PI / RATIOS as f64;
+    let mut best = (0.0, at(0.0));
+    for step in 1..RATIOS {
+        let angle = step as f64 * width;
+        let found = at(angle);
+        if share(&found) < share(&best.1) {
+            best = (angle, found);
+        }
+    }
+    let golden = 0.5 * (5.0f64.sqrt() - 1.0);
+    let (mut low, mut high) = (best.0 - width, best.0 + width);
+    let (mut near, mut far) = (high - golden * (high - low), low + golden * (high - low));
+    let (mut at_near, mut at_far) = (at(near), at(far));
+    for _ in 0..SECTIONS {
+        if share(&at_near) < share(&at_far) {
+            (high, far) = (far, near);
+            near = high - golden * (high - low);
+            at_far = std::mem::replace(&mut at_near, at(near));
+        } else {
+            (low, near) = (near, far);
+            far = low + golden * (high - low);
+            at_near = std::mem::replace(&mut at_far, at(far));
+        }
+    }
+    let candidates = [best.1, at_near, at_far];
+    let least = candidates.into_iter().min_by(|a, b| share(a).total_cmp(&share(b)));
+    least.map_or(Err(BeamError::NoMotion { miss_mm: tip_mm.abs() }), |found| Ok(found?.1))
 }
 
 /// Rejects a needle that crosses its undeflected line above the goal.

@@ -28,6 +28,8 @@ struct Crush {
 /// Base and angles of a beam, and derived values.
 #[derive(Clone, Debug, Default)]
 struct State {
+    /// Displacement of the base, or of the axis about which it turns freely, mm.
+    driven: f64,
     angles: Vec<Vector2<f64>>,
     nodes: Vec<Vector2<f64>>,
     loads: Vec<Load>,
@@ -120,6 +122,7 @@ impl FoundationBeam {
 
     fn rest(&mut self) {
         let count = self.elements.len();
+        self.state.driven = 0.0;
         self.state.angles.clear();
         self.state.angles.resize(count, Vector2::zeros());
         self.state.nodes.clear();
@@ -130,20 +133,20 @@ impl FoundationBeam {
 
     /// Makes Newton steps to a share of the base's motion.
     fn reach(&mut self, base: &Base, share: f64, iterations: &mut usize) -> Result<(), Option<Crush>> {
-        let free = base.slope.is_none();
+        let arm = self.arm(base);
         let goal = Vector2::new(base.displacement_mm, base.slope.unwrap_or(0.0)) * share;
         for _ in 0..STEPS {
-            let mut by = goal - self.state.nodes[0];
-            if free {
+            let mut by = goal - Vector2::new(self.state.driven, self.state.nodes[0].y);
+            if arm.is_some() {
                 by.y = 0.0;
             }
             let arrived = by == Vector2::zeros();
-            if arrived && *iterations > 0 && self.residual(free) <= TOLERANCE {
+            if arrived && *iterations > 0 && self.residual(arm) <= TOLERANCE {
                 return Ok(());
             }
             *iterations += 1;
             let State { loads, angles, .. } = &self.state;
-            let push = Push { by, free };
+            let push = Push { by, arm };
             let solved = self.sweep.factor(&self.elements, loads).and_then(|()| {
                 let (sweep, change) = (&mut self.sweep, &mut self.change);
                 sweep.solve(&self.elements, loads, angles, &push, change)
@@ -170,11 +173,13 @@ impl FoundationBeam {
         while part >= SHORTEST {
             self.trial.clone_from(&self.state);
             let (state, change) = (&mut self.trial, &self.change);
-            state.nodes[0] += change.base * part;
+            state.nodes[0].y += change.base.y * part;
+            state.driven += push.by.x * part;
             if part == 1.0 {
-                state.nodes[0].x = goal.x;
-                state.nodes[0].y = if push.free { state.nodes[0].y } else { goal.y };
+                state.driven = goal.x;
+                state.nodes[0].y = if push.arm.is_some() { state.nodes[0].y } else { goal.y };
             }
+            state.nodes[0].x = state.driven + push.arm.unwrap_or(0.0) * state.nodes[0].y;
             let changes = state.angles.iter_mut().zip(&change.angles);
             changes.for_each(|(angles, by)| *angles += by * part);
             match follow(&self.division, &self.elements, &self.beds, state) {
@@ -183,7 +188,7 @@ impl FoundationBeam {
                     crush = None;
                     let push = Push {
                         by: push.by * (1.0 - part),
-                        free: push.free,
+                        arm: push.arm,
                     };
                     let State { loads, angles, .. } = &self.trial;
                     let next = &mut self.next;
@@ -199,11 +204,16 @@ impl FoundationBeam {
         Err(crush)
     }
 
+    /// Returns the distance of the axis of a base that turns freely.
+    fn arm(&self, base: &Base) -> Option<f64> {
+        base.slope.is_none().then_some(self.problem.pivot_mm)
+    }
+
     /// Returns the largest residual moment, as a share of the largest moment.
-    fn residual(&self, free: bool) -> f64 {
+    fn residual(&self, arm: Option<f64>) -> f64 {
         let (mut out, scale, base) = sweep::balance(&self.elements, &self.state.loads, &self.state.angles);
-        if free {
-            out = out.max(base.y.abs());
+        if let Some(arm) = arm {
+            out = out.max((base.y + arm * base.x).abs());
         }
         if out == 0.0 { 0.0 } else { out / scale }
     }
@@ -220,7 +230,7 @@ impl FoundationBeam {
             },
             None => BeamError::NotConverged {
                 share_percent,
-                residual: self.residual(false),
+                residual: self.residual(None),
                 iterations,
             },
         }
@@ -231,12 +241,14 @@ impl FoundationBeam {
         let (_, _, hold) = sweep::balance(&self.elements, loads.0, loads.1);
         let energy = self.elements.iter().zip(&self.state.angles);
         let energy = energy.map(|(element, angles)| 0.5 * angles.dot(&element.moments(angles)));
+        let forces = self.state.loads.iter().map(|load| load.force[0].x + load.force[1].x);
         Shape::new(
             &self.division,
             &self.beds,
             &self.state.nodes,
+            &forces.collect::<Vec<_>>(),
             [hold.x, hold.y, energy.sum()],
-            (self.residual(base.slope.is_none()), iterations),
+            (self.residual(self.arm(base)), iterations),
         )
     }
 }

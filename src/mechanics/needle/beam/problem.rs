@@ -8,7 +8,8 @@ use crate::base::range::{OutOfRange, check};
 /// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1e5;
 
-/// Returns the bending stiffness EI of a solid round rod, N mm^2, from Young's modulus (GPa) and diameter (mm).
+/// Returns the bending stiffness EI of a solid round rod, N mm^2, from Young's modulus (GPa) and diameter (mm). That of a tube is the
+/// difference of two rods.
 pub fn bending_stiffness_nmm2(young_gpa: f64, diameter_mm: f64) -> f64 {
     1e3 * young_gpa * PI * diameter_mm.powi(4) / 64.0
 }
@@ -26,12 +27,14 @@ pub struct Layer {
     pub initial_length_mm: f64,
     /// Friction between needle and tissue, gamma (0 to 1).
     pub friction: f64,
+    /// Compression ratio below which the inverse problem rejects a motion of the base (0 to below 1; 0: no limit).
+    pub least_ratio: f64,
 }
 
 /// Motion of the base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Base {
-    /// Displacement across the needle, mm.
+    /// Displacement across the needle, mm: of the base, or of the axis about which it turns freely.
     pub displacement_mm: f64,
     /// Slope du/dx; `None` if the base turns freely.
     pub slope: Option<f64>,
@@ -44,6 +47,9 @@ pub struct Problem {
     pub bending_nmm2: f64,
     /// Distance from the base to the point of entry, mm (0 to 1e4).
     pub control_distance_mm: f64,
+    /// Distance from the base back to the axis about which it turns freely, mm (0 to 1e4): the rotary stage of Wang et al. 2023. A rigid
+    /// arm joins the two. A prescribed slope has no use for it.
+    pub pivot_mm: f64,
     /// Depth of the tip, mm (0 to the sum of the layers).
     pub inserted_mm: f64,
     /// Layers, from the entry on.
@@ -66,6 +72,8 @@ impl Layer {
         }
         let holds = (0.0..=1.0).contains(&self.friction);
         check("friction", self.friction, holds, "0 to 1")?;
+        let holds = (0.0..1.0).contains(&self.least_ratio);
+        check("min_compression_ratio", self.least_ratio, holds, "0 to below 1")?;
         self.material.check()
     }
 }
@@ -81,6 +89,8 @@ impl Problem {
         check("bending_nmm2", stiffness, holds, "1e-6 to 1e12 N mm^2")?;
         let holds = (0.0..=1e4).contains(&distance);
         check("control_distance_mm", distance, holds, "0 to 1e4 mm")?;
+        let holds = (0.0..=1e4).contains(&self.pivot_mm);
+        check("pivot_mm", self.pivot_mm, holds, "0 to 1e4 mm")?;
         let inserted = self.inserted_mm;
         let sum: f64 = self.layers.iter().map(|layer| layer.thickness_mm).sum();
         // Layers that a user adds up by hand may miss the sum by rounding.
@@ -184,6 +194,7 @@ mod tests {
             compression: Compression::UEng,
             initial_length_mm: 50.0,
             friction: 0.0,
+            least_ratio: 0.0,
         }
     }
 
@@ -192,6 +203,7 @@ mod tests {
         let problem = Problem {
             bending_nmm2: 1e4,
             control_distance_mm: 4.0,
+            pivot_mm: 0.0,
             inserted_mm: 7.3,
             layers: vec![layer(2.5), layer(0.3), layer(3.0), layer(5.0)],
             element_mm: 1.0,

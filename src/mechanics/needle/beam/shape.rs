@@ -23,6 +23,25 @@ pub struct Point {
     /// Reaction of the tissue per length of needle, F, N/mm: it has the sign of the deflection and pushes the needle back.
     /// At layer boundaries, that of the deeper layer; 0 outside the tissue.
     pub reaction_n_per_mm: f64,
+    /// Compression ratio of the tissue (1: not compressed). At layer boundaries, that of the deeper layer; 1 outside the tissue.
+    pub ratio: f64,
+}
+
+/// Load on the part of a layer along the needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LayerLoad {
+    /// Index of the layer, from 0.
+    pub layer: usize,
+    /// Where the layer begins, and where it or the needle ends, mm from the entry.
+    pub depths_mm: [f64; 2],
+    /// Least compression ratio of the tissue at the points.
+    pub least_ratio: f64,
+    /// Depth of that point, mm from the entry.
+    pub least_at_mm: f64,
+    /// Largest magnitude of the reaction per length at the points, N/mm.
+    pub most_n_per_mm: f64,
+    /// Force of the needle on the layer, N, along positive deflections.
+    pub force_n: f64,
 }
 
 /// Shape of a needle whose base has been moved: a cubic between its points.
@@ -36,6 +55,8 @@ pub struct Shape {
     pub base_moment_nmm: f64,
     /// Bending energy, N mm.
     pub bending_energy_nmm: f64,
+    /// Layers that the needle reaches, from the entry on.
+    pub layers: Vec<LayerLoad>,
     /// Least compression ratio of the tissue at the points; 1 without tissue.
     pub least_ratio: f64,
     /// Largest residual moment over the largest moment.
@@ -47,32 +68,36 @@ pub struct Shape {
 }
 
 impl Shape {
-    /// Builds a shape; `sums` are force and moment at the base and the energy, `effort` residual and iterations.
+    /// Builds a shape; `forces` act on the tissue of each element, `sums` are force and moment at the base and the energy, `effort`
+    /// residual and iterations.
     pub(super) fn new(
         division: &Division,
         beds: &[Bed],
         nodes: &[Vector2<f64>],
+        forces: &[f64],
         sums: [f64; 3],
         effort: (f64, usize),
     ) -> Self {
-        let mut least_ratio = 1.0f64;
         let points = nodes.iter().enumerate().map(|(at, node)| {
             let [before, after] = [at.checked_sub(1), Some(at)].map(|element| *division.layers.get(element?)?);
             let bed = after.or(before).map(|layer| &beds[layer]);
-            let reaction = bed.and_then(|bed| {
-                least_ratio = least_ratio.min(foundation::ratio(bed, node.x));
-                foundation::reaction(bed, node.x, node.y)
-            });
+            let reaction = bed.and_then(|bed| foundation::reaction(bed, node.x, node.y));
             Point {
                 x_mm: division.nodes[at],
                 u_mm: node.x,
                 slope: node.y,
                 reaction_n_per_mm: reaction.map_or(0.0, |reaction| reaction.force),
+                ratio: bed.map_or(1.0, |bed| foundation::ratio(bed, node.x)),
             }
         });
         let points = points.collect();
+        let layers = layer_loads(division, beds, nodes, forces);
+        let least_ratio = layers
+            .iter()
+            .fold(1.0, |least: f64, layer| least.min(layer.least_ratio));
         Shape {
             points,
+            layers,
             base_force_n: sums[0],
             base_moment_nmm: sums[1],
             bending_energy_nmm: sums[2],
@@ -127,6 +152,37 @@ impl Shape {
     }
 }
 
+fn layer_loads(division: &Division, beds: &[Bed], nodes: &[Vector2<f64>], forces: &[f64]) -> Vec<LayerLoad> {
+    let mut loads: Vec<LayerLoad> = Vec::new();
+    for (element, layer) in division.layers.iter().enumerate() {
+        let Some(layer) = *layer else { continue };
+        let from_mm = division.nodes[element];
+        if loads.last().is_none_or(|last| last.layer != layer) {
+            loads.push(LayerLoad {
+                layer,
+                depths_mm: [from_mm; 2],
+                least_ratio: 1.0,
+                least_at_mm: from_mm,
+                most_n_per_mm: 0.0,
+                force_n: 0.0,
+            });
+        }
+        let Some(load) = loads.last_mut() else { continue };
+        load.depths_mm[1] = division.nodes[element + 1];
+        load.force_n += forces[element];
+        for node in [element, element + 1] {
+            let (bed, q) = (&beds[layer], &nodes[node]);
+            let ratio = foundation::ratio(bed, q.x);
+            if ratio < load.least_ratio {
+                (load.least_ratio, load.least_at_mm) = (ratio, division.nodes[node]);
+            }
+            let reaction = foundation::reaction(bed, q.x, q.y).map_or(0.0, |reaction| reaction.force.abs());
+            load.most_n_per_mm = load.most_n_per_mm.max(reaction);
+        }
+    }
+    loads
+}
+
 fn between(near: &Point, far: &Point, x_mm: f64) -> [f64; 2] {
     let length = far.x_mm - near.x_mm;
     let (values, slopes) = cubics(length, (x_mm - near.x_mm) / length);
@@ -178,6 +234,7 @@ mod tests {
             u_mm,
             slope,
             reaction_n_per_mm: 0.0,
+            ratio: 1.0,
         };
         first_zero(&point(3.0, u[0], slopes[0]), &point(5.0, u[1], slopes[1]))
     }

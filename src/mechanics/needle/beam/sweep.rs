@@ -93,11 +93,13 @@ pub(super) struct Change {
     pub largest: f64,
 }
 
-/// Increment of the base motion, and whether the slope of the base is free instead.
+/// Increment of the base motion.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Push {
+    /// Displacement and slope; of a free base, displacement of its axis and 0.
     pub by: Vector2<f64>,
-    pub free: bool,
+    /// Distance from a base that turns freely back to its axis, mm; `None` if the slope is prescribed.
+    pub arm: Option<f64>,
 }
 
 impl Sweep {
@@ -144,10 +146,14 @@ impl Sweep {
             beyond = load.force[0] + element.back(&far) - gain.feed * step;
         }
         let mut node = push.by;
-        if push.free {
-            node.y = -(beyond.y + self.base[(1, 0)] * node.x) / self.base[(1, 1)];
+        if let Some(arm) = push.arm {
+            // No moment about the axis, M + arm V = 0, with u = axis + arm u' at the base.
+            let k = &self.base;
+            let turning = k[(1, 1)] + arm * (k[(0, 1)] + k[(1, 0)] + arm * k[(0, 0)]);
+            node.y = -(beyond.y + arm * beyond.x + (k[(1, 0)] + arm * k[(0, 0)]) * node.x) / turning;
+            node.x += arm * node.y;
         }
-        if !node.y.is_finite() {
+        if !(node.x.is_finite() && node.y.is_finite()) {
             return None;
         }
         change.base = node;

@@ -1,0 +1,277 @@
+//! Needles measured in CT: motion of the base from markers on a stage and a container, and the shape of the needle (algorithm 1 and
+//! section II-D of Wang et al. 2023).
+//!
+//! The frame of the container has its origin in the surface of the tissue, x along the undeflected needle into it, and y along the motion of
+//! the base. The origin of the stage is the base of the needle; at rest its axes are about those of the container.
+
+use std::path::Path;
+
+use nalgebra::{Isometry3, Point3};
+
+use crate::anatomy::registration::markers::{self, Body, Placement};
+use crate::anatomy::volume::{ScalarImage, VolumeError};
+use crate::base::csv::{Csv, CsvError};
+use crate::base::report::statistics::{mean, slope};
+
+/// Columns of a marker design.
+const COLUMNS: [&str; 5] = ["body", "diameter_mm", "x_mm", "y_mm", "z_mm"];
+/// Bodies with markers.
+const BODIES: [&str; 2] = ["container", "stage"];
+/// Largest ratio of the diameter of a marker found and that of the design.
+const OFF_SIZE: f64 = 1.5;
+/// Least length of a needle, mm.
+const LEAST_NEEDLE_MM: f64 = 10.0;
+/// Largest deflection of a needle that counts as unmoved: its centres of motion are noise, mm.
+const MOVED_MM: f64 = 0.5;
+
+/// Markers of the container and of the stage in their own frames.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Design {
+    /// Centres by body (container, stage), mm.
+    pub centres_mm: [Vec<Point3<f64>>; 2],
+    /// Diameter by body, mm.
+    pub diameters_mm: [f64; 2],
+}
+
+impl Design {
+    /// Reads a table with the columns `body` (`container` or `stage`), `diameter_mm`, `x_mm`, `y_mm` and `z_mm`.
+    ///
+    /// # Errors
+    /// [`CsvError`]; also if a body has fewer than four markers or markers of several sizes, or if the bodies have one size.
+    pub fn read(path: &Path) -> Result<Self, CsvError> {
+        let table = Csv::read(path, &COLUMNS, &[])?;
+        let (mut centres_mm, mut diameters_mm) = ([Vec::new(), Vec::new()], [0.0; 2]);
+        for row in table.rows() {
+            let body = BODIES.iter().position(|name| *name == row.text("body"));
+            let body = body.ok_or_else(|| row.wrong("body", "`container` or `stage`"))?;
+            let diameter = row.number("diameter_mm")?;
+            if centres_mm[body].is_empty() {
+                diameters_mm[body] = diameter;
+            }
+            if diameter <= 0.0 || diameter != diameters_mm[body] {
+                return Err(row.wrong("diameter_mm", "one diameter above 0 for all markers of a body"));
+            }
+            centres_mm[body].push(Point3::from(row.numbers(["x_mm", "y_mm", "z_mm"])?));
+        }
+        let contents = |text: String| CsvError::Contents {
+            path: path.to_owned(),
+            text,
+        };
+        for (name, centres) in BODIES.iter().zip(&centres_mm) {
+            if centres.len() < 4 {
+                let text = format!("found {} markers of the {name}; expected at least 4", centres.len());
+                return Err(contents(text));
+            }
+        }
+        let [container, stage] = diameters_mm;
+        if container.max(stage) < OFF_SIZE * container.min(stage) {
+            return Err(contents(format!(
+                "found markers of {container} mm on the container and of {stage} mm on the stage; expected sizes that differ by a factor of \
+                 at least {OFF_SIZE}"
+            )));
+        }
+        Ok(Self {
+            centres_mm,
+            diameters_mm,
+        })
+    }
+}
+
+/// Grey values from which a voxel belongs to a marker, and to the needle.
+#[derive(Clone, Copy, Debug)]
+pub struct Thresholds {
+    /// Of markers.
+    pub marker: f32,
+    /// Of the needle.
+    pub needle: f32,
+}
+
+/// What one volume shows.
+#[derive(Clone, Debug)]
+pub struct Scan {
+    /// Placements of the container and of the stage in the volume.
+    pub placed: [Placement; 2],
+    /// Transform from the stage to the container, mm.
+    stage: Isometry3<f64>,
+    /// Centroids of the needle by slice across x, in the frame of the container, mm, along x.
+    needle_mm: Vec<Point3<f64>>,
+    /// Depth of the tip, mm.
+    tip_mm: f64,
+}
+
+/// Finds markers and needle in a volume.
+///
+/// # Errors
+/// [`VolumeError`] if markers do not match the design, or there is no needle.
+pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Result<Scan, VolumeError> {
+    let found = markers::bodies(image, thresholds.marker)?;
+    let place = |at: usize| {
+        let [own, other] = [design.diameters_mm[at], design.diameters_mm[1 - at]];
+        let off = |body: &Body, size: f64| (body.diameter_mm / size).ln().abs();
+        let alike = |body: &&Body| off(body, own) < OFF_SIZE.ln() && off(body, own) < off(body, other);
+        let centres: Vec<_> = found.iter().filter(alike).map(|body| body.centre_mm).collect();
+        let named = |error| VolumeError::new(format!("markers of the {}: {error}", BODIES[at]));
+        markers::place(&design.centres_mm[at], &centres).map_err(named)
+    };
+    let placed = [place(0)?, place(1)?];
+    let to_container = placed[0].pose.inverse();
+    let bright = match thresholds.needle == thresholds.marker {
+        true => found,
+        false => markers::bodies(image, thresholds.needle)?,
+    };
+    let (needle_mm, tip_mm) = needle(image, &to_container, &bright)?;
+    Ok(Scan {
+        stage: to_container * placed[1].pose,
+        placed,
+        needle_mm,
+        tip_mm,
+    })
+}
+
+/// Centroids of the longest body by slice along x, and the depth of its end; mm in the frame of the container.
+fn needle(
+    image: &ScalarImage,
+    to_container: &Isometry3<f64>,
+    bodies: &[Body],
+) -> Result<(Vec<Point3<f64>>, f64), VolumeError> {
+    let moved = bodies.iter().map(|body| {
+        body.voxels_mm
+            .iter()
+            .map(|voxel| to_container * voxel)
+            .collect::<Vec<_>>()
+    });
+    let length = |voxels: &[Point3<f64>]| {
+        let ends = voxels
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], voxel| {
+                [low.min(voxel.x), high.max(voxel.x)]
+            });
+        (ends, ends[1] - ends[0])
+    };
+    let longest = moved
+        .map(|voxels| (length(&voxels), voxels))
+        .max_by(|a, b| a.0.1.total_cmp(&b.0.1));
+    let Some((([first, last], length), voxels)) = longest.filter(|((_, length), _)| *length >= LEAST_NEEDLE_MM) else {
+        let text = format!(
+            "found no needle: no bright body is {LEAST_NEEDLE_MM} mm long along the needle's axis of the design"
+        );
+        return Err(VolumeError::new(text));
+    };
+    // Slices as thick as the voxels are along x.
+    let along = to_container.inverse() * nalgebra::Vector3::x();
+    let axis = |axis: usize| image.index_to_world.fixed_view::<3, 1>(0, axis).into_owned();
+    let share = |at: &usize| axis(*at).normalize().dot(&along).abs();
+    let nearest = [0, 1, 2]
+        .into_iter()
+        .max_by(|a, b| share(a).total_cmp(&share(b)))
+        .unwrap_or(0);
+    let slice_mm = axis(nearest).norm();
+    let count = (length / slice_mm).round() as usize + 1;
+    let mut sums = vec![(nalgebra::Vector3::zeros(), 0usize); count];
+    for voxel in &voxels {
+        let slice = ((voxel.x - first) / slice_mm).round() as usize;
+        let (sum, count) = &mut sums[slice.min(count - 1)];
+        *sum += voxel.coords;
+        *count += 1;
+    }
+    let filled = sums.into_iter().filter(|(_, count)| *count > 0);
+    let centroids = filled.map(|(sum, count)| Point3::from(sum / count as f64)).collect();
+    // A voxel reaches the threshold from half full on: on average the needle ends half a slice beyond the centre of the last.
+    Ok((centroids, last + 0.5 * slice_mm))
+}
+
+/// A measured needle.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Measured {
+    /// Displacement of the base, mm.
+    pub displacement_mm: f64,
+    /// Slope of the base.
+    pub slope: f64,
+    /// Distance from the base to the entry, mm.
+    pub control_distance_mm: f64,
+    /// Depth of the tip, mm.
+    pub inserted_mm: f64,
+    /// Deflection of the tip, mm.
+    pub tip_mm: f64,
+    /// Remote centre of motion, mm below the entry; `None` for a base that has not turned.
+    pub rcm_mm: Option<f64>,
+    /// Centre of motion, mm below the entry.
+    pub com_mm: Option<f64>,
+    /// Root mean square distances of the markers (container, stage) from their design, mm.
+    pub markers_rms_mm: [f64; 2],
+    /// Number of matched markers (container, stage).
+    pub markers: [usize; 2],
+    /// Slope of the needle at rest: 0 if it is perpendicular to the surface.
+    pub rest_slope: f64,
+    /// Root mean square distance of the needle at rest from a line, mm.
+    pub rest_rms_mm: f64,
+    /// Shape: position and deflection, mm, from base to tip.
+    #[serde(skip)]
+    pub shape_mm: Vec<[f64; 2]>,
+}
+
+/// Compares a moved needle with itself at rest.
+///
+/// # Errors
+/// [`VolumeError`] if base and tip do not lie on either side of the entry.
+pub fn measure(rest: &Scan, moved: &Scan) -> Result<Measured, VolumeError> {
+    let shift = moved.stage.translation.vector - rest.stage.translation.vector;
+    let turn = (moved.stage.rotation * rest.stage.rotation.inverse()).to_rotation_matrix();
+    let slope_of_base = turn[(1, 0)] / turn[(0, 0)];
+    let control_distance_mm = -rest.stage.translation.x;
+    let inserted_mm = rest.tip_mm;
+    if control_distance_mm < 0.0 || inserted_mm <= 0.0 {
+        return Err(VolumeError::new(format!(
+            "found the base {control_distance_mm:.1} mm before and the tip {inserted_mm:.1} mm below the entry (x = 0 of the container); \
+             expected one on either side"
+        )));
+    }
+    let inside = |needle: &[Point3<f64>]| -> Vec<[f64; 2]> {
+        let own = needle.iter().filter(|point| point.x >= -control_distance_mm);
+        own.map(|point| [point.x, point.y]).collect()
+    };
+    let line = inside(&rest.needle_mm);
+    let [xs, ys] = [0, 1].map(|axis| line.iter().map(|point| point[axis]).collect::<Vec<_>>());
+    let rest_slope = slope(&xs, &ys);
+    let (x0, y0) = (mean(&xs), mean(&ys));
+    let at_rest = |x: f64| y0 + rest_slope * (x - x0);
+    let off = xs.iter().zip(&ys).map(|(x, y)| (y - at_rest(*x)).powi(2));
+    let rest_rms_mm = mean(&off.collect::<Vec<_>>()).sqrt();
+    let shape_mm: Vec<[f64; 2]> = inside(&moved.needle_mm)
+        .into_iter()
+        .map(|[x, y]| [x, y - at_rest(x)])
+        .collect();
+    let Some(&[_, tip_mm]) = shape_mm.last().filter(|_| shape_mm.len() > 1 && line.len() > 1) else {
+        return Err(VolumeError::new("found no needle between the base and the tip"));
+    };
+    let turned = slope_of_base != 0.0 && shift.y.abs() >= MOVED_MM;
+    Ok(Measured {
+        displacement_mm: shift.y,
+        slope: slope_of_base,
+        control_distance_mm,
+        inserted_mm,
+        tip_mm,
+        rcm_mm: turned.then(|| -control_distance_mm - shift.y / slope_of_base),
+        com_mm: crossing(&shape_mm),
+        markers_rms_mm: [0, 1].map(|at| moved.placed[at].rms_mm),
+        markers: [0, 1].map(|at| moved.placed[at].count()),
+        rest_slope,
+        rest_rms_mm,
+        shape_mm,
+    })
+}
+
+/// First crossing of a measured shape with the undeflected needle, mm below the entry; `None` if there is none, or if the needle has not
+/// moved.
+pub fn crossing(shape_mm: &[[f64; 2]]) -> Option<f64> {
+    let largest = shape_mm.iter().fold(0.0, |most: f64, point| most.max(point[1].abs()));
+    let inside: Vec<_> = shape_mm
+        .iter()
+        .filter(|point| point[0] >= 0.0 && largest >= MOVED_MM)
+        .collect();
+    let pair = inside
+        .windows(2)
+        .find(|pair| pair[0][1] * pair[1][1] <= 0.0 && pair[0][1] != pair[1][1])?;
+    let [[x0, u0], [x1, u1]] = [*pair[0], *pair[1]];
+    Some(x0 - u0 * (x1 - x0) / (u1 - u0))
+}
