@@ -56,7 +56,9 @@ impl Identify {
         let (Some(path), Some(target)) = (&self.case, &self.output) else {
             return terminal::emit(identification::EXAMPLE);
         };
-        let folder = self.force.folder(target, "identify", &["index.html"], &output::inputs(path))?;
+        let folder = self
+            .force
+            .folder(target, "identify", &["index.html"], &output::inputs(path))?;
         let bar = terminal::share();
         bar.set_message("making the mesh");
         let set = |share: f64| bar.set_position((share * terminal::SHARES as f64) as u64);

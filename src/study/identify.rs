@@ -8,6 +8,8 @@ mod data;
 mod force;
 mod report;
 mod simulate;
+#[cfg(test)]
+mod tests;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -18,7 +20,7 @@ use crate::base::report::statistics;
 use crate::base::search::nelder_mead;
 use crate::input::identification::{Case, Cost};
 use crate::study::StudyError;
-use data::{Data, Motion};
+use data::{Data, Motion, thinned};
 use force::Piecewise;
 use simulate::{Course, Layer, Simulator};
 
@@ -191,8 +193,9 @@ impl<'a> Search<'a> {
     fn match_forces(&mut self, layers: &mut [Layer]) -> Result<Course, StudyError> {
         for _ in 0..MOST_INNER {
             let course = self.simulate(layers, false)?;
-            let regions = 2 * layers.len();
-            let Some(found) = Piecewise::fit(&course.force, regions) else { break };
+            let Some(found) = self.model.refined(&thinned(&course.force)) else {
+                break;
+            };
             let mut change = 0.0_f64;
             for (at, layer) in layers.iter_mut().enumerate() {
                 // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
@@ -227,21 +230,36 @@ impl<'a> Search<'a> {
             let mut own = layers.clone();
             let search = &mut self;
             let cost = |logs: &[f64]| {
-                let beyond = logs.iter().zip(&start).map(|(log, start)| ((log - start).abs() - limit).max(0.0));
+                let beyond = logs
+                    .iter()
+                    .zip(&start)
+                    .map(|(log, start)| ((log - start).abs() - limit).max(0.0));
                 let beyond: f64 = beyond.sum();
                 if beyond > 0.0 {
                     return Ok(1e3 * (1.0 + beyond));
                 }
-                unknown.iter().zip(logs).for_each(|(at, log)| own[*at].young_kpa = log.exp());
+                unknown
+                    .iter()
+                    .zip(logs)
+                    .for_each(|(at, log)| own[*at].young_kpa = log.exp());
                 let course = search.match_forces(&mut own)?;
                 Ok::<f64, StudyError>(search.cost(motion, &course))
             };
             let found = nelder_mead(&start, &vec![STEP; start.len()], TOLERANCE, MOST_OUTER, cost)?;
             layers = own;
-            unknown.iter().zip(&found.at).for_each(|(at, log)| layers[*at].young_kpa = log.exp());
-            let far = found.at.iter().zip(&start).any(|(log, start)| (log - start).abs() > 0.98 * limit);
+            unknown
+                .iter()
+                .zip(&found.at)
+                .for_each(|(at, log)| layers[*at].young_kpa = log.exp());
+            let far = found
+                .at
+                .iter()
+                .zip(&start)
+                .any(|(log, start)| (log - start).abs() > 0.98 * limit);
             if far {
-                self.notes.push(format!("a modulus ends {FARTHEST} times away from its start: the search has no minimum there"));
+                self.notes.push(format!(
+                    "a modulus ends {FARTHEST} times away from its start: the search has no minimum there"
+                ));
             }
         }
         let course = self.match_forces(&mut layers)?;
@@ -281,13 +299,20 @@ impl<'a> Search<'a> {
             ));
         }
         if course.unsettled > 0 {
-            self.notes.push(format!("{} steps of the simulated insertion did not converge", course.unsettled));
+            self.notes.push(format!(
+                "{} steps of the simulated insertion did not converge",
+                course.unsettled
+            ));
         }
         Identified {
             poisson: self.poisson,
             layers,
             force,
-            motion: self.data.motion.as_ref().map(|motion| self.motion_errors(motion, &course)),
+            motion: self
+                .data
+                .motion
+                .as_ref()
+                .map(|motion| self.motion_errors(motion, &course)),
             beside,
             insertions: self.simulator.runs,
             notes: self.notes,
@@ -339,7 +364,10 @@ impl<'a> Search<'a> {
 fn errors_by_depth(motion: &Motion, course: &Course) -> Vec<[f64; 3]> {
     let rows = motion.depths_mm.iter().zip(&course.moved_mm).zip(&motion.measured_mm);
     let row = |((depth, simulated), measured): ((&f64, &Vec<f64>), &Vec<f64>)| {
-        let errors = simulated.iter().zip(measured).map(|(simulated, measured)| simulated - measured);
+        let errors = simulated
+            .iter()
+            .zip(measured)
+            .map(|(simulated, measured)| simulated - measured);
         let errors: Vec<f64> = errors.filter(|error| error.is_finite()).collect();
         (!errors.is_empty()).then(|| [*depth, statistics::mean(&errors), statistics::std(&errors)])
     };

@@ -116,11 +116,7 @@ impl CaseFile {
         })
     }
 
-    fn scenario(
-        &self,
-        folder: &Path,
-        progress: impl FnMut(f32),
-    ) -> Result<(Scenario, (String, PathBuf)), InputError> {
+    fn scenario(&self, folder: &Path, progress: impl FnMut(f32)) -> Result<(Scenario, (String, PathBuf)), InputError> {
         let name = &self.scenario;
         let path = folder.join(name);
         let known = scenario::EXAMPLES.iter().find(|(known, _)| known == name);
@@ -129,11 +125,15 @@ impl CaseFile {
             _ if path.extension().is_none() && !path.exists() => {
                 let names: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
                 let help = nearest(name, names.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
-                let (found, expected) = (name.clone(), format!("one of {}, or the path of a scenario", names.join(", ")));
+                let (found, expected) = (
+                    name.clone(),
+                    format!("one of {}, or the path of a scenario", names.join(", ")),
+                );
                 return Err(self.fault("scenario", Cause::Name { found, expected }).with_help(help));
             }
             _ => {
-                let read = document::read(&path).map_err(|error: InputError| error.at_key("scenario", self.source.as_ref()))?;
+                let read = document::read(&path)
+                    .map_err(|error: InputError| error.at_key("scenario", self.source.as_ref()))?;
                 let base = path.parent().unwrap_or(Path::new("")).to_owned();
                 (read, path.display().to_string(), base)
             }
@@ -213,7 +213,10 @@ impl CaseFile {
             }
             let mut elements = scenario.mesh.regions().iter().zip(&scenario.materials);
             let Some((_, material)) = elements.find(|(other, _)| *other == region) else {
-                let found = format!("{} on the needle's line without an element", scenario.region_name(*region));
+                let found = format!(
+                    "{} on the needle's line without an element",
+                    scenario.region_name(*region)
+                );
                 return Err(self.wrong_keys("scenario", found, "a finer mesh (`tissue.nodes`)"));
             };
             layers.push(Crossed {
@@ -267,10 +270,5 @@ impl Case {
     pub fn weights(&self) -> Vec<f64> {
         let usual = || (0..2 * self.layers.len()).map(|at| if at % 2 == 0 { 1.0 } else { 4.0 });
         self.file.weights.clone().unwrap_or_else(|| usual().collect())
-    }
-
-    /// Error at a key of the case file.
-    pub(crate) fn wrong(&self, key: &str, found: String, expected: &str) -> InputError {
-        self.file.wrong_keys(key, found, expected)
     }
 }

@@ -36,11 +36,7 @@ impl Scenario {
         self.built(false, |_, _| {})
     }
 
-    fn built(
-        &self,
-        prepared: bool,
-        progress: impl FnMut(usize, usize) + Send,
-    ) -> Result<Box<dyn Model>, InputError> {
+    fn built(&self, prepared: bool, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
         let needle = self.needle_model().map_err(|error| {
             let key = format!("needle.{}", error.key);
             self.file.fault(key, Cause::Number(error))

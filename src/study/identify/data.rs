@@ -61,7 +61,7 @@ fn first_push(depths: &[f64]) -> Vec<usize> {
     let mut deepest = 0.0;
     let mut rows = Vec::new();
     for (at, depth) in depths.iter().enumerate() {
-        if *depth < deepest - BACK_MM {
+        if deepest > 0.0 && *depth < deepest - BACK_MM {
             break;
         }
         if *depth > deepest + 1e-9 {
@@ -100,9 +100,15 @@ impl Data {
     /// [`StudyError`] if the force does not have these regions.
     pub fn model(&self, case: &Case) -> Result<Piecewise, StudyError> {
         let regions = 2 * case.layers.len();
-        let expected = format!("{regions} regions with a rising force, two for each of {} layers", case.layers.len());
+        let expected = format!(
+            "{regions} regions with a rising force, two for each of {} layers",
+            case.layers.len()
+        );
         let Some(model) = Piecewise::fit(&self.force, regions) else {
-            let text = format!("found {} forces of the first push; expected enough for {expected}", self.force.len());
+            let text = format!(
+                "found {} forces of the first push; expected enough for {expected}",
+                self.force.len()
+            );
             return Err(unusable(&case.force, text));
         };
         match model.doubt(&self.force) {
@@ -134,10 +140,16 @@ fn forces(case: &Case) -> Result<Vec<[f64; 2]>, StudyError> {
     let depths: Vec<f64> = rows.iter().map(|row| row[0]).collect();
     let push: Vec<[f64; 2]> = first_push(&depths).into_iter().map(|at| rows[at]).collect();
     let Some(end) = push.last().map(|last| last[0]) else {
-        return Err(unusable(path, "found no tip in the tissue; expected depths above 0 mm".to_owned()));
+        return Err(unusable(
+            path,
+            "found no tip in the tissue; expected depths above 0 mm".to_owned(),
+        ));
     };
     if end > case.deepest_mm + BACK_MM {
-        let text = format!("found a tip {end:.1} mm deep; the path of the scenario's needle ends at {:.1} mm", case.deepest_mm);
+        let text = format!(
+            "found a tip {end:.1} mm deep; the path of the scenario's needle ends at {:.1} mm",
+            case.deepest_mm
+        );
         return Err(unusable(path, text));
     }
     let mut before = 0.0;
@@ -155,9 +167,13 @@ fn forces(case: &Case) -> Result<Vec<[f64; 2]>, StudyError> {
         let text = "found a force that is not positive at the deepest point; expected one that is positive while the needle is pushed in";
         return Err(unusable(path, text.to_owned()));
     }
-    let groups = push.len().div_ceil(POINTS);
+    Ok(thinned(&push))
+}
+
+/// Means of neighbouring points, at most 300.
+pub(super) fn thinned(curve: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mean = |rows: &[[f64; 2]]| [0, 1].map(|at| rows.iter().map(|row| row[at]).sum::<f64>() / rows.len() as f64);
-    Ok(push.chunks(groups).map(mean).collect())
+    curve.chunks(curve.len().div_ceil(POINTS).max(1)).map(mean).collect()
 }
 
 /// A displacement that was read: point, depth of the tip, displacement, mm.
@@ -172,7 +188,8 @@ impl Motion {
         } else if table.has("tip_mm") && (table.has("node") || has(&["x_mm", "y_mm", "z_mm"])) {
             markers(case, &table)?
         } else {
-            let expected = "a table of `insonify motion`, or the columns tip_mm, node or x_mm,y_mm,z_mm, and ux_mm,uy_mm,uz_mm";
+            let expected =
+                "a table of `insonify motion`, or the columns tip_mm, node or x_mm,y_mm,z_mm, and ux_mm,uy_mm,uz_mm";
             return Err(unusable(path, format!("found other columns; expected {expected}")));
         };
         let mut all: Vec<f64> = read.iter().map(|read| read.1).collect();
@@ -181,7 +198,9 @@ impl Motion {
         depths.retain(|depth| *depth <= end);
         if depths.len() > DEPTHS {
             let every = (depths.len() - 1) as f64 / (DEPTHS - 1) as f64;
-            depths = (0..DEPTHS).map(|at| depths[(at as f64 * every).round() as usize]).collect();
+            depths = (0..DEPTHS)
+                .map(|at| depths[(at as f64 * every).round() as usize])
+                .collect();
         }
         let mut measured = vec![vec![f64::NAN; points.len()]; depths.len()];
         let mut done = vec![false; depths.len()];
@@ -242,14 +261,18 @@ fn depths_of_frames(case: &Case, frames: Option<&Path>, motion: &Path) -> Result
     } else {
         let timing = case.scenario.timing;
         for frame in 0..timing.moments(timing.frame_s) {
-            let step = timing.step_at(timing.start_s + frame as f64 * timing.frame_s).min(timing.steps);
+            let step = timing
+                .step_at(timing.start_s + frame as f64 * timing.frame_s)
+                .min(timing.steps);
             let tip = case.scenario.needle_tip().at(timing.at(step)).position_mm();
             depths.insert(frame as usize, (tip - case.entry).dot(&case.direction));
         }
     }
     match depths.get(&0) {
         Some(depth) if *depth > 0.0 => {
-            let text = format!("found the needle {depth:.1} mm deep in the first frame, against which motion is measured; expected it outside");
+            let text = format!(
+                "found the needle {depth:.1} mm deep in the first frame, against which motion is measured; expected it outside"
+            );
             Err(unusable(frames.unwrap_or(motion), text))
         }
         _ => Ok(depths),
@@ -325,10 +348,18 @@ fn markers(case: &Case, table: &Csv) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>
             false => row.numbers(["x_mm", "y_mm", "z_mm"])?,
             true => match nodes.get(row.count("node")?) {
                 Some(place) => *place,
-                None => return Err(row.wrong("node", format!("one of {} nodes of the mesh, from 0", nodes.len())).into()),
+                None => {
+                    return Err(row
+                        .wrong("node", format!("one of {} nodes of the mesh, from 0", nodes.len()))
+                        .into());
+                }
             },
         };
-        for (axis, column) in columns.iter().enumerate().filter(|(_, column)| !row.text(column).is_empty()) {
+        for (axis, column) in columns
+            .iter()
+            .enumerate()
+            .filter(|(_, column)| !row.text(column).is_empty())
+        {
             let moved = row.number(column)?;
             let point = *known.entry((place.map(f64::to_bits), axis)).or_insert_with(|| {
                 let mut along = Vector3::zeros();

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::base::search::nelder_mead;
 
 /// Places tried for a break along the curve.
-const PLACES: usize = 80;
+const PLACES: usize = 50;
 /// Most sweeps over all breaks.
 const SWEEPS: usize = 8;
 /// Least width of a region as a share of the curve, and least number of points in it.
@@ -34,7 +34,9 @@ pub struct Piecewise {
 fn lengths(breaks: &[f64], depth: f64) -> impl Iterator<Item = f64> + '_ {
     let ends = breaks.iter().copied().chain([f64::INFINITY]);
     let starts = [0.0].into_iter().chain(breaks.iter().copied());
-    starts.zip(ends).map(move |(start, end)| (depth.min(end) - start).max(0.0))
+    starts
+        .zip(ends)
+        .map(move |(start, end)| (depth.min(end) - start).max(0.0))
 }
 
 impl Piecewise {
@@ -66,7 +68,8 @@ impl Piecewise {
         let end_mm = curve.last()?[0];
         let mut start = 0.0;
         for end in breaks.iter().copied().chain([end_mm]) {
-            let points = curve.partition_point(|point| point[0] <= end) - curve.partition_point(|point| point[0] <= start);
+            let points =
+                curve.partition_point(|point| point[0] <= end) - curve.partition_point(|point| point[0] <= start);
             if end - start < NARROW * end_mm || points < FEWEST {
                 return None;
             }
@@ -76,7 +79,9 @@ impl Piecewise {
         let (mut normal, mut right) = (DMatrix::zeros(count, count), DVector::zeros(count));
         let mut row = vec![0.0; count];
         for [depth, force] in curve {
-            row.iter_mut().zip(lengths(breaks, *depth)).for_each(|(to, from)| *to = from);
+            row.iter_mut()
+                .zip(lengths(breaks, *depth))
+                .for_each(|(to, from)| *to = from);
             for i in 0..count {
                 right[i] += row[i] * force;
                 for j in 0..=i {
@@ -91,22 +96,23 @@ impl Piecewise {
             end_mm,
             rms_n: 0.0,
         };
-        let squares: f64 = curve.iter().map(|[depth, force]| (found.at(*depth) - force).powi(2)).sum();
+        let squares: f64 = curve
+            .iter()
+            .map(|[depth, force]| (found.at(*depth) - force).powi(2))
+            .sum();
         found.rms_n = (squares / curve.len() as f64).sqrt();
         Some(found)
     }
 
     /// Fits slopes and breaks of `regions` regions to points (depth from above 0, mm, rising; force, N): breaks one after another at the best of
-    /// equidistant places, then all together by Nelder and Mead's method, the slopes by least squares each time. `None` if the curve has too
-    /// few points for so many regions.
+    /// equidistant places, then as [`refined`](Self::refined). `None` if the curve has too few points for so many regions.
     pub fn fit(curve: &[[f64; 2]], regions: usize) -> Option<Self> {
         let end = curve.last()?[0];
-        let place = |at: usize| end * (at as f64 + 0.5) / PLACES as f64;
         let mut best = Self::through(curve, &[])?;
         let with = |breaks: &[f64]| {
             let tried = (0..PLACES).filter_map(|at| {
                 let mut breaks = breaks.to_vec();
-                breaks.push(place(at));
+                breaks.push(end * (at as f64 + 0.5) / PLACES as f64);
                 breaks.sort_by(f64::total_cmp);
                 Self::through(curve, &breaks)
             });
@@ -128,20 +134,29 @@ impl Piecewise {
                 }
             }
         }
-        if regions > 1 {
-            let squares = curve.iter().map(|point| point[1] * point[1]).sum::<f64>() / curve.len() as f64;
-            let steps = vec![end / PLACES as f64; regions - 1];
-            // Breaks out of order cost more than no model at all.
-            let cost = |breaks: &[f64]| {
-                let found = Self::through(curve, breaks);
-                Ok::<f64, ()>(found.map_or(10.0 * squares, |found| found.rms_n.powi(2)))
-            };
-            let found = nelder_mead(&best.breaks_mm, &steps, 1e-13 * squares, 400, cost).ok()?;
-            best = Self::through(curve, &found.at)
-                .filter(|found| found.rms_n < best.rms_n)
-                .unwrap_or(best);
+        best.refined(curve)
+    }
+
+    /// Fits all breaks together by Nelder and Mead's method, starting from those of `self`; the slopes follow by least squares each time.
+    pub fn refined(&self, curve: &[[f64; 2]]) -> Option<Self> {
+        let count = self.breaks_mm.len();
+        let start = Self::through(curve, &self.breaks_mm);
+        if count == 0 {
+            return start;
         }
-        Some(best)
+        let squares = curve.iter().map(|point| point[1] * point[1]).sum::<f64>() / curve.len() as f64;
+        let steps = vec![self.end_mm / PLACES as f64; count];
+        // Breaks out of order cost more than no model at all.
+        let cost = |breaks: &[f64]| {
+            let found = Self::through(curve, breaks);
+            Ok::<f64, ()>(found.map_or(10.0 * squares, |found| found.rms_n.powi(2)))
+        };
+        let found = nelder_mead(&self.breaks_mm, &steps, 1e-13 * squares, 400, cost).ok()?;
+        let found = Self::through(curve, &found.at);
+        [found, start]
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| a.rms_n.total_cmp(&b.rms_n))
     }
 
     /// Why the curve does not have these regions, if it does not: a slope that is not positive, or a break that it does not need.
@@ -149,7 +164,10 @@ impl Piecewise {
         let mm = |[start, end]: [f64; 2]| format!("{start:.1} to {end:.1} mm");
         if let Some(at) = self.slopes_n_per_mm.iter().position(|slope| *slope <= 0.0) {
             let (slope, ends) = (self.slopes_n_per_mm[at], mm(self.ends(at)));
-            return Some(format!("a force that does not rise in region {} ({ends}): {slope:.4} N/mm", at + 1));
+            return Some(format!(
+                "a force that does not rise in region {} ({ends}): {slope:.4} N/mm",
+                at + 1
+            ));
         }
         let largest = curve.iter().map(|point| point[1].abs()).fold(0.0, f64::max);
         let floor = (NOTHING * largest).powi(2);
@@ -183,7 +201,10 @@ mod tests {
         };
         let points = (1..=290).map(|at| {
             let depth = 0.2 * f64::from(at);
-            [depth, exact.at(depth) + noise * (f64::from(unit(hash3([at, 0, 0], [7, 9])[0])) - 0.5)]
+            [
+                depth,
+                exact.at(depth) + noise * (f64::from(unit(hash3([at, 0, 0], [7, 9])[0])) - 0.5),
+            ]
         });
         let points = points.collect();
         (exact, points)
@@ -209,12 +230,26 @@ mod tests {
     fn curves_without_four_rising_regions_are_doubted() {
         for noise in [0.0, 0.02] {
             let (exact, points) = curve(noise);
-            let three: Vec<[f64; 2]> = points.iter().map(|[depth, force]| [*depth, force - exact.at(*depth) + 0.02 * depth]).collect();
+            let three: Vec<[f64; 2]> = points
+                .iter()
+                .map(|[depth, force]| [*depth, force - exact.at(*depth) + 0.02 * depth])
+                .collect();
             let doubt = Piecewise::fit(&three, 4).unwrap().doubt(&three);
-            assert!(doubt.as_ref().is_some_and(|text| text.contains("fewer than 4 regions")), "{doubt:?}");
-            let falling: Vec<[f64; 2]> = points.iter().map(|[depth, force]| [*depth, force - 0.035 * depth]).collect();
+            assert!(
+                doubt.as_ref().is_some_and(|text| text.contains("fewer than 4 regions")),
+                "{doubt:?}"
+            );
+            let falling: Vec<[f64; 2]> = points
+                .iter()
+                .map(|[depth, force]| [*depth, force - 0.035 * depth])
+                .collect();
             let doubt = Piecewise::fit(&falling, 4).unwrap().doubt(&falling);
-            assert!(doubt.as_ref().is_some_and(|text| text.contains("does not rise in region 2")), "{doubt:?}");
+            assert!(
+                doubt
+                    .as_ref()
+                    .is_some_and(|text| text.contains("does not rise in region 2")),
+                "{doubt:?}"
+            );
         }
         assert_eq!(Piecewise::fit(&[[1.0, 0.1], [2.0, 0.2], [3.0, 0.3]], 4), None);
     }

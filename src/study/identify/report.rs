@@ -59,7 +59,9 @@ impl Identification {
         let head = head.map(Cell::number);
         let mut table = Table::new([Cell::from("")].into_iter().chain(head));
         for found in &self.found {
-            let moved = found.motion.map(|errors| [errors.largest_mean_mm, errors.largest_sd_mm]);
+            let moved = found
+                .motion
+                .map(|errors| [errors.largest_mean_mm, errors.largest_sd_mm]);
             let [mean, sd] = moved.map_or([String::new(), String::new()], |errors| errors.map(significant));
             let numbers = [
                 mean,
@@ -68,7 +70,10 @@ impl Identification {
                 significant(found.force.largest_n),
                 found.insertions.to_string(),
             ];
-            table.row("", [Cell::from(found.name())].into_iter().chain(numbers.map(Cell::number)));
+            table.row(
+                "",
+                [Cell::from(found.name())].into_iter().chain(numbers.map(Cell::number)),
+            );
         }
         table
     }
@@ -89,7 +94,12 @@ impl Identification {
 
     /// Cost beside the moduli found; empty where all are known.
     fn beside(&self) -> Table {
-        let mut table = Table::new(["", "layer"].map(Cell::from).into_iter().chain(["E changed by", "cost changes by"].map(Cell::number)));
+        let mut table = Table::new(
+            ["", "layer"]
+                .map(Cell::from)
+                .into_iter()
+                .chain(["E changed by", "cost changes by"].map(Cell::number)),
+        );
         for found in &self.found {
             for beside in &found.beside {
                 let percent = |factor: f64| Cell::number(format!("{:+.3} %", 100.0 * (factor - 1.0)));
@@ -98,7 +108,15 @@ impl Identification {
                     true => percent(beside.cost_ratio),
                     false => Cell::number(format!("x {}", significant(beside.cost_ratio))),
                 };
-                table.row("", [Cell::from(found.name()), Cell::from(beside.region_name.clone()), change, cost]);
+                table.row(
+                    "",
+                    [
+                        Cell::from(found.name()),
+                        Cell::from(beside.region_name.clone()),
+                        change,
+                        cost,
+                    ],
+                );
             }
         }
         table
@@ -106,7 +124,10 @@ impl Identification {
 
     /// Figures 12, 14 and 15 of Dehghan et al. 2008 and the errors of the displacements over the depth, by file name.
     pub fn plots(&self) -> Vec<(String, Plot)> {
-        let mut plots = vec![("figure-12".to_owned(), self.figure_12()), ("figure-14".to_owned(), self.figure_14())];
+        let mut plots = vec![
+            ("figure-12".to_owned(), self.figure_12()),
+            ("figure-14".to_owned(), self.figure_14()),
+        ];
         if let Some(motion) = &self.data.motion {
             let series = self.found.iter().enumerate().flat_map(|(at, found)| {
                 let errors = errors_by_depth(motion, &found.course);
@@ -134,7 +155,10 @@ impl Identification {
 
     fn figure_12(&self) -> Plot {
         let model = &self.force_model;
-        let corners = [0.0].into_iter().chain(model.breaks_mm.iter().copied()).chain([model.end_mm]);
+        let corners = [0.0]
+            .into_iter()
+            .chain(model.breaks_mm.iter().copied())
+            .chain([model.end_mm]);
         Plot::new(
             "Measured force and its piecewise-linear model",
             Axis::linear("depth of the tip, mm"),
@@ -164,11 +188,15 @@ impl Identification {
         let direction = self.case.direction.into_inner();
         let spread = |across: &Vector3<f64>| {
             let places = motion.points.iter().map(|(place, _)| place.coords.dot(across));
-            let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| (low.min(at), high.max(at)));
+            let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| {
+                (low.min(at), high.max(at))
+            });
             high - low
         };
         let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
-        let across = axes.into_iter().filter_map(|axis| (axis - direction * axis.dot(&direction)).try_normalize(0.1));
+        let across = axes
+            .into_iter()
+            .filter_map(|axis| (axis - direction * axis.dot(&direction)).try_normalize(0.1));
         let across = across.max_by(|a, b| spread(a).total_cmp(&spread(b)))?;
         let place = |at: usize, moved: f64| {
             let (rest, along) = motion.points[at];
@@ -253,7 +281,9 @@ impl Identification {
         for value in table.iter_mut().map(|(_, value)| value) {
             make_absolute(value, folder);
         }
-        let tissue = table.entry("tissue").or_insert_with(|| Value::Table(toml::Table::new()));
+        let tissue = table
+            .entry("tissue")
+            .or_insert_with(|| Value::Table(toml::Table::new()));
         if let Value::Table(tissue) = tissue {
             let materials = tissue.entry("material").or_insert_with(|| Value::Array(Vec::new()));
             if let Value::Array(materials) = materials {
@@ -296,7 +326,9 @@ impl Identification {
 /// Writes the parameters of a layer into the table of its region.
 fn set(materials: &mut Vec<Value>, layer: &super::Layer) {
     let number = Value::Integer(i64::from(layer.region));
-    let at = materials.iter().position(|material| material.get("region") == Some(&number));
+    let at = materials
+        .iter()
+        .position(|material| material.get("region") == Some(&number));
     let at = at.unwrap_or_else(|| {
         let others = materials.iter().find(|material| material.get("region").is_none());
         let own = others.cloned().unwrap_or_else(|| Value::Table(toml::Table::new()));

@@ -14,7 +14,7 @@ use crate::mechanics::tissue::material::Material;
 use crate::study::StudyError;
 
 /// Longest step of the needle, mm.
-const STEP_MM: f64 = 0.5;
+const STEP_MM: f64 = 0.1;
 /// Way of the tip to the tissue before the first step, mm.
 const OUTSIDE_MM: f64 = 1.0;
 
@@ -84,7 +84,9 @@ pub struct Simulator<'a> {
 impl<'a> Simulator<'a> {
     /// Prepares simulations to a depth (mm).
     pub fn new(case: &'a Case, motion: Option<&'a Motion>, deepest_mm: f64) -> Self {
-        let depths = motion.iter().flat_map(|motion| motion.depths_mm.iter().copied().enumerate());
+        let depths = motion
+            .iter()
+            .flat_map(|motion| motion.depths_mm.iter().copied().enumerate());
         let mut stops: Vec<(f64, Option<usize>)> = depths.map(|(at, depth)| (depth, Some(at))).collect();
         let steps = (deepest_mm / STEP_MM).ceil() as usize;
         stops.extend((1..=steps).map(|at| (deepest_mm * at as f64 / steps as f64, None)));
@@ -121,7 +123,9 @@ impl<'a> Simulator<'a> {
         for (depth, measured) in self.stops.clone() {
             let outcome = model.step(&instruments(depth), 1.0)?;
             course.unsettled += usize::from(!outcome.converged);
-            course.force.push([depth, -outcome.on_hand.force_n.dot(&case.direction)]);
+            course
+                .force
+                .push([depth, -outcome.on_hand.force_n.dot(&case.direction)]);
             if measured.is_some() && observed {
                 model.snapshot(&mut snapshot);
                 imager.tissue(&snapshot, &mut tissue);

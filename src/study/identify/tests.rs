@@ -89,7 +89,10 @@ impl Observer for Recorder {
 }
 
 fn write(folder: &Path, scenario: &str) {
-    let scenario = ScenarioFile::parse(scenario, "phantom.toml").unwrap().resolve(folder, |_| {}).unwrap();
+    let scenario = ScenarioFile::parse(scenario, "phantom.toml")
+        .unwrap()
+        .resolve(folder, |_| {})
+        .unwrap();
     let mut model = scenario.model(|_, _| {}).unwrap();
     let mut recorder = Recorder {
         force: "tip_mm,force_n\n".to_owned(),
@@ -109,14 +112,21 @@ fn write(folder: &Path, scenario: &str) {
 fn found(folder: &Path, scenario: &str, more: &str) -> Identification {
     std::fs::write(folder.join("phantom.toml"), scenario).unwrap();
     let text = format!("scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n{more}");
-    let case = CaseFile::parse(&text, "case.toml").unwrap().resolve(folder, |_| {}).unwrap();
+    let case = CaseFile::parse(&text, "case.toml")
+        .unwrap()
+        .resolve(folder, |_| {})
+        .unwrap();
     identify(case, |_| {}).unwrap()
 }
 
 /// Asserts that the forces returned within 2 %.
 fn assert_forces(found: &Identified) {
     for (layer, [peak, shaft, width]) in found.layers.iter().zip([[0.06, 0.015, 6.0], [0.11, 0.03, 8.0]]) {
-        for (found, exact) in [(layer.peak_n_per_mm, peak), (layer.shaft_n_per_mm, shaft), (layer.width_mm, width)] {
+        for (found, exact) in [
+            (layer.peak_n_per_mm, peak),
+            (layer.shaft_n_per_mm, shaft),
+            (layer.width_mm, width),
+        ] {
             assert!((found / exact - 1.0).abs() < 0.02, "{layer:?}");
         }
     }
@@ -137,13 +147,25 @@ fn parameters_that_made_the_data_return() {
     for (layer, exact) in one.layers.iter().zip([10.0, 33.0]) {
         assert!((layer.young_kpa / exact - 1.0).abs() < 0.05, "{layer:?}");
     }
-    assert!(one.beside.len() == 4 && one.beside.iter().all(|beside| beside.cost_ratio > 1.0), "{:?}", one.beside);
+    assert!(
+        one.beside.len() == 4 && one.beside.iter().all(|beside| beside.cost_ratio > 1.0),
+        "{:?}",
+        one.beside
+    );
     assert!(one.notes.is_empty(), "{:?}", one.notes);
     // The scenario with what was found is one that can be read and has these numbers.
     let (_, text) = &outer.scenarios()[0];
-    let again = ScenarioFile::parse(text, "found.toml").unwrap().resolve(folder.path(), |_| {}).unwrap();
+    let again = ScenarioFile::parse(text, "found.toml")
+        .unwrap()
+        .resolve(folder.path(), |_| {})
+        .unwrap();
     let inclusion = again.anatomy.region(&Point3::new(0.0, 5.0, 0.0)).unwrap();
-    let at = again.mesh.regions().iter().position(|region| *region == inclusion).unwrap();
+    let at = again
+        .mesh
+        .regions()
+        .iter()
+        .position(|region| *region == inclusion)
+        .unwrap();
     assert_eq!(again.materials[at].young_kpa(), one.layers[1].young_kpa);
     let interaction = again.anatomy.interaction(inclusion);
     assert_eq!(interaction.friction_n_per_mm, one.layers[1].shaft_n_per_mm);
