@@ -10,5 +10,6 @@ pub mod range;
 pub mod read;
 pub mod real;
 pub mod report;
+pub mod search;
 pub mod simd;
 pub mod text;

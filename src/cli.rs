@@ -8,6 +8,7 @@ mod completions;
 mod doctor;
 mod exercise;
 mod failure;
+mod identify;
 mod info;
 mod input;
 mod insert;
@@ -59,6 +60,7 @@ Examples:
   insonify texture liver.png --region 200,150,180,180 -o liver.nrrd   a solid texture from an image
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
+  insonify identify case.toml -o found             force parameters and moduli from a measured insertion
   insonify score out                               how well a needle was guided: ten metrics
   insonify manipulator inverse poses.csv           a needle guide on the probe: its slides for poses of the needle
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
@@ -99,6 +101,7 @@ enum Command {
     Rf(Box<rf::Rf>),
     Motion(motion::Motion),
     Manipulator(manipulator::Manipulator),
+    Identify(identify::Identify),
     Score(score::ScoreArgs),
     Exercise(exercise::Exercise),
     Solve(solve::Solve),
@@ -139,6 +142,7 @@ impl Cli {
             Command::Rf(rf) => rf.run(),
             Command::Motion(motion) => motion.run(),
             Command::Manipulator(manipulator) => manipulator.run(),
+            Command::Identify(identify) => identify.run(),
             Command::Score(score) => score.run(),
             Command::Exercise(exercise) => exercise.run(),
             Command::Solve(solve) => solve.run(),

@@ -2,6 +2,7 @@
 
 pub mod beam_case;
 mod error;
+pub mod identification;
 pub mod material_case;
 pub mod scenario;
 pub mod scene;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | [`anatomies`] | synthetic volumes with closed-form geometry |
 //! | [`mod@bench`] | render times per frame and per pass, and with effects removed one by one |
+//! | [`mod@identify`] | parameters of tissue layers from a measured insertion |
 //! | [`mod@inspect`] | explanation of a single pixel |
 //! | [`beam`] | published centres of motion of a needle in tissue, reproduced |
 //! | [`tradeoff`] | accuracy against computing time |
@@ -21,6 +22,7 @@ pub mod bench;
 pub mod block;
 mod error;
 mod fractional;
+pub mod identify;
 pub mod inspect;
 pub mod matching;
 pub mod parity;

@@ -2,6 +2,7 @@
 
 use crate::imaging::sidecar::Sidecar;
 use crate::input::beam_case;
+use crate::input::identification;
 use crate::input::material_case;
 use crate::input::statics::ProblemFile;
 use clap::{Args, ValueEnum};
@@ -32,6 +33,8 @@ enum Of {
     Beam,
     /// A case that `material` reads
     Material,
+    /// A case that `identify` reads
+    Identify,
     /// The sidecar of a frame that `render --sidecar` writes
     Sidecar,
 }
@@ -42,6 +45,7 @@ impl Schema {
             Of::Scene => crate::input::scene::schema(),
             Of::Solve => schema_for!(ProblemFile).to_value(),
             Of::Material => schema_for!(material_case::CaseFile).to_value(),
+            Of::Identify => schema_for!(identification::CaseFile).to_value(),
             Of::Beam => schema_for!(beam_case::CaseFile).to_value(),
             Of::Insert => crate::input::scenario::schema(),
             Of::Sidecar => schema_for!(Sidecar).to_value(),

@@ -85,6 +85,10 @@ pub const EXAMPLES: &[(&str, &str)] = &[
         "segmentation-biopsy",
         include_str!("../../assets/segmentation-biopsy.toml"),
     ),
+    (
+        "two-layer-insertion",
+        include_str!("../../assets/two-layer-insertion.toml"),
+    ),
 ];
 
 /// Reference scenario that explains every key.

@@ -28,6 +28,15 @@ impl Scenario {
     /// # Errors
     /// [`InputError`] with the offending key.
     pub fn model(&self, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
+        self.built(true, progress)
+    }
+
+    /// Builds the model without computing in advance what remeshing will read: for a single insertion.
+    pub(crate) fn unprepared_model(&self) -> Result<Box<dyn Model>, InputError> {
+        self.built(false, |_, _| {})
+    }
+
+    fn built(&self, prepared: bool, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
         let needle = self.needle_model().map_err(|error| {
             let key = format!("needle.{}", error.key);
             self.file.fault(key, Cause::Number(error))
@@ -61,7 +70,7 @@ impl Scenario {
             None => Finite::new(setup, progress),
         };
         let mut finite = finite.map_err(|error| self.blame(error))?;
-        if self.modelling.level == Level::Exact {
+        if prepared && self.modelling.level == Level::Exact {
             self.predict_remesh(&mut finite);
         }
         Ok(Box::new(finite))

@@ -1,0 +1,94 @@
+//! `insonify identify`: parameters of tissue layers from a measured insertion.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::base::output::OutputError;
+use crate::input::identification::{self, CaseFile};
+use crate::study::identify::identify;
+
+use super::failure::Failure;
+use super::output::{self, Force};
+use super::terminal;
+
+const TEACHING: &str = "\
+The case file names a scenario (mesh or volume, fixed nodes, line of the needle), the force over the depth of the tip, and displacements of the
+tissue: of `insonify motion`, or of nodes or markers. Found are, for each layer on the line, Young's modulus and the three parameters of the force
+along the shaft: f_p within w of the tip, f_s behind.
+
+Examples:
+  insonify identify --example > case.toml            every key; the measurement is made by
+  insonify insert two-layer-insertion -o run           its force, run/steps.csv
+  insonify rf two-layer-insertion -o rf.igs.mha        its echoes
+  insonify motion rf.igs.mha -o u.csv                  motion of the tissue in them
+  insonify identify case.toml -o found
+  insonify insert found/scenario-0.49.toml -o again  the scenario with what was found
+  insonify schema identify                           every key, as a JSON schema
+
+Writes DIR/index.html (parameters, errors, certainty, figures), DIR/plots, and scenarios. The method, its accuracy and its limits: docs/identification.md.
+Source: E. Dehghan et al., \"Needle-tissue interaction modeling using ultrasound-based motion estimation: Phantom study\", Computer Aided
+Surgery 13 (2008) 265-280.
+Exit status: 0 done; 2 the case or a file is wrong; 1 what the machine could not do.";
+
+/// Identifies force parameters and Young's moduli of tissue layers from one measured needle insertion
+#[derive(Args)]
+#[command(after_help = TEACHING)]
+pub struct Identify {
+    /// Case file: the scenario and the measurement
+    #[arg(value_name = "CASE.toml", required_unless_present = "example")]
+    case: Option<PathBuf>,
+    /// Print an example case file
+    #[arg(long, exclusive = true)]
+    example: bool,
+    /// Folder to write to
+    #[arg(short, long, value_name = "DIR", required_unless_present = "example")]
+    output: Option<PathBuf>,
+    #[command(flatten)]
+    force: Force,
+    /// Print one JSON object: `force_model`, and `found` with `layers`, `force`, `motion`, `beside`, `notes` for each Poisson's ratio
+    #[arg(long)]
+    json: bool,
+}
+
+impl Identify {
+    pub fn run(&self) -> Result<(), Failure> {
+        let (Some(path), Some(target)) = (&self.case, &self.output) else {
+            return terminal::emit(identification::EXAMPLE);
+        };
+        let folder = self
+            .force
+            .folder(target, "identify", &["index.html"], &output::inputs(path))?;
+        let bar = terminal::share();
+        bar.set_message("making the mesh");
+        let set = |share: f64| bar.set_position((share * terminal::SHARES as f64) as u64);
+        let base = path.parent().unwrap_or(Path::new(""));
+        let case = CaseFile::read(path)?.resolve(base, |share| set(f64::from(share)))?;
+        case.scenario.warnings.iter().for_each(terminal::warn);
+        bar.set_message("simulating insertions");
+        let result = identify(case, set);
+        bar.finish_and_clear();
+        let found = result?;
+        for one in &found.found {
+            one.notes.iter().for_each(terminal::warn);
+        }
+        let at = |name: &str| folder.path().join(name);
+        let plots = at("plots");
+        std::fs::create_dir_all(&plots).map_err(|cause| OutputError::Folder {
+            path: folder.place(&plots),
+            cause,
+        })?;
+        for (name, plot) in found.plots() {
+            output::plot(&at(&format!("plots/{name}.svg")), &plot)?;
+        }
+        for (name, text) in found.scenarios() {
+            output::text(&at(&name), &text)?;
+        }
+        output::text(&at("index.html"), &found.page()?)?;
+        folder.install()?;
+        match self.json {
+            true => terminal::emit_json(&found),
+            false => terminal::emit(&found.to_string()),
+        }
+    }
+}

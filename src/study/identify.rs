@@ -1,0 +1,395 @@
+//! Force parameters and Young's moduli of tissue layers from the force on a needle and the displacement of the tissue around it in one insertion
+//! (Dehghan et al. 2008, section "Parameter identification method").
+//!
+//! In an inner loop the force parameters are adjusted until the simulated force has the slopes and widths of the measured one; in an outer loop
+//! Nelder and Mead's method seeks the moduli whose displacements are nearest to the measured ones.
+
+mod data;
+mod force;
+mod report;
+mod simulate;
+#[cfg(test)]
+mod tests;
+
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::base::report::statistics;
+use crate::base::search::nelder_mead;
+use crate::input::identification::{Case, Cost};
+use crate::study::StudyError;
+use data::{Data, Motion, thinned};
+use force::Piecewise;
+use simulate::{Course, Layer, Simulator};
+
+/// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.
+const SETTLED: f64 = 2e-3;
+const MOST_INNER: usize = 15;
+/// Step of the first simplex in the logarithm of a modulus.
+const STEP: f64 = 0.3;
+/// Standard deviation of the cost over a simplex that ends the outer loop (of a cost that is 1 for tissue at rest), and most iterations of it.
+const TOLERANCE: f64 = 2e-7;
+const MOST_OUTER: u64 = 60;
+/// Largest factor between a modulus and the start of its search.
+const FARTHEST: f64 = 30.0;
+/// Relative change of each modulus by which a minimum is tested.
+const ASIDE: f64 = 0.05;
+/// Least force density (N/mm) and width (mm) of a layer.
+const LEAST: [f64; 2] = [1e-6, 0.1];
+/// Residual of the force in the inner loop, as a share of the largest force, from which it is told.
+const DIFFERENT: f64 = 0.05;
+/// Expected number of simulations of an identification, for the progress.
+const EXPECTED: usize = 150;
+
+/// Identifications of one measured insertion.
+#[derive(Clone, Debug, Serialize)]
+pub struct Identification {
+    /// Piecewise-linear model of the measured force.
+    pub force_model: Piecewise,
+    /// Result for each Poisson's ratio.
+    pub found: Vec<Identified>,
+    #[serde(skip)]
+    data: Data,
+    #[serde(skip)]
+    case: Case,
+}
+
+/// Identified parameters, and how well they reproduce the measurement.
+#[derive(Clone, Debug, Serialize)]
+pub struct Identified {
+    /// Poisson's ratio of all layers, if the case states it.
+    pub poisson: Option<f64>,
+    /// Parameters of each layer.
+    pub layers: Vec<Layer>,
+    /// Errors of the simulated force.
+    pub force: ForceErrors,
+    /// Errors of the simulated displacements; `None` without measured ones.
+    pub motion: Option<MotionErrors>,
+    /// Cost at moduli beside those found, each changed by 5 %.
+    pub beside: Vec<Beside>,
+    /// Number of simulated insertions.
+    pub insertions: usize,
+    /// What limits the result, in words.
+    pub notes: Vec<String>,
+    #[serde(skip)]
+    course: Course,
+}
+
+/// Errors of a simulated force.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ForceErrors {
+    /// Root mean square of the difference from the measured force, N.
+    pub rms_n: f64,
+    /// Largest difference from the measured force, N.
+    pub largest_n: f64,
+}
+
+/// Errors of simulated displacements over the depth of the needle.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct MotionErrors {
+    /// Cost, 1 for tissue that does not move.
+    pub cost: f64,
+    /// Largest magnitude of the mean error over all points at a depth, mm.
+    pub largest_mean_mm: f64,
+    /// Largest standard deviation of the error over all points at a depth, mm.
+    pub largest_sd_mm: f64,
+    /// Number of points.
+    pub points: usize,
+    /// Number of depths.
+    pub depths: usize,
+}
+
+/// Cost with one modulus changed.
+#[derive(Clone, Debug, Serialize)]
+pub struct Beside {
+    /// Name of the region.
+    pub region_name: String,
+    /// Factor of its Young's modulus.
+    pub factor: f64,
+    /// Cost over that of the moduli found.
+    pub cost_ratio: f64,
+}
+
+/// Identifies the parameters of a case. `progress` receives an estimate of the completed fraction.
+///
+/// # Errors
+/// [`StudyError`] for tables that cannot be used, and for parameters with which no insertion can be simulated.
+pub fn identify(case: Case, progress: impl Fn(f64) + Sync) -> Result<Identification, StudyError> {
+    let data = Data::read(&case)?;
+    let model = data.model(&case)?;
+    let runs = AtomicUsize::new(0);
+    let expected = (EXPECTED * case.poisson.len()) as f64;
+    let told = || {
+        let done = runs.fetch_add(1, Ordering::Relaxed) as f64;
+        progress(done / (done + 0.5 * expected).max(expected));
+    };
+    let one = |poisson: &Option<f64>| Search::new(&case, &data, &model, *poisson, &told).find();
+    let found = case.poisson.par_iter().map(one).collect::<Result<_, _>>()?;
+    Ok(Identification {
+        force_model: model,
+        found,
+        data,
+        case,
+    })
+}
+
+struct Search<'a> {
+    case: &'a Case,
+    data: &'a Data,
+    model: &'a Piecewise,
+    poisson: Option<f64>,
+    simulator: Simulator<'a>,
+    weights: Vec<f64>,
+    told: &'a (dyn Fn() + Sync),
+    notes: Vec<String>,
+}
+
+impl<'a> Search<'a> {
+    fn new(
+        case: &'a Case,
+        data: &'a Data,
+        model: &'a Piecewise,
+        poisson: Option<f64>,
+        told: &'a (dyn Fn() + Sync),
+    ) -> Self {
+        Self {
+            case,
+            data,
+            model,
+            poisson,
+            simulator: Simulator::new(case, data.motion.as_ref(), model.end_mm),
+            weights: case.weights(),
+            told,
+            notes: Vec::new(),
+        }
+    }
+
+    /// Layers with the moduli of the start, and force parameters from slopes and widths of the measured force.
+    fn start(&self) -> Vec<Layer> {
+        let layers = self.case.layers.iter().enumerate();
+        let slope = |region: usize| self.model.slopes_n_per_mm[region].max(LEAST[0]);
+        let layer = |(at, layer): (usize, &crate::input::identification::Crossed)| Layer {
+            region: layer.region,
+            region_name: layer.name.clone(),
+            young_kpa: layer.material.young_kpa(),
+            young_known: layer.known,
+            poisson: self.poisson.unwrap_or(layer.material.poisson()),
+            peak_n_per_mm: slope(2 * at),
+            shaft_n_per_mm: slope(2 * at + 1),
+            width_mm: self.model.width(2 * at).max(LEAST[1]),
+        };
+        layers.map(layer).collect()
+    }
+
+    fn simulate(&mut self, layers: &[Layer], observed: bool) -> Result<Course, StudyError> {
+        (self.told)();
+        self.simulator.run(layers, observed)
+    }
+
+    /// Adjusts the force parameters until the simulated force has the slopes and widths of the measured one. The last simulation also has
+    /// the displacements.
+    fn match_forces(&mut self, layers: &mut [Layer]) -> Result<Course, StudyError> {
+        for _ in 0..MOST_INNER {
+            let course = self.simulate(layers, false)?;
+            let Some(found) = self.model.refined(&thinned(&course.force)) else {
+                break;
+            };
+            let mut change = 0.0_f64;
+            for (at, layer) in layers.iter_mut().enumerate() {
+                // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
+                // the tip leaves behind in the layer before.
+                let lack = |region: usize| self.model.slopes_n_per_mm[region] - found.slopes_n_per_mm[region];
+                let peak = (layer.peak_n_per_mm + lack(2 * at)).max(LEAST[0]);
+                let shaft = (layer.shaft_n_per_mm + lack(2 * at + 1)).max(LEAST[0]);
+                let ratio = self.model.width(2 * at) / found.width(2 * at).max(LEAST[1]);
+                let width = (layer.width_mm * ratio.clamp(0.5, 2.0)).max(LEAST[1]);
+                for (new, own) in [
+                    (peak, &mut layer.peak_n_per_mm),
+                    (shaft, &mut layer.shaft_n_per_mm),
+                    (width, &mut layer.width_mm),
+                ] {
+                    change = change.max((new / *own - 1.0).abs());
+                    *own = new;
+                }
+            }
+            if change < SETTLED {
+                break;
+            }
+        }
+        self.simulate(layers, true)
+    }
+
+    fn find(mut self) -> Result<Identified, StudyError> {
+        let (data, mut layers) = (self.data, self.start());
+        let unknown: Vec<usize> = (0..layers.len()).filter(|at| !layers[*at].young_known).collect();
+        if let (Some(motion), false) = (&data.motion, unknown.is_empty()) {
+            let start: Vec<f64> = unknown.iter().map(|at| layers[*at].young_kpa.ln()).collect();
+            let limit = FARTHEST.ln();
+            let mut own = layers.clone();
+            let search = &mut self;
+            let cost = |logs: &[f64]| {
+                let beyond = logs
+                    .iter()
+                    .zip(&start)
+                    .map(|(log, start)| ((log - start).abs() - limit).max(0.0));
+                let beyond: f64 = beyond.sum();
+                if beyond > 0.0 {
+                    return Ok(1e3 * (1.0 + beyond));
+                }
+                unknown
+                    .iter()
+                    .zip(logs)
+                    .for_each(|(at, log)| own[*at].young_kpa = log.exp());
+                let course = search.match_forces(&mut own)?;
+                Ok::<f64, StudyError>(search.cost(motion, &course))
+            };
+            let found = nelder_mead(&start, &vec![STEP; start.len()], TOLERANCE, MOST_OUTER, cost)?;
+            layers = own;
+            unknown
+                .iter()
+                .zip(&found.at)
+                .for_each(|(at, log)| layers[*at].young_kpa = log.exp());
+            let far = found
+                .at
+                .iter()
+                .zip(&start)
+                .any(|(log, start)| (log - start).abs() > 0.98 * limit);
+            if far {
+                self.notes.push(format!(
+                    "a modulus ends {FARTHEST} times away from its start: the search has no minimum there"
+                ));
+            }
+        }
+        let course = self.match_forces(&mut layers)?;
+        let mut beside = Vec::new();
+        if let Some(motion) = &data.motion {
+            let least = self.cost(motion, &course);
+            for at in unknown {
+                for factor in [1.0 - ASIDE, 1.0 + ASIDE] {
+                    let mut changed = layers.clone();
+                    changed[at].young_kpa *= factor;
+                    let course = self.match_forces(&mut changed)?;
+                    beside.push(Beside {
+                        region_name: changed[at].region_name.clone(),
+                        factor,
+                        cost_ratio: self.cost(motion, &course) / least,
+                    });
+                }
+            }
+        }
+        Ok(self.conclude(layers, course, beside))
+    }
+
+    fn conclude(mut self, layers: Vec<Layer>, course: Course, beside: Vec<Beside>) -> Identified {
+        let force = force_errors(&course, &self.data.force);
+        let largest = self.data.force.iter().map(|point| point[1]).fold(0.0, f64::max);
+        if force.rms_n > DIFFERENT * largest {
+            self.notes.push(format!(
+                "the simulated force differs from the measured one by {:.1} % of its largest value (root mean square): this law of force does not fit",
+                100.0 * force.rms_n / largest
+            ));
+        }
+        for beside in beside.iter().filter(|beside| beside.cost_ratio <= 1.0) {
+            self.notes.push(format!(
+                "no minimum: the cost falls where Young's modulus of {} changes by {:+.0} %",
+                beside.region_name,
+                100.0 * (beside.factor - 1.0)
+            ));
+        }
+        if course.unsettled > 0 {
+            self.notes.push(format!(
+                "{} steps of the simulated insertion did not converge",
+                course.unsettled
+            ));
+        }
+        Identified {
+            poisson: self.poisson,
+            layers,
+            force,
+            motion: self
+                .data
+                .motion
+                .as_ref()
+                .map(|motion| self.motion_errors(motion, &course)),
+            beside,
+            insertions: self.simulator.runs,
+            notes: self.notes,
+            course,
+        }
+    }
+
+    /// Weighted squares of the errors over those of the displacements (Dehghan et al. 2008, equation 1, as its text describes it).
+    fn cost(&self, motion: &Motion, course: &Course) -> f64 {
+        let (mut errors, mut all) = (0.0, 0.0);
+        for ((depth, simulated), measured) in motion.depths_mm.iter().zip(&course.moved_mm).zip(&motion.measured_mm) {
+            let weight = self.weights[self.model.region(*depth)];
+            let pairs = || {
+                let pairs = simulated.iter().zip(measured);
+                pairs.filter(|(simulated, measured)| simulated.is_finite() && measured.is_finite())
+            };
+            let [error, size] = match self.case.cost {
+                Cost::Points => pairs().fold([0.0; 2], |[error, size], (simulated, measured)| {
+                    [error + (simulated - measured).powi(2), size + measured * measured]
+                }),
+                Cost::Mean => {
+                    let count = pairs().count().max(1) as f64;
+                    let mean = pairs().fold([0.0; 2], |[error, size], (simulated, measured)| {
+                        [error + (simulated - measured) / count, size + measured / count]
+                    });
+                    mean.map(|mean| mean * mean)
+                }
+            };
+            errors += weight * error;
+            all += weight * size;
+        }
+        errors / all.max(f64::MIN_POSITIVE)
+    }
+
+    fn motion_errors(&self, motion: &Motion, course: &Course) -> MotionErrors {
+        let by_depth = errors_by_depth(motion, course);
+        let largest = |of: fn(&[f64; 3]) -> f64| by_depth.iter().map(of).fold(0.0, f64::max);
+        MotionErrors {
+            cost: self.cost(motion, course),
+            largest_mean_mm: largest(|row| row[1].abs()),
+            largest_sd_mm: largest(|row| row[2]),
+            points: motion.points.len(),
+            depths: motion.depths_mm.len(),
+        }
+    }
+}
+
+/// Depth of the tip, and mean and standard deviation of the error over all points there, mm.
+fn errors_by_depth(motion: &Motion, course: &Course) -> Vec<[f64; 3]> {
+    let rows = motion.depths_mm.iter().zip(&course.moved_mm).zip(&motion.measured_mm);
+    let row = |((depth, simulated), measured): ((&f64, &Vec<f64>), &Vec<f64>)| {
+        let errors = simulated
+            .iter()
+            .zip(measured)
+            .map(|(simulated, measured)| simulated - measured);
+        let errors: Vec<f64> = errors.filter(|error| error.is_finite()).collect();
+        (!errors.is_empty()).then(|| [*depth, statistics::mean(&errors), statistics::std(&errors)])
+    };
+    rows.filter_map(row).collect()
+}
+
+fn force_errors(course: &Course, measured: &[[f64; 2]]) -> ForceErrors {
+    let error = |point: &[f64; 2]| (force_at(course, point[0]) - point[1]).abs();
+    let squares: f64 = measured.iter().map(|point| error(point).powi(2)).sum();
+    ForceErrors {
+        rms_n: (squares / measured.len().max(1) as f64).sqrt(),
+        largest_n: measured.iter().map(error).fold(0.0, f64::max),
+    }
+}
+
+/// Simulated force at a depth (mm), N: linear between steps, 0 at the surface.
+fn force_at(course: &Course, depth: f64) -> f64 {
+    let after = course.force.partition_point(|point| point[0] < depth);
+    let [end, force] = course.force[after.min(course.force.len() - 1)];
+    let [start, before] = after.checked_sub(1).map_or([0.0; 2], |at| course.force[at]);
+    if end <= start {
+        return force;
+    }
+    before + (force - before) * ((depth - start) / (end - start)).clamp(0.0, 1.0)
+}

@@ -1,0 +1,374 @@
+//! Measured forces and displacements, read from tables.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::{Point3, Vector3};
+
+use super::force::Piecewise;
+use crate::base::csv::{Csv, CsvError};
+use crate::base::report::statistics::percentile;
+use crate::input::identification::Case;
+use crate::mechanics::mesh::{Locator, NONE};
+use crate::study::StudyError;
+use crate::tracking::probe::BeamGrid;
+
+/// Way back that ends the first push, mm.
+const BACK_MM: f64 = 0.5;
+/// Most points of a curve of force; more are averaged.
+const POINTS: usize = 300;
+/// Largest distance between neighbouring forces as a share of the curve.
+const GAP: f64 = 0.05;
+/// Most depths at which displacements are compared.
+const DEPTHS: usize = 40;
+/// Correlation below which a window is not used.
+const TRUSTED: f64 = 0.8;
+/// Side of the cells whose windows are one displacement, their median, mm.
+const CELL_MM: f64 = 4.0;
+/// Fewest windows that correlate in a cell, as a share of all.
+const FILLED: f64 = 0.5;
+
+/// Measurements of the first push of a needle.
+#[derive(Clone, Debug)]
+pub struct Data {
+    /// Depth of the tip (mm, rising) and force (N).
+    pub force: Vec<[f64; 2]>,
+    /// Measured displacements.
+    pub motion: Option<Motion>,
+}
+
+/// Displacements over the depth of the needle.
+#[derive(Clone, Debug)]
+pub struct Motion {
+    /// Points at rest, and the directions along which their displacement is measured.
+    pub points: Vec<(Point3<f64>, Vector3<f64>)>,
+    /// Depths of the tip, mm, rising.
+    pub depths_mm: Vec<f64>,
+    /// At each depth the displacement of each point, mm; NaN where it is not measured.
+    pub measured_mm: Vec<Vec<f64>>,
+}
+
+fn unusable(path: &Path, text: String) -> StudyError {
+    CsvError::Contents {
+        path: path.to_owned(),
+        text,
+    }
+    .into()
+}
+
+/// Rows of the first push, in which the tip is in the tissue and deeper than ever before.
+fn first_push(depths: &[f64]) -> Vec<usize> {
+    let mut deepest = 0.0;
+    let mut rows = Vec::new();
+    for (at, depth) in depths.iter().enumerate() {
+        if deepest > 0.0 && *depth < deepest - BACK_MM {
+            break;
+        }
+        if *depth > deepest + 1e-9 {
+            deepest = *depth;
+            rows.push(at);
+        }
+    }
+    rows
+}
+
+impl Data {
+    /// Reads the tables of a case.
+    ///
+    /// # Errors
+    /// [`StudyError`] with the table and what it lacks.
+    pub fn read(case: &Case) -> Result<Self, StudyError> {
+        let force = forces(case)?;
+        let end = force.last().map_or(0.0, |last| last[0]);
+        if let Some(layer) = case.layers.iter().find(|layer| layer.begins_mm >= end) {
+            let text = format!(
+                "found forces up to a depth of {end:.1} mm; {} on the needle's line begins at {:.1} mm",
+                layer.name, layer.begins_mm
+            );
+            return Err(unusable(&case.force, text));
+        }
+        let motion = match &case.motion {
+            None => None,
+            Some(spec) => Some(Motion::read(case, &spec.file, spec.frames.as_deref(), end)?),
+        };
+        Ok(Self { force, motion })
+    }
+
+    /// Piecewise-linear model of the force, two regions a layer.
+    ///
+    /// # Errors
+    /// [`StudyError`] if the force does not have these regions.
+    pub fn model(&self, case: &Case) -> Result<Piecewise, StudyError> {
+        let regions = 2 * case.layers.len();
+        let expected = format!(
+            "{regions} regions with a rising force, two for each of {} layers",
+            case.layers.len()
+        );
+        let Some(model) = Piecewise::fit(&self.force, regions) else {
+            let text = format!(
+                "found {} forces of the first push; expected enough for {expected}",
+                self.force.len()
+            );
+            return Err(unusable(&case.force, text));
+        };
+        match model.doubt(&self.force) {
+            Some(found) => Err(unusable(&case.force, format!("found {found}; expected {expected}"))),
+            None => Ok(model),
+        }
+    }
+}
+
+fn forces(case: &Case) -> Result<Vec<[f64; 2]>, StudyError> {
+    let path = &case.force;
+    let table = Csv::open(path, &[])?;
+    let tip = ["measured_tip_x_mm", "measured_tip_y_mm", "measured_tip_z_mm"];
+    let is_steps = tip.iter().all(|name| table.has(name)) && table.has("base_force_z_n");
+    if !is_steps && !(table.has("tip_mm") && table.has("force_n")) {
+        let text = "found other columns; expected tip_mm,force_n, or a table of steps of `insonify insert`";
+        return Err(unusable(path, text.to_owned()));
+    }
+    let mut rows = Vec::new();
+    for row in table.rows() {
+        rows.push(match is_steps {
+            true => {
+                let way = Point3::from(row.numbers(tip)?) - case.entry;
+                [way.dot(&case.direction), -row.number("base_force_z_n")?]
+            }
+            false => row.numbers(["tip_mm", "force_n"])?,
+        });
+    }
+    let depths: Vec<f64> = rows.iter().map(|row| row[0]).collect();
+    let push: Vec<[f64; 2]> = first_push(&depths).into_iter().map(|at| rows[at]).collect();
+    let Some(end) = push.last().map(|last| last[0]) else {
+        return Err(unusable(
+            path,
+            "found no tip in the tissue; expected depths above 0 mm".to_owned(),
+        ));
+    };
+    if end > case.deepest_mm + BACK_MM {
+        let text = format!(
+            "found a tip {end:.1} mm deep; the path of the scenario's needle ends at {:.1} mm",
+            case.deepest_mm
+        );
+        return Err(unusable(path, text));
+    }
+    let mut before = 0.0;
+    for [depth, _] in &push {
+        if depth - before > GAP * end {
+            let text = format!(
+                "found no force between {before:.2} and {depth:.2} mm; expected forces at least every {:.2} mm",
+                GAP * end
+            );
+            return Err(unusable(path, text));
+        }
+        before = *depth;
+    }
+    if push.last().is_some_and(|last| last[1] <= 0.0) {
+        let text = "found a force that is not positive at the deepest point; expected one that is positive while the needle is pushed in";
+        return Err(unusable(path, text.to_owned()));
+    }
+    Ok(thinned(&push))
+}
+
+/// Means of neighbouring points, at most 300.
+pub(super) fn thinned(curve: &[[f64; 2]]) -> Vec<[f64; 2]> {
+    let mean = |rows: &[[f64; 2]]| [0, 1].map(|at| rows.iter().map(|row| row[at]).sum::<f64>() / rows.len() as f64);
+    curve.chunks(curve.len().div_ceil(POINTS).max(1)).map(mean).collect()
+}
+
+/// A displacement that was read: point, depth of the tip, displacement, mm.
+type Read = (usize, f64, f64);
+
+impl Motion {
+    fn read(case: &Case, path: &Path, frames: Option<&Path>, end: f64) -> Result<Self, StudyError> {
+        let table = Csv::open(path, &[])?;
+        let has = |names: &[&str]| names.iter().all(|name| table.has(name));
+        let (points, read) = if has(&["frame", "line", "window", "depth_mm", "axial_um"]) {
+            windows(case, &table, path, &depths_of_frames(case, frames, path)?)?
+        } else if table.has("tip_mm") && (table.has("node") || has(&["x_mm", "y_mm", "z_mm"])) {
+            markers(case, &table)?
+        } else {
+            let expected =
+                "a table of `insonify motion`, or the columns tip_mm, node or x_mm,y_mm,z_mm, and ux_mm,uy_mm,uz_mm";
+            return Err(unusable(path, format!("found other columns; expected {expected}")));
+        };
+        let mut all: Vec<f64> = read.iter().map(|read| read.1).collect();
+        all.dedup();
+        let mut depths: Vec<f64> = first_push(&all).into_iter().map(|at| all[at]).collect();
+        depths.retain(|depth| *depth <= end);
+        if depths.len() > DEPTHS {
+            let every = (depths.len() - 1) as f64 / (DEPTHS - 1) as f64;
+            depths = (0..DEPTHS)
+                .map(|at| depths[(at as f64 * every).round() as usize])
+                .collect();
+        }
+        let mut measured = vec![vec![f64::NAN; points.len()]; depths.len()];
+        let mut done = vec![false; depths.len()];
+        let mut before = f64::NAN;
+        for (point, depth, moved) in read {
+            // Rows of a later visit of the same depth are not of the first push.
+            if depth != before {
+                if let Some(at) = depths.iter().position(|other| *other == before) {
+                    done[at] = true;
+                }
+                before = depth;
+            }
+            if let Some(at) = depths.iter().position(|other| *other == depth).filter(|at| !done[*at]) {
+                measured[at][point] = moved;
+            }
+        }
+        let motion = Self {
+            points,
+            depths_mm: depths,
+            measured_mm: measured,
+        };
+        motion.within(case, path)
+    }
+
+    /// Drops points outside the mesh and those that are never measured.
+    fn within(mut self, case: &Case, path: &Path) -> Result<Self, StudyError> {
+        let locator = Locator::<f64>::new(&case.scenario.mesh);
+        let is_kept = |at: usize| {
+            let (place, _) = self.points[at];
+            let measured = self.measured_mm.iter().any(|row| row[at].is_finite());
+            measured && locator.locate(place.into(), NONE).element != NONE
+        };
+        let kept: Vec<usize> = (0..self.points.len()).filter(|at| is_kept(*at)).collect();
+        if kept.is_empty() || self.depths_mm.len() < 2 {
+            let text = format!(
+                "found {} places in the mesh that are measured, at {} depths of the first push; expected several of both",
+                kept.len(),
+                self.depths_mm.len()
+            );
+            return Err(unusable(path, text));
+        }
+        self.points = kept.iter().map(|at| self.points[*at]).collect();
+        for row in &mut self.measured_mm {
+            *row = kept.iter().map(|at| row[*at]).collect();
+        }
+        Ok(self)
+    }
+}
+
+/// Depth of the tip in each frame, mm.
+fn depths_of_frames(case: &Case, frames: Option<&Path>, motion: &Path) -> Result<BTreeMap<usize, f64>, StudyError> {
+    let mut depths = BTreeMap::new();
+    if let Some(path) = frames {
+        let table = Csv::open(path, &["frame", "tip_mm"])?;
+        for row in table.rows() {
+            depths.insert(row.count("frame")?, row.number("tip_mm")?);
+        }
+    } else {
+        let timing = case.scenario.timing;
+        for frame in 0..timing.moments(timing.frame_s) {
+            let step = timing
+                .step_at(timing.start_s + frame as f64 * timing.frame_s)
+                .min(timing.steps);
+            let tip = case.scenario.needle_tip().at(timing.at(step)).position_mm();
+            depths.insert(frame as usize, (tip - case.entry).dot(&case.direction));
+        }
+    }
+    match depths.get(&0) {
+        Some(depth) if *depth > 0.0 => {
+            let text = format!(
+                "found the needle {depth:.1} mm deep in the first frame, against which motion is measured; expected it outside"
+            );
+            Err(unusable(frames.unwrap_or(motion), text))
+        }
+        _ => Ok(depths),
+    }
+}
+
+/// Windows of ultrasonic lines, gathered in cells.
+fn windows(
+    case: &Case,
+    table: &Csv,
+    path: &Path,
+    depths: &BTreeMap<usize, f64>,
+) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), StudyError> {
+    let grid = BeamGrid::new(&case.scenario.scene.settings.probe)?;
+    let to_world = case.scenario.probe(0);
+    let mut points = Vec::new();
+    let mut cells: BTreeMap<[i64; 2], usize> = BTreeMap::new();
+    // Windows of each cell in a frame: displacements of those that correlate, and the number of all.
+    let mut found: BTreeMap<(usize, usize), (Vec<f64>, usize)> = BTreeMap::new();
+    for row in table.rows() {
+        let (frame, line) = (row.count("frame")?, row.count("line")?);
+        let [depth, axial] = row.numbers(["depth_mm", "axial_um"])?;
+        let Some(ray) = grid.rays().get(line) else {
+            let expected = format!("one of {} lines, those of the scenario's probe", grid.lines());
+            return Err(row.wrong("line", expected).into());
+        };
+        if !depths.contains_key(&frame) {
+            return Err(row.wrong("frame", "a frame whose depth of the needle is known").into());
+        }
+        let [x, y] = [0, 1].map(|axis| ray.origin[axis] + depth * ray.direction[axis]);
+        let key = [x, y].map(|at| (at / CELL_MM).floor() as i64);
+        let cell = *cells.entry(key).or_insert_with(|| {
+            let middle = key.map(|at| (at as f64 + 0.5) * CELL_MM);
+            let along = to_world.rotation * Vector3::new(ray.direction[0], ray.direction[1], 0.0);
+            points.push((to_world * Point3::new(middle[0], middle[1], 0.0), along));
+            points.len() - 1
+        });
+        let (values, all) = found.entry((frame, cell)).or_default();
+        *all += 1;
+        let correlates = !table.has("correlation") || row.number("correlation")? >= TRUSTED;
+        if correlates {
+            values.push(1e-3 * axial);
+        }
+    }
+    if cells.is_empty() {
+        return Err(unusable(path, "found no windows".to_owned()));
+    }
+    // Cells at the edges of the image have fewer windows, off their middle.
+    let most = found.values().map(|(_, all)| *all).max().unwrap_or(0);
+    let mut read = Vec::new();
+    for ((frame, cell), (mut values, all)) in found {
+        values.sort_by(f64::total_cmp);
+        if (values.len() as f64) < FILLED * most as f64 || 10 * all < 9 * most {
+            continue;
+        }
+        if let Some(middle) = percentile(&values, 0.5) {
+            read.push((cell, depths[&frame], middle));
+        }
+    }
+    Ok((points, read))
+}
+
+/// Nodes or marked points with some components of their displacement.
+fn markers(case: &Case, table: &Csv) -> Result<(Vec<(Point3<f64>, Vector3<f64>)>, Vec<Read>), StudyError> {
+    let columns = ["ux_mm", "uy_mm", "uz_mm"];
+    let nodes = case.scenario.mesh.nodes();
+    let mut points: Vec<(Point3<f64>, Vector3<f64>)> = Vec::new();
+    let mut known: BTreeMap<([u64; 3], usize), usize> = BTreeMap::new();
+    let mut read = Vec::new();
+    for row in table.rows() {
+        let depth = row.number("tip_mm")?;
+        let place = match table.has("node") {
+            false => row.numbers(["x_mm", "y_mm", "z_mm"])?,
+            true => match nodes.get(row.count("node")?) {
+                Some(place) => *place,
+                None => {
+                    return Err(row
+                        .wrong("node", format!("one of {} nodes of the mesh, from 0", nodes.len()))
+                        .into());
+                }
+            },
+        };
+        for (axis, column) in columns
+            .iter()
+            .enumerate()
+            .filter(|(_, column)| !row.text(column).is_empty())
+        {
+            let moved = row.number(column)?;
+            let point = *known.entry((place.map(f64::to_bits), axis)).or_insert_with(|| {
+                let mut along = Vector3::zeros();
+                along[axis] = 1.0;
+                points.push((place.into(), along));
+                points.len() - 1
+            });
+            read.push((point, depth, moved));
+        }
+    }
+    Ok((points, read))
+}

@@ -1,0 +1,375 @@
+//! Tables, figures, page and scenario of an identification.
+
+use std::fmt;
+use std::path::Path;
+
+use super::{Identification, Identified, errors_by_depth};
+use crate::base::document::{Names, RegionName};
+use crate::base::output::OutputError;
+use crate::base::report::number::{decimal, significant};
+use crate::base::report::page::Page;
+use crate::base::report::plot::{Axis, Marker, Plot, Series};
+use crate::base::report::table::{Cell, Table};
+use nalgebra::Vector3;
+use toml::Value;
+
+impl Identified {
+    /// Name of the identification among several.
+    fn name(&self) -> String {
+        match self.poisson {
+            Some(poisson) => format!("Poisson's ratio {poisson}"),
+            None => "simulated".to_owned(),
+        }
+    }
+}
+
+impl Identification {
+    /// Parameters of the layers: Table II of Dehghan et al. 2008.
+    fn parameters(&self) -> Table {
+        let head = ["Poisson's ratio", "f_p, N/m", "f_s, N/m", "w, mm", "E, kPa"].map(Cell::number);
+        let mut table = Table::new([Cell::from("layer")].into_iter().chain(head));
+        for found in &self.found {
+            for layer in &found.layers {
+                let known = if layer.young_known { " (known)" } else { "" };
+                table.row(
+                    "",
+                    [
+                        Cell::from(layer.region_name.clone()),
+                        Cell::number(decimal(layer.poisson, 3)),
+                        Cell::number(decimal(1e3 * layer.peak_n_per_mm, 1)),
+                        Cell::number(decimal(1e3 * layer.shaft_n_per_mm, 1)),
+                        Cell::number(decimal(layer.width_mm, 2)),
+                        Cell::number(decimal(layer.young_kpa, 2) + known),
+                    ],
+                );
+            }
+        }
+        table
+    }
+
+    /// Errors of the simulations: Table III of Dehghan et al. 2008, and those of the force.
+    fn errors(&self) -> Table {
+        let head = [
+            "largest mean error, mm",
+            "largest SD of the error, mm",
+            "RMS error of the force, N",
+            "largest error of the force, N",
+            "insertions simulated",
+        ];
+        let head = head.map(Cell::number);
+        let mut table = Table::new([Cell::from("")].into_iter().chain(head));
+        for found in &self.found {
+            let moved = found
+                .motion
+                .map(|errors| [errors.largest_mean_mm, errors.largest_sd_mm]);
+            let [mean, sd] = moved.map_or([String::new(), String::new()], |errors| errors.map(significant));
+            let numbers = [
+                mean,
+                sd,
+                significant(found.force.rms_n),
+                significant(found.force.largest_n),
+                found.insertions.to_string(),
+            ];
+            table.row(
+                "",
+                [Cell::from(found.name())].into_iter().chain(numbers.map(Cell::number)),
+            );
+        }
+        table
+    }
+
+    /// Regions of the measured force.
+    fn regions(&self) -> Table {
+        let head = ["from, mm", "to, mm", "slope, N/mm"].map(Cell::number);
+        let mut table = Table::new([Cell::from("region")].into_iter().chain(head));
+        for (at, slope) in self.force_model.slopes_n_per_mm.iter().enumerate() {
+            let layer = &self.case.layers[at / 2].name;
+            let phase = if at % 2 == 0 { "punctured" } else { "penetrated" };
+            let [start, end] = self.force_model.ends(at).map(|end| Cell::number(decimal(end, 2)));
+            let name = Cell::from(format!("{}: {layer} {phase}", at + 1));
+            table.row("", [name, start, end, Cell::number(decimal(*slope, 4))]);
+        }
+        table
+    }
+
+    /// Cost beside the moduli found; empty where all are known.
+    fn beside(&self) -> Table {
+        let mut table = Table::new(
+            ["", "layer"]
+                .map(Cell::from)
+                .into_iter()
+                .chain(["E changed by", "cost changes by"].map(Cell::number)),
+        );
+        for found in &self.found {
+            for beside in &found.beside {
+                let percent = |factor: f64| Cell::number(format!("{:+.3} %", 100.0 * (factor - 1.0)));
+                let change = Cell::number(format!("{:+.0} %", 100.0 * (beside.factor - 1.0)));
+                let cost = match beside.cost_ratio < 100.0 {
+                    true => percent(beside.cost_ratio),
+                    false => Cell::number(format!("x {}", significant(beside.cost_ratio))),
+                };
+                table.row(
+                    "",
+                    [
+                        Cell::from(found.name()),
+                        Cell::from(beside.region_name.clone()),
+                        change,
+                        cost,
+                    ],
+                );
+            }
+        }
+        table
+    }
+
+    /// Figures 12, 14 and 15 of Dehghan et al. 2008 and the errors of the displacements over the depth, by file name.
+    pub fn plots(&self) -> Vec<(String, Plot)> {
+        let mut plots = vec![
+            ("figure-12".to_owned(), self.figure_12()),
+            ("figure-14".to_owned(), self.figure_14()),
+        ];
+        if let Some(motion) = &self.data.motion {
+            let series = self.found.iter().enumerate().flat_map(|(at, found)| {
+                let errors = errors_by_depth(motion, &found.course);
+                let of = |column: usize| errors.iter().map(|row| [row[0], row[column]]).collect();
+                [
+                    Series::line(format!("{}, mean", found.name()), 2 * at, of(1)),
+                    Series::line(format!("{}, SD", found.name()), 2 * at + 1, of(2)),
+                ]
+            });
+            let axes = [Axis::linear("depth of the tip, mm"), Axis::linear("error, mm")];
+            let [x, y] = axes;
+            let plot = Plot::new("Errors of the simulated displacements", x, y, series.collect());
+            plots.push(("errors".to_owned(), plot));
+            let several = self.found.len() > 1;
+            for found in &self.found {
+                let name = match (several, found.poisson) {
+                    (true, Some(poisson)) => format!("figure-15-{poisson}"),
+                    _ => "figure-15".to_owned(),
+                };
+                plots.extend(self.figure_15(found).map(|plot| (name, plot)));
+            }
+        }
+        plots
+    }
+
+    fn figure_12(&self) -> Plot {
+        let model = &self.force_model;
+        let corners = [0.0]
+            .into_iter()
+            .chain(model.breaks_mm.iter().copied())
+            .chain([model.end_mm]);
+        Plot::new(
+            "Measured force and its piecewise-linear model",
+            Axis::linear("depth of the tip, mm"),
+            Axis::linear("force, N"),
+            vec![
+                Series::line("measured", 1, self.data.force.clone()),
+                Series::line("model", 0, corners.map(|depth| [depth, model.at(depth)]).collect()),
+            ],
+        )
+    }
+
+    fn figure_14(&self) -> Plot {
+        let mut series = vec![Series::line("measured", 1, self.data.force.clone())];
+        let colour = |at: usize| if at == 0 { 0 } else { at + 1 };
+        let simulated = self.found.iter().enumerate();
+        series.extend(simulated.map(|(at, found)| Series::line(found.name(), colour(at), found.course.force.clone())));
+        let axes = [Axis::linear("depth of the tip, mm"), Axis::linear("force, N")];
+        let [x, y] = axes;
+        Plot::new("Measured and simulated force", x, y, series)
+    }
+
+    /// Places of the points in the plane of the needle's direction and the direction across in which they are spread most, with the deepest
+    /// needle; only measured components of the displacement.
+    fn figure_15(&self, found: &Identified) -> Option<Plot> {
+        let motion = self.data.motion.as_ref()?;
+        let (simulated, measured) = (found.course.moved_mm.last()?, motion.measured_mm.last()?);
+        let direction = self.case.direction.into_inner();
+        let spread = |across: &Vector3<f64>| {
+            let places = motion.points.iter().map(|(place, _)| place.coords.dot(across));
+            let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), at| {
+                (low.min(at), high.max(at))
+            });
+            high - low
+        };
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        let across = axes
+            .into_iter()
+            .filter_map(|axis| (axis - direction * axis.dot(&direction)).try_normalize(0.1));
+        let across = across.max_by(|a, b| spread(a).total_cmp(&spread(b)))?;
+        let place = |at: usize, moved: f64| {
+            let (rest, along) = motion.points[at];
+            let now = rest + along * moved - self.case.entry;
+            [now.dot(&direction), now.dot(&across)]
+        };
+        let kept = (0..motion.points.len()).filter(|at| measured[*at].is_finite() && simulated[*at].is_finite());
+        let kept: Vec<usize> = kept.collect();
+        let all = |moved: &dyn Fn(usize) -> f64| kept.iter().map(|at| place(*at, moved(*at))).collect::<Vec<_>>();
+        let depth = *motion.depths_mm.last()?;
+        Some(
+            Plot::new(
+                format!("Measured places at a depth of {depth:.1} mm ({})", found.name()),
+                Axis::linear("along the needle, mm"),
+                Axis::linear("across, mm"),
+                vec![
+                    Series::points("at rest", 6, Marker::Frame, all(&|_| 0.0)),
+                    Series::points("measured", 1, Marker::Ring, all(&|at| measured[at])),
+                    Series::points("simulated", 0, Marker::Cross, all(&|at| simulated[at])),
+                    Series::line("needle", 2, vec![[0.0, 0.0], [depth, 0.0]]),
+                ],
+            )
+            .equal(),
+        )
+    }
+
+    /// One self-contained HTML document.
+    ///
+    /// # Errors
+    /// [`OutputError`] if a plot cannot be drawn.
+    pub fn page(&self) -> Result<String, OutputError> {
+        let mut page = Page::new("Identified tissue layers");
+        for found in &self.found {
+            for note in &found.notes {
+                page.paragraph("warning", &format!("{}: {note}.", found.name()));
+            }
+        }
+        page.put("<h2>Parameters</h2>");
+        page.table(&self.parameters());
+        page.paragraph(
+            "soft",
+            "f_p: force per length within w of the tip; f_s: behind it; E: Young's modulus (Dehghan et al. 2008, Table II).",
+        );
+        page.put("<h2>Errors</h2>");
+        page.table(&self.errors());
+        page.paragraph(
+            "soft",
+            "Mean and standard deviation of the error are taken over all measured places at a depth of the tip; the largest over all depths counts (Table III).",
+        );
+        let beside = self.beside();
+        if !beside.is_empty() {
+            page.put("<h2>Certainty</h2>");
+            page.table(&beside);
+            page.paragraph(
+                "soft",
+                "How far the cost rises where one modulus is changed and the forces are matched again: the less, the less certain the modulus.",
+            );
+        }
+        page.put("<h2>Regions of the force</h2>");
+        page.table(&self.regions());
+        page.plots(self.plots().iter().map(|(_, plot)| plot))?;
+        Ok(page.finish())
+    }
+
+    /// Scenarios with the parameters found, by file name. Paths of existing files are made absolute.
+    pub fn scenarios(&self) -> Vec<(String, String)> {
+        let several = self.found.len() > 1;
+        let one = |found: &Identified| {
+            let name = match (several, found.poisson) {
+                (true, Some(poisson)) => format!("scenario-{poisson}.toml"),
+                _ => "scenario.toml".to_owned(),
+            };
+            (name, self.scenario(found))
+        };
+        self.found.iter().map(one).collect()
+    }
+
+    fn scenario(&self, found: &Identified) -> String {
+        let (text, folder) = &self.case.text;
+        // The case was resolved from this text.
+        let mut table: toml::Table = text.parse().unwrap_or_default();
+        for value in table.iter_mut().map(|(_, value)| value) {
+            make_absolute(value, folder);
+        }
+        let tissue = table
+            .entry("tissue")
+            .or_insert_with(|| Value::Table(toml::Table::new()));
+        if let Value::Table(tissue) = tissue {
+            let materials = tissue.entry("material").or_insert_with(|| Value::Array(Vec::new()));
+            if let Value::Array(materials) = materials {
+                self.split(materials);
+                found.layers.iter().for_each(|layer| set(materials, layer));
+            }
+        }
+        let head = "# Parameters of the layers on the needle's line were identified by `insonify identify` from a measured insertion.\n\n";
+        head.to_owned() + &toml::to_string(&table).unwrap_or_default()
+    }
+
+    /// Gives every region of a table for several its own, named by its number.
+    fn split(&self, materials: &mut Vec<Value>) {
+        let regions = self.case.scenario.region_names.iter();
+        let names = Names::new(regions.map(|(region, name)| (*region, i64::from(*region), vec![name.clone()])));
+        let mut split = Vec::new();
+        for material in materials.drain(..) {
+            let wanted = material.get("region").and_then(|region| match region {
+                Value::Integer(number) => Some(RegionName::Value(*number)),
+                Value::String(name) => Some(RegionName::Name(name.clone())),
+                _ => None,
+            });
+            let regions = wanted.map(|wanted| names.all(&wanted)).unwrap_or_default();
+            if regions.is_empty() {
+                split.push(material);
+                continue;
+            }
+            for region in regions {
+                let mut own = material.clone();
+                if let Value::Table(own) = &mut own {
+                    own.insert("region".to_owned(), Value::Integer(i64::from(region)));
+                }
+                split.push(own);
+            }
+        }
+        *materials = split;
+    }
+}
+
+/// Writes the parameters of a layer into the table of its region.
+fn set(materials: &mut Vec<Value>, layer: &super::Layer) {
+    let number = Value::Integer(i64::from(layer.region));
+    let at = materials
+        .iter()
+        .position(|material| material.get("region") == Some(&number));
+    let at = at.unwrap_or_else(|| {
+        let others = materials.iter().find(|material| material.get("region").is_none());
+        let own = others.cloned().unwrap_or_else(|| Value::Table(toml::Table::new()));
+        materials.push(own);
+        materials.len() - 1
+    });
+    let Value::Table(own) = &mut materials[at] else { return };
+    let mut peak = toml::Table::new();
+    peak.insert("density_n_per_mm".to_owned(), Value::Float(layer.peak_n_per_mm));
+    peak.insert("width_mm".to_owned(), Value::Float(layer.width_mm));
+    for (key, value) in [
+        ("region", number),
+        ("young_kpa", Value::Float(layer.young_kpa)),
+        ("poisson", Value::Float(layer.poisson)),
+        ("friction_n_per_mm", Value::Float(layer.shaft_n_per_mm)),
+        ("peak", Value::Table(peak)),
+    ] {
+        own.insert(key.to_owned(), value);
+    }
+}
+
+fn make_absolute(value: &mut Value, folder: &Path) {
+    match value {
+        Value::Table(table) => table.iter_mut().for_each(|(_, value)| make_absolute(value, folder)),
+        Value::Array(array) => array.iter_mut().for_each(|value| make_absolute(value, folder)),
+        Value::String(name) if folder.join(&*name).is_file() => {
+            if let Ok(path) = folder.join(&*name).canonicalize() {
+                *name = path.display().to_string();
+            }
+        }
+        _ => {}
+    }
+}
+
+impl fmt::Display for Identification {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.parameters().text("  ", &[]))?;
+        writeln!(f, "{}", self.errors().text("  ", &[]))?;
+        if !self.beside().is_empty() {
+            writeln!(f, "{}", self.beside().text("  ", &[]))?;
+        }
+        f.write_str(&self.regions().text("  ", &[]))
+    }
+}

@@ -1,0 +1,188 @@
+//! Insertions simulated with given parameters of the layers: force over depth, and displacements of measured points.
+
+use std::sync::Arc;
+
+use nalgebra::Point3;
+use serde::Serialize;
+
+use super::data::Motion;
+use crate::input::identification::Case;
+use crate::input::scenario::Scenario;
+use crate::mechanics::insertion::{Anatomy, Instruments, Interaction, Peak, Snapshot, Tissue};
+use crate::mechanics::mesh::{Locator, NONE};
+use crate::mechanics::tissue::material::Material;
+use crate::study::StudyError;
+
+/// Longest step of the needle, mm.
+const STEP_MM: f64 = 0.1;
+/// Way of the tip to the tissue before the first step, mm.
+const OUTSIDE_MM: f64 = 1.0;
+
+/// Parameters of a layer.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Layer {
+    /// Number of the region.
+    #[serde(skip)]
+    pub region: i32,
+    /// Name of the region.
+    pub region_name: String,
+    /// Young's modulus, kPa.
+    pub young_kpa: f64,
+    /// Whether the modulus was known.
+    pub young_known: bool,
+    /// Poisson's ratio.
+    pub poisson: f64,
+    /// Force density near the tip, f_p, N/mm.
+    pub peak_n_per_mm: f64,
+    /// Force density behind that, f_s, N/mm.
+    pub shaft_n_per_mm: f64,
+    /// Length from the tip over which the peak acts, w, mm.
+    pub width_mm: f64,
+}
+
+/// A simulated insertion.
+#[derive(Clone, Debug, Default)]
+pub struct Course {
+    /// Depth of the tip (mm) and force (N).
+    pub force: Vec<[f64; 2]>,
+    /// Displacements as those measured, mm; empty if they were not asked for.
+    pub moved_mm: Vec<Vec<f64>>,
+    /// Steps that did not converge.
+    pub unsettled: usize,
+}
+
+/// The anatomy of a scenario with other interactions in some regions.
+#[derive(Debug)]
+struct Replaced {
+    anatomy: Arc<dyn Anatomy>,
+    interactions: Vec<(i32, Interaction)>,
+}
+
+impl Anatomy for Replaced {
+    fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32> {
+        self.anatomy.region(at_rest_mm)
+    }
+
+    fn interaction(&self, region: i32) -> Interaction {
+        let own = self.interactions.iter().find(|(other, _)| *other == region);
+        own.map_or_else(|| self.anatomy.interaction(region), |(_, own)| *own)
+    }
+}
+
+/// Simulates insertions along the line of a case.
+pub struct Simulator<'a> {
+    case: &'a Case,
+    motion: Option<&'a Motion>,
+    scenario: Scenario,
+    /// Depths of the tip (mm), with the measured depth there, if any.
+    stops: Vec<(f64, Option<usize>)>,
+    locator: Locator<f64>,
+    /// Number of simulations so far.
+    pub runs: usize,
+}
+
+impl<'a> Simulator<'a> {
+    /// Prepares simulations to a depth (mm).
+    pub fn new(case: &'a Case, motion: Option<&'a Motion>, deepest_mm: f64) -> Self {
+        let depths = motion
+            .iter()
+            .flat_map(|motion| motion.depths_mm.iter().copied().enumerate());
+        let mut stops: Vec<(f64, Option<usize>)> = depths.map(|(at, depth)| (depth, Some(at))).collect();
+        let steps = (deepest_mm / STEP_MM).ceil() as usize;
+        stops.extend((1..=steps).map(|at| (deepest_mm * at as f64 / steps as f64, None)));
+        stops.sort_by(|a, b| a.0.total_cmp(&b.0));
+        Self {
+            case,
+            motion,
+            scenario: case.scenario.clone(),
+            stops,
+            locator: Locator::new(&case.scenario.mesh),
+            runs: 0,
+        }
+    }
+
+    /// Pushes the needle in; displacements are computed if `observed`.
+    ///
+    /// # Errors
+    /// [`StudyError`] for parameters out of range.
+    pub fn run(&mut self, layers: &[Layer], observed: bool) -> Result<Course, StudyError> {
+        self.runs += 1;
+        self.set(layers)?;
+        let mut model = self.scenario.unprepared_model()?;
+        let (case, probe) = (self.case, self.scenario.instruments(0).probe);
+        let instruments = |depth: f64| Instruments {
+            base: case.base_at(depth),
+            probe,
+            guide: None,
+            deposit: false,
+        };
+        model.start(&instruments(-OUTSIDE_MM));
+        let mut imager = model.imager();
+        let (mut snapshot, mut tissue) = (Snapshot::default(), Tissue::default());
+        let mut course = Course::default();
+        for (depth, measured) in self.stops.clone() {
+            let outcome = model.step(&instruments(depth), 1.0)?;
+            course.unsettled += usize::from(!outcome.converged);
+            course
+                .force
+                .push([depth, -outcome.on_hand.force_n.dot(&case.direction)]);
+            if measured.is_some() && observed {
+                model.snapshot(&mut snapshot);
+                imager.tissue(&snapshot, &mut tissue);
+                course.moved_mm.push(self.moved(&tissue)?);
+            }
+        }
+        Ok(course)
+    }
+
+    fn set(&mut self, layers: &[Layer]) -> Result<(), StudyError> {
+        let scenario = &mut self.scenario;
+        let mut interactions = Vec::new();
+        for layer in layers {
+            let material = Material::new(layer.young_kpa, layer.poisson)?;
+            let of_layer = scenario.mesh.regions().iter().zip(&mut scenario.materials);
+            of_layer
+                .filter(|(region, _)| **region == layer.region)
+                .for_each(|(_, own)| *own = material);
+            let own = Interaction {
+                friction_n_per_mm: layer.shaft_n_per_mm,
+                peak: Some(Peak {
+                    density_n_per_mm: layer.peak_n_per_mm,
+                    width_mm: layer.width_mm,
+                }),
+                ..self.case.scenario.anatomy.interaction(layer.region)
+            };
+            interactions.push((layer.region, own));
+        }
+        for (region, own) in &mut scenario.interactions {
+            if let Some((_, found)) = interactions.iter().find(|(other, _)| other == region) {
+                *own = *found;
+            }
+        }
+        scenario.anatomy = Arc::new(Replaced {
+            anatomy: Arc::clone(&self.case.scenario.anatomy),
+            interactions,
+        });
+        Ok(())
+    }
+
+    /// Displacements of the measured points along their directions, mm.
+    fn moved(&mut self, tissue: &Tissue) -> Result<Vec<f64>, StudyError> {
+        // Points are sought in the reference state, whose nodes near the needle were moved.
+        self.locator.update(&tissue.reference)?;
+        let points = self.motion.iter().flat_map(|motion| &motion.points);
+        let moved = points.map(|(place, along)| {
+            let hit = self.locator.locate((*place).into(), NONE);
+            if hit.element == NONE {
+                return f64::NAN;
+            }
+            let corners = self.scenario.mesh.elements()[hit.element as usize];
+            let parts = corners.iter().zip(hit.bary).map(|(node, share)| {
+                let [rest, now] = [&tissue.reference, &tissue.current].map(|nodes| Point3::from(nodes[*node as usize]));
+                share * (now - rest).dot(along)
+            });
+            parts.sum()
+        });
+        Ok(moved.collect())
+    }
+}
