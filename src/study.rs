@@ -10,6 +10,7 @@
 //! | `block` | tissue blocks and needles shared by the studies |
 //! | [`matching`] | probe and effects estimated from a real frame |
 //! | [`parity`] | agreement between backends, sample by sample |
+//! | [`path`] | straight needle paths to a target that allow for the deformation |
 //! | [`puncture`] | needle insertion into a slice of liver with a vein |
 //! | [`realism`] | image statistics of rendered and real frames, compared |
 //! | [`stability`] | hard cases for the numerics, with acceptance limits |
@@ -24,6 +25,7 @@ mod fractional;
 pub mod inspect;
 pub mod matching;
 pub mod parity;
+pub mod path;
 pub mod puncture;
 pub mod realism;
 pub mod score;

@@ -197,7 +197,7 @@ impl Conditions {
             return Err("the needle is too short");
         }
         let along = (target - entry) / depth;
-        let found = surroundings.of(&entry, &target);
+        let found = surroundings.of(&[entry, target]);
         if found.leaves || found.gas {
             return Err("the path leaves the body, or meets gas or lung");
         }
