@@ -17,6 +17,7 @@ mod material;
 mod mesh;
 mod motion;
 mod output;
+mod path;
 mod phantom;
 mod plan;
 mod puncture;
@@ -57,6 +58,7 @@ Examples:
   insonify register ct.nii.gz --surface touched.csv --fit fit.toml   anatomy fitted to a mannequin
   insonify texture liver.png --region 200,150,180,180 -o liver.nrrd   a solid texture from an image
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
+  insonify path liver-puncture --target vessel -o plan   needle paths that allow for the deformation
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify score out                               how well a needle was guided: ten metrics
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
@@ -94,6 +96,7 @@ enum Command {
     Register(Box<register::Register>),
     Texture(Box<texture::TextureArgs>),
     Insert(insert::Insert),
+    Path(path::PathArgs),
     Rf(Box<rf::Rf>),
     Motion(motion::Motion),
     Score(score::ScoreArgs),
@@ -133,6 +136,7 @@ impl Cli {
             Command::Register(register) => register.run(),
             Command::Texture(texture) => texture.run(),
             Command::Insert(insert) => insert.run(),
+            Command::Path(path) => path.run(),
             Command::Rf(rf) => rf.run(),
             Command::Motion(motion) => motion.run(),
             Command::Score(score) => score.run(),

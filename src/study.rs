@@ -28,6 +28,7 @@ pub mod parity;
 pub mod path;
 pub mod puncture;
 pub mod realism;
+mod rewritten;
 pub mod score;
 pub mod stability;
 pub mod step_costs;

@@ -16,7 +16,7 @@ use std::cmp::Ordering;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering as Memory};
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -25,7 +25,7 @@ use crate::base::text::some_of;
 use crate::input::scenario::Scenario;
 use crate::input::scenario::aim::middle;
 use crate::study::StudyError;
-use candidates::{Entries, Line};
+use candidates::Entries;
 use correct::Corrected;
 pub use report::FILES;
 
@@ -79,6 +79,9 @@ pub struct Candidate {
     pub depth_mm: Option<f64>,
     /// Why the line is excluded, if it is.
     pub excluded: Option<&'static str>,
+    /// Direction of the needle before any correction.
+    #[serde(skip)]
+    pub along: Vector3<f64>,
     /// Result of the simulations.
     #[serde(flatten)]
     pub path: Option<Corrected>,
@@ -116,9 +119,19 @@ impl PathOptions {
         let clearance = self.clearance_mm;
         check("clearance_mm", clearance, (0.0..=30.0).contains(&clearance), "0 to 30")?;
         let tolerance = self.tolerance_mm;
-        check("tolerance_mm", tolerance, (0.001..=10.0).contains(&tolerance), "0.001 to 10")?;
+        check(
+            "tolerance_mm",
+            tolerance,
+            (0.001..=10.0).contains(&tolerance),
+            "0.001 to 10",
+        )?;
         if let Some(thickness) = self.section_mm {
-            check("thickness_mm", thickness, (0.1..=500.0).contains(&thickness), "0.1 to 500")?;
+            check(
+                "thickness_mm",
+                thickness,
+                (0.1..=500.0).contains(&thickness),
+                "0.1 to 500",
+            )?;
         }
         if let Entry::Plane([low, high]) = self.entry {
             let within = -85.0 <= low && low <= high && high <= 85.0;
@@ -140,7 +153,10 @@ pub fn plan(
     options.check()?;
     let (name, target) = goal(scenario, &options.target)?;
     candidates::permitted(scenario, &name, &target)?;
-    let section = options.section_mm.map(|thickness| scenario.section(thickness)).transpose()?;
+    let section = options
+        .section_mm
+        .map(|thickness| scenario.section(thickness))
+        .transpose()?;
     if section.is_some() {
         candidates::in_plane(scenario, &target)?;
     }
@@ -213,7 +229,10 @@ fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Study
 
 fn unknown(scenario: &Scenario, name: &str) -> StudyError {
     let entries = scenario.scene.body().entries();
-    let known: Vec<String> = entries.iter().filter_map(|(_, _, names)| names.first().cloned()).collect();
+    let known: Vec<String> = entries
+        .iter()
+        .filter_map(|(_, _, names)| names.first().cloned())
+        .collect();
     StudyError::NoOrgan {
         organ: name.to_owned(),
         known: some_of(&known),
@@ -225,7 +244,13 @@ fn rank(a: &Candidate, b: &Candidate, tolerance_mm: f64) -> Ordering {
     let Some([a, b]) = a.path.as_ref().zip(b.path.as_ref()).map(|(a, b)| [a, b]) else {
         return a.path.is_none().cmp(&b.path.is_none());
     };
-    let miss = |path: &Corrected| if path.miss_mm <= tolerance_mm { 0.0 } else { path.miss_mm };
+    let miss = |path: &Corrected| {
+        if path.miss_mm <= tolerance_mm {
+            0.0
+        } else {
+            path.miss_mm
+        }
+    };
     let clear = |path: &Corrected| path.clearance_mm.map_or(f64::INFINITY, f64::round);
     miss(a)
         .total_cmp(&miss(b))

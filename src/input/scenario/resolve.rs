@@ -166,6 +166,11 @@ impl Scenario {
         Some([of(f64::min), of(f64::max)])
     }
 
+    /// Whether elements are finer along the needle's path, as the file states it.
+    pub(crate) fn along_path(&self) -> Option<bool> {
+        self.file.tissue.along_path
+    }
+
     /// Points that the tip is planned to pass, mm.
     pub(super) fn planned_points(&self) -> Vec<Point3<f64>> {
         let keys = self.path.tip().keys();

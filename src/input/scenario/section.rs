@@ -35,7 +35,7 @@ impl Scenario {
         self.fits_a_plane()?;
         let pose = self.scene.probe_path().at(self.timing.start_s);
         let axes = [pose.lateral().into_inner(), pose.axial().into_inner()];
-        let mut plane = Outline {
+        let plane = Outline {
             origin: pose.position_mm(),
             axes,
         };
@@ -43,7 +43,9 @@ impl Scenario {
         let made = plane.triangles(self);
         if made.triangles.is_empty() {
             let found = "no tissue in the image plane";
-            return Err(self.file.wrong_keys("scene", found, "a probe whose image plane cuts the tissue"));
+            return Err(self
+                .file
+                .wrong_keys("scene", found, "a probe whose image plane cuts the tissue"));
         }
         let slab = plane.slab(&made).map_err(|error| self.file.fault("tissue", error))?;
         let none = BTreeMap::new();
@@ -63,7 +65,10 @@ impl Scenario {
         section.stiffened = Some(Stiffened {
             laws,
             viscosity: self.stiffened.as_ref().and_then(|stiffened| stiffened.viscosity),
-            options: self.stiffened.as_ref().map_or_else(Options::default, |stiffened| stiffened.options),
+            options: self
+                .stiffened
+                .as_ref()
+                .map_or_else(Options::default, |stiffened| stiffened.options),
         });
         section.section = Some(Arc::new(Plane {
             origin: plane.origin,
@@ -86,13 +91,23 @@ impl Scenario {
             return wrong("tissue.model", found, "another tissue model");
         }
         if self.contact.is_some() {
-            return wrong("contact_probe", "a probe in contact with a section of tissue", "a scenario without");
+            return wrong(
+                "contact_probe",
+                "a probe in contact with a section of tissue",
+                "a scenario without",
+            );
         }
         if !self.needle.is_straight() {
             let found = "a needle that bends or has a bevel in a section of tissue, which it goes through straight";
             return wrong("needle", found, "`model = \"rigid\"` without `bevel`");
         }
-        match self.file.tissue.fix.iter().position(|fix| fix.surface || fix.nodes.is_some()) {
+        match self
+            .file
+            .tissue
+            .fix
+            .iter()
+            .position(|fix| fix.surface || fix.nodes.is_some())
+        {
             Some(at) => {
                 let found = "`nodes` or `surface`, which name no places in a section";
                 wrong(&format!("tissue.fix[{at}]"), found, "`box_mm` or `region`")
@@ -115,7 +130,7 @@ impl Outline {
     }
 
     /// Triangulates the tissue in the plane.
-    fn triangles(&mut self, scenario: &Scenario) -> Triangles {
+    fn triangles(&self, scenario: &Scenario) -> Triangles {
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         for node in scenario.mesh.nodes() {
             let from = Point3::from(*node) - self.origin;
@@ -187,7 +202,11 @@ mod tests {
         let section = scenario.section(20.0).unwrap();
         let plane = section.section.as_ref().unwrap();
         let area = |of: i32| -> f64 {
-            let parts = plane.sheet.elements().iter().zip(section.mesh.regions().iter().step_by(3));
+            let parts = plane
+                .sheet
+                .elements()
+                .iter()
+                .zip(section.mesh.regions().iter().step_by(3));
             let parts = parts.filter(|(_, region)| **region == of);
             parts
                 .map(|(corners, _)| {
@@ -207,16 +226,26 @@ mod tests {
         }
         for label in [1, 2] {
             let found = area(label);
-            assert!((found / counted[label as usize] - 1.0).abs() < 0.01, "{label}: {found} {counted:?}");
+            assert!(
+                (found / counted[label as usize] - 1.0).abs() < 0.01,
+                "{label}: {found} {counted:?}"
+            );
         }
         // Held: the back and both sides, but not the capsule.
         let held = |at: [f64; 3]| {
             let nodes = section.mesh.nodes()[..plane.sheet.nodes().len()].iter().enumerate();
             let away = |node: &[f64; 3]| (node[0] - at[0]).hypot(node[1] - at[1]);
             let nearest = nodes.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).unwrap().0;
-            section.fixed.iter().filter(|(node, _)| *node as usize == nearest).count()
+            section
+                .fixed
+                .iter()
+                .filter(|(node, _)| *node as usize == nearest)
+                .count()
         };
-        assert_eq!([[0.0, 58.0, 0.0], [-42.0, 20.0, 0.0], [34.0, 20.0, 0.0]].map(held), [2; 3]);
+        assert_eq!(
+            [[0.0, 58.0, 0.0], [-42.0, 20.0, 0.0], [34.0, 20.0, 0.0]].map(held),
+            [2; 3]
+        );
         assert_eq!(held([0.0, 0.0, 0.0]), 0);
         assert!((section.mesh.nodes().len()) / 2 == plane.sheet.nodes().len());
     }
@@ -226,7 +255,10 @@ mod tests {
         let text = EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture").unwrap().1;
         let text = text.replace("nodes = 3300", "nodes = 200");
         let text = text.replacen("[[tissue.fix]]", "[[tissue.fix]]\nsurface = true", 1);
-        let scenario = ScenarioFile::parse(&text, "test.toml").unwrap().resolve(Path::new(""), |_| ()).unwrap();
+        let scenario = ScenarioFile::parse(&text, "test.toml")
+            .unwrap()
+            .resolve(Path::new(""), |_| ())
+            .unwrap();
         let error = scenario.section(20.0).unwrap_err();
         assert_eq!(error.key(), Some("tissue.fix[0]"));
         let scenario = ScenarioFile::parse(&text.replacen("\nsurface = true", "", 1), "test.toml").unwrap();

@@ -78,7 +78,10 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
     fn on_line(&mut self, base: &Isometry3<f64>) -> Result<f64, StepError> {
         let tip = base * Point3::new(0.0, 0.0, self.shaft.length_mm);
         let direction = base.rotation * Vector3::z_axis();
-        let aside = self.frame.aside_mm(&tip).max(self.frame.aside_mm(&base.translation.vector.into()));
+        let aside = self
+            .frame
+            .aside_mm(&tip)
+            .max(self.frame.aside_mm(&base.translation.vector.into()));
         if aside > BESIDE_MM {
             return Err(StepError::Input {
                 what: "the needle's distance (mm) from the plane of the tissue",
@@ -113,7 +116,13 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
     /// Finds the line of a needle outside.
     fn aim(&mut self, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) {
         let body = Arc::clone(self.needle.body());
-        self.axis = Some(NeedleLine::find(&body, &self.frame, self.anatomy.as_ref(), tip, direction));
+        self.axis = Some(NeedleLine::find(
+            &body,
+            &self.frame,
+            self.anatomy.as_ref(),
+            tip,
+            direction,
+        ));
         self.take_axis();
     }
 
@@ -315,7 +324,11 @@ impl<const D: usize, const N: usize> Model for Nonlinear<D, N> {
         };
         field.clear();
         let displacement = self.needle.structure().displacement();
-        let moved = displacement.as_chunks::<D>().0.iter().map(|moved| self.frame.in_world(moved));
+        let moved = displacement
+            .as_chunks::<D>()
+            .0
+            .iter()
+            .map(|moved| self.frame.in_world(moved));
         while field.len() < self.mesh.nodes().len() {
             field.extend(moved.clone());
         }

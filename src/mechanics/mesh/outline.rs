@@ -114,9 +114,11 @@ impl Outlines {
                         continue;
                     }
                     let [from, to] = ends.map(|[i, j]| place(i, j));
-                    met.push(*crossings.entry(numbers).or_insert_with(|| {
-                        outlines.add(crossing(&at, from, to, first))
-                    }));
+                    met.push(
+                        *crossings
+                            .entry(numbers)
+                            .or_insert_with(|| outlines.add(crossing(&at, from, to, first))),
+                    );
                 }
                 match met[..] {
                     [a, b] => outlines.join(a, b),
@@ -200,7 +202,10 @@ fn crossing(
 
 /// Area within a closed chain, positive if it runs anticlockwise, mm^2.
 fn area(chain: &[[f64; 2]]) -> f64 {
-    chain.windows(2).map(|pair| 0.5 * (pair[0][0] * pair[1][1] - pair[1][0] * pair[0][1])).sum()
+    chain
+        .windows(2)
+        .map(|pair| 0.5 * (pair[0][0] * pair[1][1] - pair[1][0] * pair[0][1]))
+        .sum()
 }
 
 /// Chain with the fewest of its points from which no other lies farther than `most_mm`; a closed one is first cut at its farthest point.
@@ -285,8 +290,16 @@ mod tests {
         let made = triangulate(region, [[-10.0; 2], [10.0; 2]], 0.5, 3.0);
         let expected = [10.13 * 9.79, 9.87 * 9.79, 10.13 * 10.21, 9.87 * 10.21];
         for (of, expected) in (1..).zip(expected) {
-            assert!((made.area(of) / expected - 1.0).abs() < 0.01, "{of}: {} {expected}", made.area(of));
+            assert!(
+                (made.area(of) / expected - 1.0).abs() < 0.01,
+                "{of}: {} {expected}",
+                made.area(of)
+            );
         }
-        assert!(triangulate(|_| None, [[0.0; 2], [1.0; 2]], 0.1, 1.0).triangles.is_empty());
+        assert!(
+            triangulate(|_| None, [[0.0; 2], [1.0; 2]], 0.1, 1.0)
+                .triangles
+                .is_empty()
+        );
     }
 }

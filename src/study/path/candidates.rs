@@ -59,10 +59,9 @@ pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -
         return refuse(format!("lies in bone ({})", body.name(label)));
     }
     let value = body.volume.labels()[usize::from(label)].value;
-    let is_critical = |(region, of): &(i32, crate::mechanics::insertion::Interaction)| {
-        i64::from(*region) == value && of.critical
-    };
-    match scenario.interactions.iter().any(|it| is_critical(it)) {
+    let is_critical =
+        |(region, of): &(i32, crate::mechanics::insertion::Interaction)| i64::from(*region) == value && of.critical;
+    match scenario.interactions.iter().any(is_critical) {
         true => refuse(format!("lies in {}, which is marked `critical`", body.name(label))),
         false => Ok(()),
     }
@@ -114,7 +113,9 @@ impl<'a> Entries<'a> {
                 let last = (self.options.lines - 1).max(1) as f64;
                 let angles = (0..self.options.lines).map(|at| low + (high - low) * at as f64 / last);
                 let [lateral, axial] = [self.pose.lateral().into_inner(), self.pose.axial().into_inner()];
-                angles.map(|deg| lateral * deg.to_radians().sin() + axial * deg.to_radians().cos()).collect()
+                angles
+                    .map(|deg| lateral * deg.to_radians().sin() + axial * deg.to_radians().cos())
+                    .collect()
             }
             Entry::Box(corners) => {
                 let within = |at: &Point3<f64>| {
@@ -155,11 +156,20 @@ impl<'a> Entries<'a> {
                     if !is_body(label) {
                         continue;
                     }
-                    let beside = [[i - 1, j, k], [i + 1, j, k], [i, j - 1, k], [i, j + 1, k], [i, j, k - 1], [i, j, k + 1]];
+                    let beside = [
+                        [i - 1, j, k],
+                        [i + 1, j, k],
+                        [i, j - 1, k],
+                        [i, j + 1, k],
+                        [i, j, k - 1],
+                        [i, j, k + 1],
+                    ];
                     if beside.iter().all(|at| is_body(volume.voxels()[volume.offset(*at)])) {
                         continue;
                     }
-                    let at = volume.index_to_world().transform_point(&Point3::new(i as f64, j as f64, k as f64));
+                    let at = volume
+                        .index_to_world()
+                        .transform_point(&Point3::new(i as f64, j as f64, k as f64));
                     if (at - self.target).norm() <= reach && wanted(label, &at) {
                         found.push(at);
                     }
@@ -171,7 +181,9 @@ impl<'a> Entries<'a> {
 
     /// Directions from entries spread evenly: the nearest to the target first, then each the farthest from those before it.
     fn spread(&self, all: Vec<Point3<f64>>, of: &str) -> Result<Vec<Vector3<f64>>, StudyError> {
-        let nearest = all.iter().min_by(|a, b| (*a - self.target).norm().total_cmp(&(*b - self.target).norm()));
+        let nearest = all
+            .iter()
+            .min_by(|a, b| (*a - self.target).norm().total_cmp(&(*b - self.target).norm()));
         let Some(mut next) = nearest.copied() else {
             return Err(StudyError::NoPath {
                 target: "the target".to_owned(),
@@ -248,7 +260,7 @@ impl<'a> Entries<'a> {
         let to_probe = self.pose.world_to_probe();
         (0..=BEFORE_MM as usize).any(|mm| {
             let at = to_probe.transform_point(&(entry + outward * mm as f64));
-            at.x.abs() < half && at.z.abs() < PROBE_MM.iter().sum() && (mm > 0 || at.y < PROBE_MM[0])
+            at.x.abs() < half && at.y < PROBE_MM[0] && at.z.abs() < PROBE_MM[0] + PROBE_MM[1]
         })
     }
 
@@ -262,6 +274,7 @@ impl<'a> Entries<'a> {
             entry_mm: entry.map(Into::into),
             depth_mm: entry.map(|entry| (self.target - entry).norm()),
             excluded: line.entry.err(),
+            along: line.along,
             path: None,
         };
         let Some(entry) = entry else { return Ok(candidate) };

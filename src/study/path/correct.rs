@@ -132,7 +132,10 @@ pub(super) fn correct(
     if last.bone {
         return Ok(Err(DEFORMED_BONE));
     }
-    let moved = last.samples.last().map_or(Vector3::zeros(), |sample| sample.target - target);
+    let moved = last
+        .samples
+        .last()
+        .map_or(Vector3::zeros(), |sample| sample.target - target);
     let forward = moved.dot(&course.along);
     Ok(Ok(Corrected {
         direction: course.along.into(),
@@ -248,7 +251,9 @@ impl Search<'_> {
         let mut damping = 1.0;
         for _ in 0..LANDINGS {
             let trial = self.run(&course, Until::End)?;
-            let Some(miss) = trial.samples.last().map(Sample::miss) else { break };
+            let Some(miss) = trial.samples.last().map(Sample::miss) else {
+                break;
+            };
             if best.as_ref().is_none_or(|(least, ..)| miss.norm() < *least) {
                 best = Some((miss.norm(), course, trial, miss));
             } else {
@@ -321,7 +326,11 @@ fn met(samples: &[Sample], along: &Vector3<f64>) -> Met {
     };
     let before = samples.len().checked_sub(2).map_or(after, |at| &samples[at]);
     let (from, to) = (ahead(before), ahead(after));
-    let share = if from > 0.0 && to <= 0.0 { from / (from - to) } else { 1.0 };
+    let share = if from > 0.0 && to <= 0.0 {
+        from / (from - to)
+    } else {
+        1.0
+    };
     Met {
         travel_mm: before.travel_mm + share * (after.travel_mm - before.travel_mm),
         end_mm: after.travel_mm,

@@ -92,13 +92,19 @@ pub(super) fn speed_mm_s(scenario: &Scenario) -> f64 {
         let way = (pair[1].pose.position_mm() - pair[0].pose.position_mm()).norm();
         way / (pair[1].time_s - pair[0].time_s)
     };
-    let fastest = keys.windows(2).map(speed).filter(|speed| speed.is_finite()).fold(0.0, f64::max);
+    let fastest = keys
+        .windows(2)
+        .map(speed)
+        .filter(|speed| speed.is_finite())
+        .fold(0.0, f64::max);
     if fastest > 0.0 { fastest } else { 5.0 }
 }
 
 /// Number of steps between two looks at the tissue.
 fn stride(scenario: &Scenario) -> f64 {
-    (LOOK_MM / (speed_mm_s(scenario) * scenario.timing.dt_s)).round().max(1.0)
+    (LOOK_MM / (speed_mm_s(scenario) * scenario.timing.dt_s))
+        .round()
+        .max(1.0)
 }
 
 /// Travel between two looks at the tissue, mm.
@@ -141,7 +147,10 @@ impl Course {
     /// Simulates the course.
     pub(super) fn run(&self, scenario: &Scenario, target: &Point3<f64>, until: Until) -> Result<Trial, StudyError> {
         let keys = self.keys(scenario);
-        let keys: Vec<_> = keys.into_iter().map(|(time_s, tip, along)| (time_s, tip.into(), along.into())).collect();
+        let keys: Vec<(f64, Point3<f64>, Vector3<f64>)> = keys
+            .into_iter()
+            .map(|(time_s, tip, along)| (time_s, tip.into(), along.into()))
+            .collect();
         let scenario_on = scenario.moved(NeedlePath::tip_trajectory(&keys, Interpolation::Linear)?, None);
         let mut model = scenario_on.model(|_, _| ())?;
         let asked = Requests {
