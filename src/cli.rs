@@ -19,6 +19,7 @@ mod material;
 mod mesh;
 mod motion;
 mod output;
+mod path;
 mod phantom;
 mod plan;
 mod puncture;
@@ -59,6 +60,7 @@ Examples:
   insonify register ct.nii.gz --surface touched.csv --fit fit.toml   anatomy fitted to a mannequin
   insonify texture liver.png --region 200,150,180,180 -o liver.nrrd   a solid texture from an image
   insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
+  insonify path liver-puncture --target vessel -o plan   needle paths that allow for the deformation
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify identify case.toml -o found             force parameters and moduli from a measured insertion
   insonify score out                               how well a needle was guided: ten metrics
@@ -98,6 +100,7 @@ enum Command {
     Register(Box<register::Register>),
     Texture(Box<texture::TextureArgs>),
     Insert(insert::Insert),
+    Path(path::PathArgs),
     Rf(Box<rf::Rf>),
     Motion(motion::Motion),
     Manipulator(manipulator::Manipulator),
@@ -139,6 +142,7 @@ impl Cli {
             Command::Register(register) => register.run(),
             Command::Texture(texture) => texture.run(),
             Command::Insert(insert) => insert.run(),
+            Command::Path(path) => path.run(),
             Command::Rf(rf) => rf.run(),
             Command::Motion(motion) => motion.run(),
             Command::Manipulator(manipulator) => manipulator.run(),

@@ -11,6 +11,7 @@
 //! | `block` | tissue blocks and needles shared by the studies |
 //! | [`matching`] | probe and effects estimated from a real frame |
 //! | [`parity`] | agreement between backends, sample by sample |
+//! | [`path`] | straight needle paths to a target that allow for the deformation |
 //! | [`puncture`] | needle insertion into a slice of liver with a vein |
 //! | [`realism`] | image statistics of rendered and real frames, compared |
 //! | [`stability`] | hard cases for the numerics, with acceptance limits |
@@ -26,8 +27,10 @@ pub mod identify;
 pub mod inspect;
 pub mod matching;
 pub mod parity;
+pub mod path;
 pub mod puncture;
 pub mod realism;
+mod rewritten;
 pub mod score;
 pub mod stability;
 pub mod step_costs;

@@ -133,7 +133,7 @@ impl Make {
 }
 
 /// A scenario with the files that it names relative to `base` named relative to `folder`; its leading comment stays.
-fn relocated(text: &str, base: &Path, folder: &Path) -> Result<String, String> {
+pub(super) fn relocated(text: &str, base: &Path, folder: &Path) -> Result<String, String> {
     let comment: String = text
         .lines()
         .take_while(|line| line.starts_with('#'))
@@ -175,7 +175,7 @@ fn relative(file: &Path, folder: &Path) -> Option<String> {
 }
 
 /// Text of a scenario and the folder of the files that it names.
-fn source(path: &Path) -> Result<(String, PathBuf), Failure> {
+pub(super) fn source(path: &Path) -> Result<(String, PathBuf), Failure> {
     let name = path.to_str().unwrap_or_default();
     let ready = scenario::EXAMPLES
         .iter()

@@ -1,6 +1,7 @@
-//! Scanner overlay of a picture: a depth scale, a bar of the grey map, the side of the probe's mark, and the focus.
+//! Scanner overlay of a picture: a depth scale, a bar of the grey map, the side of the probe's mark, and the focus; lines in colour.
 
 use image::{Rgb, RgbImage};
+use nalgebra::{Matrix4, Point3};
 
 use super::canvas::{self, Colour, Point};
 use crate::imaging::effects::point_spread::PointSpread;
@@ -63,6 +64,50 @@ pub fn workspace(pixels: &[u8], tables: &Tables, reaches: impl Fn([f64; 2]) -> b
     if let Some(end) = points.last() {
         canvas::disc(&mut picture, *end, 4.0, RIM);
         canvas::disc(&mut picture, *end, 3.0, PATH);
+    }
+    picture
+}
+
+/// A line in the world to draw over a picture.
+#[derive(Clone, Debug)]
+pub struct Line {
+    /// Corners, mm.
+    pub points: Vec<Point3<f64>>,
+    /// Colour, sRGB.
+    pub colour: [u8; 3],
+    /// Width, pixels.
+    pub width: f64,
+}
+
+/// Returns a grey picture of the size in the tables with lines over it, projected square onto the image plane, and a cross at each of the
+/// `marks` (mm).
+pub fn lines(
+    pixels: &[u8],
+    tables: &Tables,
+    world_to_probe: &Matrix4<f64>,
+    lines: &[Line],
+    marks: &[Point3<f64>],
+) -> RgbImage {
+    let (width, height) = (tables.width() as u32, tables.height() as u32);
+    let grey = pixels.iter().flat_map(|&grey| [grey; 3]).collect();
+    let mut picture = RgbImage::from_raw(width, height, grey).unwrap_or_else(|| RgbImage::new(width, height));
+    let place = |at: &Point3<f64>| {
+        let at = world_to_probe.transform_point(at);
+        tables.image_grid.to_pixel(at.x, at.y)
+    };
+    for line in lines {
+        for pair in line.points.windows(2) {
+            let ends = [place(&pair[0]), place(&pair[1])];
+            canvas::line(&mut picture, ends, line.width + 1.6, RIM, 0.6);
+            canvas::line(&mut picture, ends, line.width, line.colour, 1.0);
+        }
+    }
+    for mark in marks {
+        let [x, y] = place(mark);
+        for (size, colour) in [(3.4, RIM), (1.6, [255, 214, 64])] {
+            canvas::line(&mut picture, [[x - 6.0, y], [x + 6.0, y]], size, colour, 1.0);
+            canvas::line(&mut picture, [[x, y - 6.0], [x, y + 6.0]], size, colour, 1.0);
+        }
     }
     picture
 }

@@ -26,9 +26,9 @@
 //! # Ok::<(), insonify::input::InputError>(())
 //! ```
 
-mod aim;
+pub(crate) mod aim;
 mod along;
-mod carried;
+pub(crate) mod carried;
 pub(crate) mod clearance;
 mod cut;
 mod cylinder;
@@ -52,6 +52,7 @@ mod regions;
 mod resolve;
 pub mod run;
 mod scene;
+mod section;
 mod stiffened;
 mod summary;
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! | [`mod@file`] | mesh files: VTK, legacy and XML, and Gmsh |
 //! | [`generate`] | meshes made from labelled volumes |
 //! | [`locator`] | point location in the reference or the deformed state |
+//! | [`outline`] | triangles of a labelled plane |
 //! | [`map`] | map from world to reference, line by line |
 //! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
@@ -23,6 +24,7 @@ mod grid;
 pub mod lattice;
 pub mod locator;
 pub mod map;
+pub mod outline;
 pub mod pack;
 pub mod quality;
 mod surface;

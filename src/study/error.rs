@@ -84,6 +84,24 @@ pub enum StudyError {
         /// Numbers of refused targets and their reasons, the most frequent first.
         reasons: String,
     },
+    /// A target that no needle may be sent to.
+    #[error("the target {found}; expected {expected}")]
+    Target {
+        /// What the target is.
+        found: String,
+        /// Permitted targets.
+        expected: &'static str,
+    },
+    /// No line to a target fulfils the conditions.
+    #[error("no path to {target}: of {tried} lines {reasons}")]
+    NoPath {
+        /// The target.
+        target: String,
+        /// Number of lines tried.
+        tried: usize,
+        /// Numbers of excluded lines and their reasons, the most frequent first.
+        reasons: String,
+    },
     /// No label or tissue has the name.
     #[error("no label or tissue is named {organ:?}; expected one of {known}")]
     NoOrgan {

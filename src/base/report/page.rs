@@ -6,7 +6,7 @@ use std::fmt::{Display, Write};
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{ExtendedColorType, GrayImage, ImageEncoder, ImageError};
+use image::{ImageBuffer, ImageEncoder, ImageError, PixelWithColorType};
 
 use super::plot::Plot;
 use super::table::Table;
@@ -101,7 +101,10 @@ impl Page {
     }
 
     /// Adds pictures beside one another, each with a caption; those that cannot be encoded are omitted.
-    pub fn pictures<'a>(&mut self, pictures: impl IntoIterator<Item = (&'a GrayImage, String)>) {
+    pub fn pictures<'a, P: PixelWithColorType<Subpixel = u8> + 'a>(
+        &mut self,
+        pictures: impl IntoIterator<Item = (&'a ImageBuffer<P, Vec<u8>>, String)>,
+    ) {
         self.put("<div class=\"figures\">");
         for (picture, caption) in pictures {
             if let Ok(address) = address(picture) {
@@ -163,13 +166,13 @@ impl Page {
 ///
 /// # Errors
 /// The error of the PNG encoder.
-pub fn address(picture: &GrayImage) -> Result<String, ImageError> {
+pub fn address<P: PixelWithColorType<Subpixel = u8>>(picture: &ImageBuffer<P, Vec<u8>>) -> Result<String, ImageError> {
     let mut png = Vec::new();
     PngEncoder::new_with_quality(&mut png, CompressionType::Best, FilterType::Adaptive).write_image(
         picture.as_raw(),
         picture.width(),
         picture.height(),
-        ExtendedColorType::L8,
+        P::COLOR_TYPE,
     )?;
     Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
 }

@@ -1,6 +1,6 @@
 //! Needles aimed by name: a target, an entry, and the straight path between them.
 
-mod place;
+pub(crate) mod place;
 
 use nalgebra::{Point3, Vector3};
 
@@ -159,16 +159,14 @@ impl ScenarioFile {
             let help = error.help();
             self.fault("needle.target", error).with_help(help)
         })?;
-        let in_view = innermost(scene, pose, label);
-        let middle = || aims(body.volume, &[label]).and_then(|aims| aims.first().copied());
-        let tip = in_view.or_else(middle).ok_or_else(|| {
+        let (tip, in_view) = middle(scene, pose, label).ok_or_else(|| {
             let found = format!("{target}, of which the volume has no voxel");
             self.wrong_keys("needle.target", found, "a label that is in the volume")
         })?;
         Ok(Goal {
             name: body.name(label),
-            tip: hundredths(&tip),
-            in_view: in_view.is_some(),
+            tip,
+            in_view,
         })
     }
 
@@ -326,6 +324,14 @@ impl Aim {
             [0, 1, 2].map(|axis| (a[axis].max(b[axis]) + AROUND_MM).ceil()),
         ]
     }
+}
+
+/// Innermost point of a label in the image, or else in the volume, to 0.01 mm, and whether it is in the image; `None` for a label without
+/// voxels.
+pub(crate) fn middle(scene: &Scene, pose: &Pose, label: u8) -> Option<(Point3<f64>, bool)> {
+    let in_view = innermost(scene, pose, label);
+    let anywhere = || aims(&scene.anatomy.volume, &[label]).and_then(|aims| aims.first().copied());
+    Some((hundredths(&in_view.or_else(anywhere)?), in_view.is_some()))
 }
 
 /// Rounds a point to 0.01 mm, as written in a file.

@@ -10,7 +10,7 @@ const SLACK: f64 = 1e-6;
 
 /// Current positions of seeds, computed from the elements around them.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Carried {
+pub(crate) struct Carried {
     /// Direction in which each seed was deposited.
     pub along: Vec<Vector3<f64>>,
     /// Element that last contained each seed.

@@ -31,7 +31,7 @@ pub(super) struct Course {
     pub nearest: Option<At>,
 }
 
-/// Obstacles on a straight path and their distances from it.
+/// Obstacles on a path and their distances from it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Obstacles {
     /// Whether the path leaves the body.
@@ -59,11 +59,14 @@ impl<'a> Surroundings<'a> {
         }
     }
 
-    /// Obstacles of a straight path from the skin.
-    pub fn of(&self, entry: &Point3<f64>, target: &Point3<f64>) -> Obstacles {
-        let course = self.bones.course(&[*entry, *target]);
-        let steps = ((target - entry).norm() / STEP_MM).ceil().max(1.0);
-        let along = (0..=steps as usize).map(|at| entry + (target - entry) * (at as f64 / steps));
+    /// Obstacles of a path through `points` (mm) from the skin.
+    pub fn of(&self, points: &[Point3<f64>]) -> Obstacles {
+        let course = self.bones.course(points);
+        let along = points.windows(2).flat_map(|pair| {
+            let way = pair[1] - pair[0];
+            let steps = (way.norm() / STEP_MM).ceil().max(1.0);
+            (0..=steps as usize).map(move |at| pair[0] + way * (at as f64 / steps))
+        });
         let critical = self.critical.as_ref();
         Obstacles {
             leaves: course.leaves(),
@@ -167,7 +170,7 @@ impl<'a> Bones<'a> {
 
 impl Body<'_> {
     /// Whether the tissue of a label is as stiff as bone.
-    pub(super) fn is_bone(&self, label: u8) -> bool {
+    pub(crate) fn is_bone(&self, label: u8) -> bool {
         self.tissues.of(label).young_kpa >= RIGID_KPA
     }
 }

@@ -95,8 +95,11 @@ impl Scenario {
             stress: stiffened.stress,
             options: stiffened.options,
         };
-        let model = nonlinear::Nonlinear::new(setup);
-        Ok(Box::new(model.map_err(|error| self.file.fault("tissue", error))?))
+        let fault = |error: InvalidSetup| self.file.fault("tissue", error);
+        Ok(match &self.section {
+            Some(plane) => Box::new(nonlinear::Nonlinear::of_plane(setup, plane).map_err(fault)?),
+            None => Box::new(nonlinear::Nonlinear::new(setup).map_err(fault)?),
+        })
     }
 
     fn needle_model(&self) -> Result<Box<dyn Needle>, OutOfRange> {

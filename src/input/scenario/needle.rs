@@ -67,6 +67,11 @@ pub struct NeedleSettings {
 }
 
 impl NeedleSettings {
+    /// Whether the needle goes straight through tissue.
+    pub(crate) fn is_straight(&self) -> bool {
+        matches!(self.bending, Bending::None { bevel: None })
+    }
+
     /// Transform from the base frame of the undeflected needle to world, for a pose of its tip whose axial direction is that of
     /// the needle.
     pub fn base(&self, tip: &Pose) -> Isometry3<f64> {

@@ -23,6 +23,7 @@ use crate::gpu::Gpu;
 use crate::imaging::quality::QualitySpec;
 use crate::input::InputError;
 use crate::input::scene::Scene;
+use crate::mechanics::insertion::nonlinear::Plane;
 use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Anatomy, Input, Instruments, Interaction, MeshRegions, Recording, Saved};
 use crate::mechanics::mesh::TetMesh;
@@ -81,6 +82,8 @@ pub struct Scenario {
     pub cylinder: Option<Parameters>,
     /// Stiffening tissue, for nonlinear and viscoelastic models.
     pub stiffened: Option<Stiffened>,
+    /// Sheet in place of the solid, with `mesh` as a slab around it.
+    pub(super) section: Option<Arc<Plane>>,
     /// Material of each element.
     pub materials: Vec<Material>,
     /// Node and axis of each fixed degree of freedom, ascending.
@@ -161,6 +164,18 @@ impl Scenario {
     /// Planned path of the needle's tip.
     pub(crate) fn needle_tip(&self) -> &Trajectory {
         self.path.tip()
+    }
+
+    /// Box of the meshed part of the volume, mm, if the file or the aim of the needle restricts it.
+    pub(crate) fn meshed_mm(&self) -> Option<[[f64; 3]; 2]> {
+        let corners = self.file.tissue.box_mm?;
+        let of = |pick: fn(f64, f64) -> f64| [0, 1, 2].map(|axis| pick(corners[0][axis], corners[1][axis]));
+        Some([of(f64::min), of(f64::max)])
+    }
+
+    /// Whether elements are finer along the needle's path, as the file states it.
+    pub(crate) fn along_path(&self) -> Option<bool> {
+        self.file.tissue.along_path
     }
 
     /// Points that the tip is planned to pass, mm.
@@ -350,6 +365,7 @@ impl ScenarioFile {
             materials: tissue.materials,
             fixed: tissue.fixed,
             interactions: tissue.interactions,
+            section: None,
             anatomy: tissue.anatomy,
             region_names: tissue.region_names,
             cylinder: tissue.cylinder,

@@ -15,6 +15,7 @@
 //! cannot be solved is bisected; where that does not help either, the tissue lags behind until the next step, which is
 //! reported.
 
+mod frame;
 mod needle_line;
 mod saved;
 mod setup;
@@ -36,9 +37,10 @@ use super::{
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
 use crate::mechanics::tissue::nonlinear::Structure;
+use frame::Frame;
 use needle_line::NeedleLine;
 pub use needle_line::{in_body, obstacle};
-pub use setup::{Options, Setup, Viscosity};
+pub use setup::{Options, Plane, Setup, Viscosity};
 
 /// Maximum distance of a needle from its line of insertion, mm: rounding of poses, and hands that are nearly still.
 const BESIDE_MM: f64 = 0.05;
@@ -46,16 +48,18 @@ const BESIDE_MM: f64 = 0.05;
 /// Maximum number of bisections of a substep that cannot be solved.
 const HALVINGS: u32 = 6;
 
-/// Model of a straight needle in stiffening tissue.
+/// Model of a straight needle in stiffening tissue, in three dimensions or in a plane (see [`Setup`]).
 #[derive(Debug)]
-pub struct Nonlinear {
+pub struct Nonlinear<const D: usize = 3, const N: usize = 4> {
+    /// The tissue at rest; of a plane, a slab with its nodes once on each face.
     mesh: Arc<TetMesh>,
+    frame: Frame<D>,
     anatomy: Arc<dyn Anatomy>,
     shaft: Shaft,
     options: Options,
     /// Fingerprint of all fixed inputs of the model, to recognise saved states of others.
     name: String,
-    needle: Pushing<3, 4>,
+    needle: Pushing<D, N>,
     /// Line of the needle with its layers, once found.
     axis: Option<NeedleLine>,
     steps: u64,
@@ -71,11 +75,22 @@ pub struct Nonlinear {
     outcome: Outcome,
 }
 
-impl Nonlinear {
+impl<const D: usize, const N: usize> Nonlinear<D, N> {
     /// Returns the position of the tip beyond the entry on its line, which is renewed while the needle is outside.
     fn on_line(&mut self, base: &Isometry3<f64>) -> Result<f64, StepError> {
         let tip = base * Point3::new(0.0, 0.0, self.shaft.length_mm);
         let direction = base.rotation * Vector3::z_axis();
+        let aside = self
+            .frame
+            .aside_mm(&tip)
+            .max(self.frame.aside_mm(&base.translation.vector.into()));
+        if aside > BESIDE_MM {
+            return Err(StepError::Input {
+                what: "the needle's distance (mm) from the plane of the tissue",
+                found: aside,
+                expected: "at most 0.05: this model is of a plane",
+            });
+        }
         if let Some(axis) = &self.axis {
             let hub = Point3::from(base.translation.vector);
             let beside = axis.beside_mm(&tip).max(axis.beside_mm(&hub));
@@ -103,7 +118,13 @@ impl Nonlinear {
     /// Finds the line of a needle outside.
     fn aim(&mut self, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) {
         let body = Arc::clone(self.needle.body());
-        self.axis = Some(NeedleLine::find(&body, self.anatomy.as_ref(), tip, direction));
+        self.axis = Some(NeedleLine::find(
+            &body,
+            &self.frame,
+            self.anatomy.as_ref(),
+            tip,
+            direction,
+        ));
         self.take_axis();
     }
 
@@ -113,8 +134,8 @@ impl Nonlinear {
         let of = |region: i32| interaction(anatomy, Some(region));
         let axis = self.axis.as_ref().filter(|axis| !axis.regions.is_empty());
         let aimed = axis.map(|axis| {
-            self.needle
-                .aim(axis.entry.into(), (*axis.direction).into(), axis.layers(of))
+            let (entry, direction) = (self.frame.point(&axis.entry), self.frame.vector(&axis.direction));
+            self.needle.aim(entry, direction, axis.layers(of))
         });
         if aimed.is_none_or(|aimed| aimed.is_err()) {
             self.needle.withdraw();
@@ -255,21 +276,13 @@ impl Nonlinear {
 
     /// Returns the number of inverted elements on the line of the needle.
     fn crushed(&self) -> usize {
-        let displacement = self.needle.structure().displacement();
-        let now = |node: u32| {
-            let first = 3 * node as usize;
-            let at = self.mesh.nodes()[node as usize];
-            Point3::from([0, 1, 2].map(|axis| at[axis] + displacement[first + axis]))
-        };
-        let is_inverted = |element: &&u32| {
-            let [a, b, c, d] = self.mesh.elements()[**element as usize].map(now);
-            (b - a).cross(&(c - a)).dot(&(d - a)) <= 0.0
-        };
+        let (body, displacement) = (self.needle.body(), self.needle.structure().displacement());
+        let is_inverted = |element: &&u32| body.is_inverted(**element as usize, displacement);
         self.needle.elements().iter().filter(is_inverted).count()
     }
 }
 
-impl Model for Nonlinear {
+impl<const D: usize, const N: usize> Model for Nonlinear<D, N> {
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         let base = &instruments.base;
         finite("the time", [dt_s])?;
@@ -313,7 +326,14 @@ impl Model for Nonlinear {
         };
         field.clear();
         let displacement = self.needle.structure().displacement();
-        field.extend(displacement.as_chunks::<3>().0);
+        let moved = displacement
+            .as_chunks::<D>()
+            .0
+            .iter()
+            .map(|moved| self.frame.in_world(moved));
+        while field.len() < self.mesh.nodes().len() {
+            field.extend(moved.clone());
+        }
         into.field = Field::Displacement(field);
     }
 

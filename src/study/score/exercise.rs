@@ -18,7 +18,7 @@ use crate::input::scenario::Scenario;
 use crate::input::scenario::clearance::Surroundings;
 use crate::input::scenario::run::{Requests, run};
 use crate::mechanics::needle::across;
-use crate::study::StudyError;
+use crate::study::{StudyError, rewritten};
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::BeamGrid;
 
@@ -196,7 +196,7 @@ impl Conditions {
             return Err("the needle is too short");
         }
         let along = (target - entry) / depth;
-        let found = surroundings.of(&entry, &target);
+        let found = surroundings.of(&[entry, target]);
         if found.leaves || found.gas {
             return Err("the path leaves the body, or meets gas or lung");
         }
@@ -290,20 +290,9 @@ impl Task {
     /// The reason if `base` is no table with an inline scene.
     pub fn scenario(&self, base: &str, conditions: &Conditions, number: usize) -> Result<String, String> {
         let mut table: toml::Table = base.parse().map_err(|error: toml::de::Error| error.to_string())?;
-        let part = |table: &mut toml::Table, key: &str| -> Result<toml::Table, String> {
-            match table.remove(key) {
-                None => Ok(toml::Table::new()),
-                Some(toml::Value::Table(part)) => Ok(part),
-                Some(_) => Err(format!(
-                    "`{key}` names a file; expected a table, in which the task places probe and needle"
-                )),
-            }
-        };
-        let list = |values: [f64; 3]| {
-            let rounded = values.map(|value| toml::Value::Float((value * 1e4).round() / 1e4 + 0.0));
-            toml::Value::Array(rounded.to_vec())
-        };
-        let mut scene = part(&mut table, "scene")?;
+        let rounded = |values: [f64; 3]| values.map(|value| (value * 1e4).round() / 1e4 + 0.0);
+        let list = |values: [f64; 3]| rewritten::list(rounded(values));
+        let mut scene = rewritten::part(&mut table, "scene")?;
         scene.remove("motion");
         let [position, axial, lateral] = self.probe;
         let pose = [("position_mm", position), ("direction", axial), ("lateral", lateral)];
@@ -312,26 +301,9 @@ impl Task {
             .map(|(key, value)| (key.to_owned(), list(value)))
             .collect();
         scene.insert("pose".to_owned(), pose.into());
-        let mut needle = part(&mut table, "needle")?;
-        for key in ["target", "entry", "deposit_s"] {
-            needle.remove(key);
-        }
-        let keyframes = self.keyframes.iter().map(|(time_s, tip, direction)| {
-            let mut key = toml::Table::new();
-            key.insert("time_s".to_owned(), ((time_s * 1e3).round() / 1e3).into());
-            key.insert("tip_mm".to_owned(), list(*tip));
-            key.insert("direction".to_owned(), list(*direction));
-            toml::Value::Table(key)
-        });
-        let mut motion = toml::Table::new();
-        motion.insert("keyframes".to_owned(), toml::Value::Array(keyframes.collect()));
-        needle.insert("motion".to_owned(), motion.into());
-        // Each reference run has its own length.
-        let mut run = part(&mut table, "run")?;
-        run.remove("duration_s");
-        let mut plan = part(&mut table, "plan")?;
-        plan.remove("needle");
-        plan.remove("template");
+        table.insert("scene".to_owned(), scene.into());
+        let keys = self.keyframes.iter();
+        let keys = keys.map(|(time_s, tip, along)| ((time_s * 1e3).round() / 1e3, rounded(*tip), rounded(*along)));
         let mut target = toml::Table::new();
         target.insert(
             "name".to_owned(),
@@ -339,10 +311,7 @@ impl Task {
         );
         target.insert("at_mm".to_owned(), list(self.target_mm));
         target.insert("radius_mm".to_owned(), conditions.radius_mm.into());
-        plan.insert("target".to_owned(), toml::Value::Array(vec![target.into()]));
-        for (key, part) in [("scene", scene), ("needle", needle), ("run", run), ("plan", plan)] {
-            table.insert(key.to_owned(), part.into());
-        }
+        rewritten::motion(&mut table, keys, target)?;
         let text = toml::to_string(&table).map_err(|error| error.to_string())?;
         let distance = |mm: Option<f64>| mm.map_or("more than 30".to_owned(), |mm| format!("{mm:.0}"));
         let critical = match text.contains("critical = true") {

@@ -15,7 +15,7 @@ const BEFORE_MM: f64 = 60.0;
 const SKIN_STEP_MM: f64 = 0.5;
 
 /// Innermost point of the visible cross-section of a label in the image plane, mm.
-pub(super) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<f64>> {
+pub(crate) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<f64>> {
     let grid = BeamGrid::new(&scene.settings.probe).ok()?;
     let bounds = grid.bounds_mm();
     let along = |axis: usize| {
@@ -47,7 +47,7 @@ pub(super) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<
 }
 
 /// Lateral position of the array's end on its marked side, mm.
-pub(super) fn array_end_mm(scene: &Scene) -> f64 {
+pub(crate) fn array_end_mm(scene: &Scene) -> f64 {
     let grid = BeamGrid::new(&scene.settings.probe).ok();
     let last = grid.as_ref().and_then(|grid| grid.rays().last());
     last.map_or(0.0, |ray| ray.origin[0])

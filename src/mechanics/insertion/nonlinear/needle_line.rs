@@ -5,7 +5,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::mechanics::insertion::pushing::{Layer, crossings};
 use crate::mechanics::insertion::{Anatomy, Interaction};
-use crate::mechanics::tissue::nonlinear::Solid;
+use crate::mechanics::tissue::nonlinear::{Body, Solid};
+
+use super::Frame;
 
 /// Gap between elements on the line that counts as rounding, mm.
 const GAP_MM: f64 = 1e-3;
@@ -35,8 +37,14 @@ pub(super) struct NeedleLine {
 impl NeedleLine {
     /// Finds the line of a needle whose tip is at `tip`: into the first part of the body in front of it, or the one that
     /// contains it.
-    pub fn find(body: &Solid, anatomy: &dyn Anatomy, tip: &Point3<f64>, direction: &Unit<Vector3<f64>>) -> NeedleLine {
-        let mut all = crossings(body, &(*tip).into(), &(**direction).into());
+    pub fn find<const D: usize, const N: usize>(
+        body: &Body<D, N>,
+        frame: &Frame<D>,
+        anatomy: &dyn Anatomy,
+        tip: &Point3<f64>,
+        direction: &Unit<Vector3<f64>>,
+    ) -> NeedleLine {
+        let mut all = crossings(body, &frame.point(tip), &frame.vector(direction));
         all.sort_by(|a, b| a.from_mm.total_cmp(&b.from_mm).then(a.element.cmp(&b.element)));
         let (mut start, mut end) = (0, f64::NEG_INFINITY);
         let mut last = all.len();

@@ -28,7 +28,7 @@ struct State {
     body: [Vec<f64>; 2],
 }
 
-impl Nonlinear {
+impl<const D: usize, const N: usize> Nonlinear<D, N> {
     pub(super) fn save_state(&mut self) -> Saved {
         let (at, body) = match self.needle.put_state() {
             Ok(state) => state,

@@ -2,15 +2,17 @@
 
 use std::sync::Arc;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
-use super::Nonlinear;
+use super::{Frame, Nonlinear};
 use crate::mechanics::insertion::pushing::Pushing;
 use crate::mechanics::insertion::{Anatomy, Interaction, InvalidSetup, MeshRegions, Outcome, validation};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::{CentreLine, Shaft};
 use crate::mechanics::tissue::nonlinear::creep::{Creep, Memory};
-use crate::mechanics::tissue::nonlinear::{Options as Solving, Scheme, Solid, Solver, Stiffening, Structure, Supports};
+use crate::mechanics::tissue::nonlinear::{
+    Body, Options as Solving, Scheme, Sheet, Solid, Solver, Stiffening, Structure, Supports,
+};
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
 /// Options for the subdivision and solution of steps.
@@ -77,16 +79,49 @@ pub struct Setup {
     pub options: Options,
 }
 
+/// Tissue in a plane: a sheet in plane strain.
+#[derive(Clone, Debug)]
+pub struct Plane {
+    /// Origin of the coordinates of the sheet in the world, mm.
+    pub origin: Point3<f64>,
+    /// Axes of the sheet in the world, of unit length and square to each other.
+    pub axes: [Vector3<f64>; 2],
+    /// Triangles, with their thickness. The mesh of the [`Setup`] is a slab with each node on both faces, all nodes of the first face
+    /// before those of the other; `laws` are those of the triangles, and `fixed` has nodes of the sheet and its two axes.
+    pub sheet: Arc<Sheet>,
+}
+
 impl Nonlinear {
     /// Builds a model at rest, with no needle near.
     ///
     /// # Errors
     /// [`InvalidSetup`].
     pub fn new(setup: Setup) -> Result<Nonlinear, InvalidSetup> {
+        validation::fixed(&setup.fixed, setup.mesh.nodes().len())?;
+        let body = Arc::new(Solid::tetrahedra(&setup.mesh, &setup.laws)?);
+        Self::of(setup, body, Frame::world())
+    }
+}
+
+impl Nonlinear<2, 3> {
+    /// Builds a model of a plane at rest, with no needle near.
+    ///
+    /// # Errors
+    /// [`InvalidSetup`].
+    pub fn of_plane(setup: Setup, plane: &Plane) -> Result<Self, InvalidSetup> {
+        let frame = Frame {
+            origin: plane.origin,
+            axes: plane.axes,
+        };
+        Self::of(setup, Arc::clone(&plane.sheet), frame)
+    }
+}
+
+impl<const D: usize, const N: usize> Nonlinear<D, N> {
+    fn of(setup: Setup, body: Arc<Body<D, N>>, frame: Frame<D>) -> Result<Self, InvalidSetup> {
         let options = setup.options;
-        let nodes = setup.mesh.nodes().len();
+        let nodes = body.nodes().len();
         validation::interactions(&setup.interactions)?;
-        validation::fixed(&setup.fixed, nodes)?;
         validation::above_zero(&[
             ("part_mm", options.part_mm),
             ("most_parts", options.most_parts as f64),
@@ -97,7 +132,6 @@ impl Nonlinear {
             return Err(InvalidSetup::Peak { region });
         }
         let name = format!("{nodes} nodes, {:?}, {:?}, {:?}", setup.shaft, setup.viscosity, options);
-        let body = Arc::new(Solid::tetrahedra(&setup.mesh, &setup.laws)?);
         let solver = Solver::new(body, Supports::new(nodes, setup.fixed), options.solving)?;
         let structure = match setup.viscosity {
             None => Structure::Elastic(Box::new(solver)),
@@ -122,6 +156,7 @@ impl Nonlinear {
                 .anatomy
                 .unwrap_or_else(|| Arc::new(MeshRegions::new(&setup.mesh, &setup.interactions))),
             mesh: setup.mesh,
+            frame,
             shaft: setup.shaft,
             options,
             name,

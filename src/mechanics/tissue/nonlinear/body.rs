@@ -1,7 +1,7 @@
 //! Body of strain-stiffening triangles or tetrahedra: its forces and their derivatives.
 
 use super::law::{Stiffening, relative_strain, von_mises};
-use super::simplex::{Simplex, dot};
+use super::simplex::{Simplex, dot, orientation};
 use super::tangent::Kind;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
@@ -147,6 +147,18 @@ impl<const D: usize, const N: usize> Body<D, N> {
 
     pub(super) fn cells(&self) -> &[Cell<D, N>] {
         &self.cells
+    }
+
+    /// Whether an element is inverted or flat under these displacements (mm).
+    ///
+    /// # Panics
+    /// If the element does not exist.
+    pub fn is_inverted(&self, element: usize, displacement: &[f64]) -> bool {
+        let corner = |node: u32| {
+            let node = node as usize;
+            std::array::from_fn(|axis| self.nodes[node][axis] + displacement[D * node + axis])
+        };
+        orientation::<D, N>(&self.elements[element].map(corner)) <= 0.0
     }
 
     /// Returns the barycentric coordinates of a point (mm) in an element of the reference state.

@@ -89,6 +89,11 @@ impl<const D: usize, const N: usize> Simplex<D, N> {
     }
 }
 
+/// Returns the determinant of the edges from the first corner: positive where the corners keep their order.
+pub fn orientation<const D: usize, const N: usize>(corners: &[[f64; D]; N]) -> f64 {
+    inverse(std::array::from_fn(|i| minus(corners[i + 1], corners[0]))).1
+}
+
 #[inline]
 fn minus<const D: usize>(a: [f64; D], b: [f64; D]) -> [f64; D] {
     std::array::from_fn(|axis| a[axis] - b[axis])

@@ -1,0 +1,177 @@
+//! `insonify path`: needle paths to a target that allow for the deformation of tissue.
+
+use std::path::PathBuf;
+
+use crate::base::output::png;
+use crate::base::range::numbers;
+use crate::imaging::overview::overview;
+use crate::imaging::synth::FrameState;
+use crate::input::scenario::{ScenarioFile, TissueModel};
+use crate::study::path::{Entry, FILES, Goal, PathOptions, plan};
+use clap::{Args, ValueEnum};
+
+use super::backend::BackendArgs;
+use super::exercise::{relocated, source};
+use super::insert::resolve;
+use super::failure::Failure;
+use super::output::{self, Force, inputs};
+use super::terminal;
+
+const EXAMPLES: &str = "\
+Lines through the target are tried: in the image plane at angles to the beam, or from places on the skin. A line is left out that comes too near
+to bone or critical structures, at rest or as the tissue deforms, meets gas, or runs into the probe. On each of the others the needle goes in with the
+scenario's own model, and is aimed again at where the target then is until it meets it. Paths are ranked by miss, clearance and force.
+
+Examples:
+  insonify path liver-puncture --target vessel -o plan                the middle of the vein, at 12 angles in the image plane
+  insonify path liver-puncture --target -4,28,0 --model 2d -o plan    the same in a section by the image plane, in seconds
+  insonify path liver-puncture --target vessel --angles=-45,-10 --candidates 8 -o plan
+  insonify path my.toml --target lesion --entry -60,-120,-40,20,-60,40 -o plan   entries on the skin within a box, two corners in mm (LPS)
+  insonify path my.toml --target lesion --entry skin_abdomen -o plan             entries on a label of the skin
+  insonify insert plan/scenario.toml -o out --images                  the best path, step by step
+
+Writes plan/index.html, scenario.toml (the best path), lines.csv, lines.png and lines.svg (all lines), overview.png, target.csv and target.svg (where
+the target goes while the needle advances) and summary.json.
+Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation simulation\",
+Computerized Medical Imaging and Graphics 34 (2010) 9-18.
+Exit status: 0 done, also where the best path misses by more than the tolerance, which is said; 2 no path, or the scenario or an argument is wrong.";
+
+/// Plans a needle's path to a target, allowing for the deformation of tissue
+#[derive(Args)]
+#[command(after_help = EXAMPLES)]
+pub struct PathArgs {
+    /// Scenario file (TOML), or the name of a built-in one; its needle, tissue and speed count, its motion does not
+    #[arg(value_name = "SCENARIO.toml")]
+    scenario: PathBuf,
+    /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a tissue
+    #[arg(long, value_name = "X,Y,Z|NAME", allow_hyphen_values = true)]
+    target: String,
+    /// Where the needle may enter: `plane` (in the image plane), a box as two corners in mm, or a label or tissue of the skin
+    #[arg(
+        long,
+        value_name = "plane|X,Y,Z,X,Y,Z|NAME",
+        default_value = "plane",
+        allow_hyphen_values = true
+    )]
+    entry: String,
+    /// With --entry plane: least and largest angle to the beam's axis, degrees, positive where the needle goes towards the marked side
+    #[arg(long, value_name = "MIN,MAX", default_value = "-60,60", value_parser = numbers::<2>, allow_hyphen_values = true)]
+    angles: [f64; 2],
+    /// Number of lines to try
+    #[arg(long, value_name = "N", default_value_t = 12)]
+    candidates: usize,
+    /// Least distance of a path from bone and critical structures, mm
+    #[arg(long, value_name = "MM", default_value_t = 3.0)]
+    clearance_mm: f64,
+    /// Distance of the tip from the target at which it counts as reached, mm
+    #[arg(long, value_name = "MM", default_value_t = 0.1)]
+    tolerance_mm: f64,
+    /// Tissue: the scenario's own, or what the image plane cuts of it
+    #[arg(long, value_enum, default_value = "scenario")]
+    model: ModelName,
+    /// With --model 2d: thickness of the section, mm
+    #[arg(long, value_name = "MM", default_value_t = 20.0)]
+    thickness_mm: f64,
+    /// Folder to write to
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    #[command(flatten)]
+    force: Force,
+    #[command(flatten)]
+    backend: BackendArgs,
+    /// Print the plan as one JSON object: `target_mm`, `lines` (the best first), `excluded`, `warnings`, ...
+    #[arg(long)]
+    json: bool,
+}
+
+/// Tissue in which the needle goes.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum ModelName {
+    /// The scenario's own, in three dimensions
+    Scenario,
+    /// A section by the image plane, in plane strain
+    #[value(name = "2d")]
+    Section,
+}
+
+impl PathArgs {
+    pub fn run(&self) -> Result<(), Failure> {
+        self.backend.check()?;
+        let folder = self
+            .force
+            .folder(&self.output, "path", FILES, &inputs(&self.scenario))?;
+        let (text, base) = source(&self.scenario)?;
+        let mut file = ScenarioFile::parse(&text, &self.scenario.display().to_string())?;
+        if file.tissue.mesh.is_none() && file.tissue.model == TissueModel::FiniteElement {
+            // A mesh that is finer along one path would favour it.
+            file.tissue.along_path = Some(false);
+            terminal::note("all lines share a mesh that is not finer along a path (`tissue.along_path = false`)");
+        }
+        file.adapter = Some(self.backend.choice());
+        let scenario = resolve(&file, &base)?;
+        let bar = terminal::share();
+        bar.set_message("simulating lines");
+        let plan = plan(&scenario, &self.options(), |done, of| {
+            bar.set_position(terminal::SHARES * done as u64 / of.max(1) as u64);
+        });
+        bar.finish_and_clear();
+        let plan = plan?;
+        let written = plan
+            .scenario(&text, &scenario)
+            .and_then(|text| relocated(&text, &base, &self.output));
+        let written = written.map_err(|found| {
+            let expected = "a scenario whose parts are tables";
+            Failure::usage(format!("{}: {found}", self.scenario.display()), expected)
+        })?;
+        let at = |name: &str| folder.path().join(name);
+        output::text(&at("scenario.toml"), &written)?;
+        output::text(&at("lines.csv"), &plan.csv())?;
+        output::text(&at("target.csv"), &plan.series())?;
+        output::plot(&at("target.svg"), &plan.target_plot())?;
+        output::plot(&at("lines.svg"), &plan.lines_plot())?;
+        let anatomy = &scenario.scene.anatomy;
+        let mut chosen = self
+            .backend
+            .synthesizer(anatomy.clone(), scenario.scene.settings.clone())?;
+        let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+        chosen.synth.render(&FrameState::at(*pose.probe_to_world()))?;
+        let picture = plan.picture(&chosen.synth, &scenario);
+        let colours: Vec<[u8; 3]> = (0..anatomy.volume.labels().len())
+            .map(|label| anatomy.tissues.of(label as u8).colour)
+            .collect();
+        let needle = plan.needle(&scenario);
+        let beam = &chosen.synth.tables().grid;
+        let overview = overview(&anatomy.volume, &colours, &pose, beam, needle.as_ref());
+        for (name, picture) in [("lines.png", &picture), ("overview.png", &overview)] {
+            let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
+            png::write_rgb(&at(name), width, height, picture.as_raw())?;
+        }
+        output::text(&at("index.html"), &plan.page(&picture, &overview)?)?;
+        let json = serde_json::to_string_pretty(&plan).map_err(|error| Failure::Output(error.into()))?;
+        output::text(&at("summary.json"), &format!("{json}\n"))?;
+        folder.install()?;
+        plan.warnings.iter().for_each(terminal::warn);
+        if self.json {
+            return terminal::emit_json(&plan);
+        }
+        terminal::emit(&plan.table().text("  ", &[]))?;
+        let page = self.output.join("index.html");
+        terminal::say(format!("{}; open {}", plan.text(), page.display()));
+        Ok(())
+    }
+
+    fn options(&self) -> PathOptions {
+        PathOptions {
+            target: numbers::<3>(&self.target).map_or_else(|_| Goal::Named(self.target.clone()), Goal::At),
+            entry: match (self.entry.as_str(), numbers::<6>(&self.entry)) {
+                ("plane", _) => Entry::Plane(self.angles),
+                (_, Ok([a, b, c, d, e, f])) => Entry::Box([[a, b, c], [d, e, f]]),
+                (name, Err(_)) => Entry::Named(name.to_owned()),
+            },
+            lines: self.candidates,
+            clearance_mm: self.clearance_mm,
+            tolerance_mm: self.tolerance_mm,
+            section_mm: (self.model == ModelName::Section).then_some(self.thickness_mm),
+        }
+    }
+}

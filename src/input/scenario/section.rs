@@ -1,0 +1,268 @@
+//! Section of a scenario's tissue by the image plane: triangles in plane strain, as in Kobayashi et al. 2010 (sections 3.2 and 4.2.2).
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::{Point3, Vector3};
+
+use super::regions::Regions;
+use super::resolve::Scenario;
+use super::stiffened::Stiffened;
+use crate::input::InputError;
+use crate::mechanics::insertion::nonlinear::{Options, Plane};
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::mesh::outline::{Triangles, triangulate};
+use crate::mechanics::tissue::nonlinear::{Sheet, Stiffening};
+
+/// Number of triangles of a section, about.
+const TRIANGLES: f64 = 1200.0;
+/// Number of samples along the longer side of a section that find its outlines.
+const SAMPLES: f64 = 200.0;
+/// Least spacing of these samples, mm.
+const LEAST_MM: f64 = 0.4;
+/// Half thickness of the slab that stands for the section in images and in the selection of fixed nodes, mm.
+const HALF_MM: f64 = 0.5;
+/// Component of an axis of the plane along an axis of the world that counts as none.
+const NONE: f64 = 1e-6;
+
+impl Scenario {
+    /// The scenario with tissue of two dimensions: what the image plane at the start cuts, `thickness_mm` thick and without strain
+    /// across it. Materials, viscosity and fixed places are those of the scenario; linear tissue stays linear.
+    ///
+    /// # Errors
+    /// [`InputError`] for a scenario with parts that a plane cannot have, or without tissue in the plane.
+    pub(crate) fn section(&self, thickness_mm: f64) -> Result<Self, InputError> {
+        self.fits_a_plane()?;
+        let pose = self.scene.probe_path().at(self.timing.start_s);
+        let axes = [pose.lateral().into_inner(), pose.axial().into_inner()];
+        let plane = Outline {
+            origin: pose.position_mm(),
+            axes,
+        };
+        // Triangles keep their order in the plane only with a right-handed pair of axes, which lateral and axial are.
+        let made = plane.triangles(self);
+        if made.triangles.is_empty() {
+            let found = "no tissue in the image plane";
+            return Err(self
+                .file
+                .wrong_keys("scene", found, "a probe whose image plane cuts the tissue"));
+        }
+        let slab = plane.slab(&made).map_err(|error| self.file.fault("tissue", error))?;
+        let none = BTreeMap::new();
+        let regions = Regions::new(&self.file, &self.scene, &none);
+        let mut present = made.regions.clone();
+        present.sort_unstable();
+        present.dedup();
+        let made_of = regions.made_of(&present)?;
+        let laws: Vec<Stiffening> = made.regions.iter().map(|region| made_of[region].law).collect();
+        let (mut notes, mut warnings) = (Vec::new(), Vec::new());
+        let held = self.file.fixed(&slab, &regions, &made_of, &mut notes, &mut warnings)?;
+        let sheet = Sheet::plane_strain(made.nodes, made.triangles, &laws, thickness_mm);
+        let sheet = sheet.map_err(|error| self.file.fault("tissue", error))?;
+        let mut section = self.clone();
+        section.fixed = plane.fixed(&held, sheet.nodes().len());
+        section.materials = slab.regions().iter().map(|region| made_of[region].material).collect();
+        section.stiffened = Some(Stiffened {
+            laws,
+            viscosity: self.stiffened.as_ref().and_then(|stiffened| stiffened.viscosity),
+            options: self
+                .stiffened
+                .as_ref()
+                .map_or_else(Options::default, |stiffened| stiffened.options),
+        });
+        section.section = Some(Arc::new(Plane {
+            origin: plane.origin,
+            axes: plane.axes,
+            sheet: Arc::new(sheet),
+        }));
+        section.mesh = Arc::new(slab);
+        section.scene.anatomy.mesh = Some(Arc::clone(&section.mesh));
+        section.changes.clear();
+        section.gpu = None;
+        section.warnings.extend(warnings);
+        Ok(section)
+    }
+
+    /// Refuses what a plane has no part for.
+    fn fits_a_plane(&self) -> Result<(), InputError> {
+        let wrong = |key: &str, found: &str, expected: &str| Err(self.file.wrong_keys(key, found, expected));
+        if self.cylinder.is_some() {
+            let found = "masses and springs, which have no section in the image plane";
+            return wrong("tissue.model", found, "another tissue model");
+        }
+        if self.contact.is_some() {
+            return wrong(
+                "contact_probe",
+                "a probe in contact with a section of tissue",
+                "a scenario without",
+            );
+        }
+        if !self.needle.is_straight() {
+            let found = "a needle that bends or has a bevel in a section of tissue, which it goes through straight";
+            return wrong("needle", found, "`model = \"rigid\"` without `bevel`");
+        }
+        match self
+            .file
+            .tissue
+            .fix
+            .iter()
+            .position(|fix| fix.surface || fix.nodes.is_some())
+        {
+            Some(at) => {
+                let found = "`nodes` or `surface`, which name no places in a section";
+                wrong(&format!("tissue.fix[{at}]"), found, "`box_mm` or `region`")
+            }
+            None => Ok(()),
+        }
+    }
+}
+
+/// Origin and axes of a section in the world.
+struct Outline {
+    origin: Point3<f64>,
+    axes: [Vector3<f64>; 2],
+}
+
+impl Outline {
+    fn world(&self, [x, y]: [f64; 2], aside_mm: f64) -> Point3<f64> {
+        let normal = self.axes[0].cross(&self.axes[1]);
+        self.origin + self.axes[0] * x + self.axes[1] * y + normal * aside_mm
+    }
+
+    /// Triangulates the tissue in the plane.
+    fn triangles(&self, scenario: &Scenario) -> Triangles {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for node in scenario.mesh.nodes() {
+            let from = Point3::from(*node) - self.origin;
+            for axis in 0..2 {
+                let at = from.dot(&self.axes[axis]);
+                (low[axis], high[axis]) = (low[axis].min(at), high[axis].max(at));
+            }
+        }
+        // The surface of a mesh may lie within that of the labels.
+        let sides = [0, 1].map(|axis: usize| high[axis] - low[axis]);
+        let margin = 0.05 * sides[0].max(sides[1]);
+        let corners = [low.map(|x| x - margin), high.map(|x| x + margin)];
+        let grid_mm = (sides[0].max(sides[1]) / SAMPLES).max(LEAST_MM);
+        // Twice the area of an equilateral triangle is sqrt(3)/2 of its squared edge.
+        let edge_mm = (sides[0] * sides[1] / TRIANGLES * 4.0 / 3f64.sqrt()).sqrt();
+        let region = |at: [f64; 2]| scenario.anatomy.region(&self.world(at, 0.0));
+        triangulate(region, corners, grid_mm, edge_mm)
+    }
+
+    /// The section as a slab of tetrahedra: three for each triangle, the nodes of one face before those of the other.
+    fn slab(&self, made: &Triangles) -> Result<TetMesh, crate::mechanics::mesh::InvalidMesh> {
+        let count = made.nodes.len() as u32;
+        let face = |aside: f64| made.nodes.iter().map(move |at| self.world(*at, aside).into());
+        let nodes = face(-HALF_MM).chain(face(HALF_MM)).collect();
+        let mut elements = Vec::with_capacity(3 * made.triangles.len());
+        for corners in &made.triangles {
+            // Diagonals of the side faces start at the lower number, so that neighbours agree.
+            let mut order = *corners;
+            let least = (0..3).min_by_key(|at| corners[*at]).unwrap_or(0);
+            order.rotate_left(least);
+            let ([a, b, c], [d, e, f]) = (order, order.map(|node| node + count));
+            elements.extend(match b < c {
+                true => [[a, b, c, f], [a, b, f, e], [a, e, f, d]],
+                false => [[a, b, c, e], [a, e, c, f], [a, e, f, d]],
+            });
+        }
+        let regions = made.regions.iter().flat_map(|region| [*region; 3]).collect();
+        TetMesh::new(nodes, elements, regions)
+    }
+
+    /// Fixed nodes and axes of the sheet, from those of the slab: an axis in the plane is held where all axes of the world are that it has a
+    /// part along.
+    fn fixed(&self, held: &[(u32, u8)], nodes: usize) -> Vec<(u32, u8)> {
+        let mut all = vec![[false; 3]; nodes];
+        for &(node, axis) in held.iter().filter(|(node, _)| (*node as usize) < nodes) {
+            all[node as usize][usize::from(axis)] = true;
+        }
+        let axes = |(node, held): (usize, [bool; 3])| {
+            let holds = move |along: &usize| (0..3).all(|axis| held[axis] || self.axes[*along][axis].abs() < NONE);
+            (0..2).filter(holds).map(move |along| (node as u32, along as u8))
+        };
+        all.into_iter().enumerate().flat_map(axes).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use crate::input::scenario::{EXAMPLES, ScenarioFile};
+
+    /// The section of a scenario has the areas of the labels in the image plane, and holds what the scenario holds.
+    #[test]
+    fn areas_are_those_of_the_labels() {
+        let text = EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture").unwrap().1;
+        let text = text.replace("nodes = 3300", "nodes = 200");
+        let file = ScenarioFile::parse(&text, "test.toml").unwrap();
+        let scenario = file.resolve(Path::new(""), |_| ()).unwrap();
+        let section = scenario.section(20.0).unwrap();
+        let plane = section.section.as_ref().unwrap();
+        let area = |of: i32| -> f64 {
+            let parts = plane
+                .sheet
+                .elements()
+                .iter()
+                .zip(section.mesh.regions().iter().step_by(3));
+            let parts = parts.filter(|(_, region)| **region == of);
+            parts
+                .map(|(corners, _)| {
+                    let [a, b, c] = corners.map(|node| plane.sheet.nodes()[node as usize]);
+                    0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]))
+                })
+                .sum()
+        };
+        let volume = &scenario.scene.anatomy.volume;
+        let step = 0.1;
+        let mut counted = [0.0; 3];
+        for j in 0..580 {
+            for i in 0..760 {
+                let at = nalgebra::Point3::new(-42.0 + (f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, 0.0);
+                counted[usize::from(volume.label_index_at(&at).unwrap())] += step * step;
+            }
+        }
+        for label in [1, 2] {
+            let found = area(label);
+            assert!(
+                (found / counted[label as usize] - 1.0).abs() < 0.01,
+                "{label}: {found} {counted:?}"
+            );
+        }
+        // Held: the back and both sides, but not the capsule.
+        let held = |at: [f64; 3]| {
+            let nodes = section.mesh.nodes()[..plane.sheet.nodes().len()].iter().enumerate();
+            let away = |node: &[f64; 3]| (node[0] - at[0]).hypot(node[1] - at[1]);
+            let nearest = nodes.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).unwrap().0;
+            section
+                .fixed
+                .iter()
+                .filter(|(node, _)| *node as usize == nearest)
+                .count()
+        };
+        assert_eq!(
+            [[0.0, 58.0, 0.0], [-42.0, 20.0, 0.0], [34.0, 20.0, 0.0]].map(held),
+            [2; 3]
+        );
+        assert_eq!(held([0.0, 0.0, 0.0]), 0);
+        assert!((section.mesh.nodes().len()) / 2 == plane.sheet.nodes().len());
+    }
+
+    #[test]
+    fn what_has_no_part_in_a_plane_is_refused() {
+        let text = EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture").unwrap().1;
+        let text = text.replace("nodes = 3300", "nodes = 200");
+        let text = text.replacen("[[tissue.fix]]", "[[tissue.fix]]\nsurface = true", 1);
+        let scenario = ScenarioFile::parse(&text, "test.toml")
+            .unwrap()
+            .resolve(Path::new(""), |_| ())
+            .unwrap();
+        let error = scenario.section(20.0).unwrap_err();
+        assert_eq!(error.key(), Some("tissue.fix[0]"));
+        let scenario = ScenarioFile::parse(&text.replacen("\nsurface = true", "", 1), "test.toml").unwrap();
+        let scenario = scenario.resolve(Path::new(""), |_| ()).unwrap();
+        assert!(scenario.section(0.0).is_err());
+    }
+}

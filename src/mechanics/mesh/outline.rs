@@ -1,0 +1,305 @@
+//! Triangles of a labelled plane: outlines of its regions, and a constrained Delaunay triangulation between them.
+//!
+//! Outlines come from marching squares with several labels: the crossings of a grid's edges are located by bisection and joined within
+//! each cell, at its middle where more than two labels meet. They are thinned (D. Douglas and T. Peucker, 1973) and triangulated with
+//! refinement (J. Ruppert, 1995) by the crate `spade`.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+use spade::handles::FixedVertexHandle;
+use spade::{AngleLimit, ConstrainedDelaunayTriangulation, Point2, RefinementParameters, Triangulation};
+
+/// Bisections to locate the crossing of a grid's edge, to a thousandth of it.
+const HALVINGS: usize = 10;
+/// Deviation of a thinned outline as a share of the edge length of triangles.
+const THINNED: f64 = 0.05;
+/// Least area of a closed outline, in squared spacings of the grid.
+const SMALLEST: f64 = 4.0;
+/// Least angle that refinement aims at, degrees.
+const LEAST_DEG: f64 = 25.0;
+
+/// Triangles with their regions.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Triangles {
+    /// Node positions, mm.
+    pub nodes: Vec<[f64; 2]>,
+    /// Corners of each triangle, anticlockwise.
+    pub triangles: Vec<[u32; 3]>,
+    /// Region of each triangle.
+    pub regions: Vec<i32>,
+}
+
+/// Triangulates the regions of a plane within a rectangle (mm). `grid_mm` is the spacing of the samples that find the outlines, `edge_mm`
+/// the edge length of the triangles. Empty where nothing is labelled.
+pub fn triangulate(
+    region: impl Fn([f64; 2]) -> Option<i32> + Sync,
+    [low, high]: [[f64; 2]; 2],
+    grid_mm: f64,
+    edge_mm: f64,
+) -> Triangles {
+    let outlines = Outlines::find(&region, [low, high], grid_mm);
+    let mut mesh = ConstrainedDelaunayTriangulation::<Point2<f64>>::new();
+    for chain in outlines.chains(grid_mm) {
+        let chain = thinned(&chain, THINNED * edge_mm);
+        let mut handles: Vec<FixedVertexHandle> = Vec::new();
+        for &[x, y] in &chain {
+            // Only numbers that are not finite or too large are refused; those of a grid are neither.
+            handles.extend(mesh.insert(Point2::new(x, y)).ok());
+        }
+        for pair in handles.windows(2).filter(|pair| pair[0] != pair[1]) {
+            mesh.add_constraint_and_split(pair[0], pair[1], |at| at);
+        }
+    }
+    // Of an equilateral triangle.
+    let area = 3f64.sqrt() / 4.0 * edge_mm * edge_mm;
+    let refinement = RefinementParameters::<f64>::new()
+        .with_angle_limit(AngleLimit::from_deg(LEAST_DEG))
+        .with_max_allowed_area(area)
+        .with_min_required_area(1e-3 * area)
+        .with_max_additional_vertices(100_000);
+    mesh.refine(refinement);
+    let mut made = Triangles::default();
+    let mut numbers: BTreeMap<usize, u32> = BTreeMap::new();
+    for face in mesh.inner_faces() {
+        let corners = face.vertices();
+        let centre = face.center();
+        let Some(region) = region([centre.x, centre.y]) else {
+            continue;
+        };
+        made.triangles.push(corners.map(|corner| {
+            *numbers.entry(corner.index()).or_insert_with(|| {
+                let at = corner.position();
+                made.nodes.push([at.x, at.y]);
+                made.nodes.len() as u32 - 1
+            })
+        }));
+        made.regions.push(region);
+    }
+    made
+}
+
+/// Outlines of regions: points, and the pairs of them that are joined.
+#[derive(Default)]
+struct Outlines {
+    points: Vec<[f64; 2]>,
+    joined: Vec<Vec<usize>>,
+}
+
+impl Outlines {
+    fn find(region: &(impl Fn([f64; 2]) -> Option<i32> + Sync), [low, high]: [[f64; 2]; 2], grid_mm: f64) -> Self {
+        // Beyond the rectangle nothing is labelled, so that every outline is closed.
+        let [columns, rows] = [0, 1].map(|axis| ((high[axis] - low[axis]) / grid_mm).ceil().max(1.0) as usize + 3);
+        let place = |i: usize, j: usize| [low[0] + (i as f64 - 1.0) * grid_mm, low[1] + (j as f64 - 1.0) * grid_mm];
+        let at = |point: [f64; 2]| {
+            let inside = (0..2).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]));
+            inside.then(|| region(point)).flatten()
+        };
+        let labels: Vec<Option<i32>> = (0..columns * rows)
+            .into_par_iter()
+            .map(|cell| at(place(cell % columns, cell / columns)))
+            .collect();
+        let mut outlines = Outlines::default();
+        let mut crossings: BTreeMap<[usize; 2], usize> = BTreeMap::new();
+        for j in 0..rows - 1 {
+            for i in 0..columns - 1 {
+                let corners = [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
+                let mut met = Vec::new();
+                for side in 0..4 {
+                    let mut ends = [corners[side], corners[(side + 1) % 4]];
+                    ends.sort_unstable_by_key(|[i, j]| j * columns + i);
+                    let numbers = ends.map(|[i, j]| j * columns + i);
+                    let [first, last] = numbers.map(|number| labels[number]);
+                    if first == last {
+                        continue;
+                    }
+                    let [from, to] = ends.map(|[i, j]| place(i, j));
+                    met.push(
+                        *crossings
+                            .entry(numbers)
+                            .or_insert_with(|| outlines.add(crossing(&at, from, to, first))),
+                    );
+                }
+                match met[..] {
+                    [a, b] => outlines.join(a, b),
+                    [_, _, ..] => {
+                        let [x, y] = place(i, j);
+                        let middle = outlines.add([x + 0.5 * grid_mm, y + 0.5 * grid_mm]);
+                        met.iter().for_each(|&point| outlines.join(point, middle));
+                    }
+                    _ => {}
+                }
+            }
+        }
+        outlines
+    }
+
+    fn add(&mut self, point: [f64; 2]) -> usize {
+        self.points.push(point);
+        self.joined.push(Vec::new());
+        self.points.len() - 1
+    }
+
+    fn join(&mut self, a: usize, b: usize) {
+        self.joined[a].push(b);
+        self.joined[b].push(a);
+    }
+
+    /// Chains of points between those at which more than two lines meet, and closed outlines that are not tiny.
+    fn chains(&self, grid_mm: f64) -> Vec<Vec<[f64; 2]>> {
+        let mut used = vec![false; self.points.len()];
+        let mut chains = Vec::new();
+        let is_inner = |point: usize| self.joined[point].len() == 2;
+        for start in (0..self.points.len()).filter(|point| !is_inner(*point)) {
+            for &next in &self.joined[start] {
+                // A line is walked once, from the end that comes first.
+                let walked = if is_inner(next) { used[next] } else { next < start };
+                if !walked {
+                    chains.push(self.walk(start, next, &mut used));
+                }
+            }
+        }
+        for start in 0..self.points.len() {
+            if is_inner(start) && !used[start] {
+                used[start] = true;
+                let chain = self.walk(start, self.joined[start][0], &mut used);
+                if area(&chain).abs() >= SMALLEST * grid_mm * grid_mm {
+                    chains.push(chain);
+                }
+            }
+        }
+        chains
+    }
+
+    fn walk(&self, start: usize, next: usize, used: &mut [bool]) -> Vec<[f64; 2]> {
+        let mut chain = vec![self.points[start]];
+        let (mut before, mut at) = (start, next);
+        loop {
+            chain.push(self.points[at]);
+            if at == start || self.joined[at].len() != 2 {
+                return chain;
+            }
+            used[at] = true;
+            let [a, b] = [self.joined[at][0], self.joined[at][1]];
+            (before, at) = (at, if a == before { b } else { a });
+        }
+    }
+}
+
+/// Point between two at which the label `first` ends.
+fn crossing(
+    region: impl Fn([f64; 2]) -> Option<i32>,
+    mut from: [f64; 2],
+    mut to: [f64; 2],
+    first: Option<i32>,
+) -> [f64; 2] {
+    for _ in 0..HALVINGS {
+        let middle = [0, 1].map(|axis: usize| 0.5 * (from[axis] + to[axis]));
+        *(if region(middle) == first { &mut from } else { &mut to }) = middle;
+    }
+    from
+}
+
+/// Area within a closed chain, positive if it runs anticlockwise, mm^2.
+fn area(chain: &[[f64; 2]]) -> f64 {
+    chain
+        .windows(2)
+        .map(|pair| 0.5 * (pair[0][0] * pair[1][1] - pair[1][0] * pair[0][1]))
+        .sum()
+}
+
+/// Chain with the fewest of its points from which no other lies farther than `most_mm`; a closed one is first cut at its farthest point.
+fn thinned(chain: &[[f64; 2]], most_mm: f64) -> Vec<[f64; 2]> {
+    let last = chain.len() - 1;
+    let mut kept = vec![false; chain.len()];
+    let mut parts = vec![[0, last]];
+    (kept[0], kept[last]) = (true, true);
+    while let Some([from, to]) = parts.pop() {
+        let (a, b) = (chain[from], chain[to]);
+        let along = [b[0] - a[0], b[1] - a[1]];
+        let length = along[0].hypot(along[1]);
+        let away = |point: &[f64; 2]| {
+            let off = [point[0] - a[0], point[1] - a[1]];
+            match length > 0.0 {
+                true => ((along[0] * off[1] - along[1] * off[0]) / length).abs(),
+                false => off[0].hypot(off[1]),
+            }
+        };
+        let inner = (from + 1..to).map(|at| (at, away(&chain[at])));
+        let farthest = inner.max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0)));
+        if let Some((at, _)) = farthest.filter(|(_, away)| *away > most_mm) {
+            kept[at] = true;
+            parts.extend([[from, at], [at, to]]);
+        }
+    }
+    let points = chain.iter().zip(kept);
+    points.filter(|(_, kept)| *kept).map(|(point, _)| *point).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    impl Triangles {
+        fn area(&self, of: i32) -> f64 {
+            let triangles = self.triangles.iter().zip(&self.regions);
+            let triangles = triangles.filter(|(_, region)| **region == of);
+            triangles
+                .map(|(corners, _)| {
+                    let [a, b, c] = corners.map(|node| self.nodes[node as usize]);
+                    0.5 * ((b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1]))
+                })
+                .inspect(|area| assert!(*area > 0.0))
+                .sum()
+        }
+    }
+
+    /// A disc with an eccentric hole and a disc of another region: areas to a thousandth, the border shared.
+    #[test]
+    fn areas_are_those_of_circles() {
+        let region = |[x, y]: [f64; 2]| match (x.hypot(y), (x - 8.0).hypot(y), (x + 9.0).hypot(y)) {
+            (_, hole, _) if hole < 4.0 => None,
+            (_, _, vein) if vein < 5.0 => Some(7),
+            (all, ..) if all < 20.0 => Some(3),
+            _ => None,
+        };
+        let made = triangulate(region, [[-25.0; 2], [25.0; 2]], 0.4, 2.0);
+        let error = |of: i32, expected: f64| (made.area(of) / expected - 1.0).abs();
+        assert!(error(7, 25.0 * PI) < 0.01, "{}", made.area(7) / PI);
+        assert!(error(3, (400.0 - 16.0 - 25.0) * PI) < 0.004, "{}", made.area(3) / PI);
+        // Euler's formula for a disc with one hole: the mesh is connected and has no cracks.
+        let mut edges: Vec<[u32; 2]> = Vec::new();
+        for corners in &made.triangles {
+            for side in 0..3 {
+                let (a, b) = (corners[side], corners[(side + 1) % 3]);
+                edges.push([a.min(b), a.max(b)]);
+            }
+        }
+        edges.sort_unstable();
+        edges.dedup();
+        let euler = made.nodes.len() as i64 - edges.len() as i64 + made.triangles.len() as i64;
+        assert_eq!(euler, 0);
+    }
+
+    /// Four squares that meet in a point.
+    #[test]
+    fn corners_of_many_regions_are_shared() {
+        let region = |[x, y]: [f64; 2]| Some(1 + i32::from(x > 0.13) + 2 * i32::from(y > -0.21));
+        let made = triangulate(region, [[-10.0; 2], [10.0; 2]], 0.5, 3.0);
+        let expected = [10.13 * 9.79, 9.87 * 9.79, 10.13 * 10.21, 9.87 * 10.21];
+        for (of, expected) in (1..).zip(expected) {
+            assert!(
+                (made.area(of) / expected - 1.0).abs() < 0.01,
+                "{of}: {} {expected}",
+                made.area(of)
+            );
+        }
+        assert!(
+            triangulate(|_| None, [[0.0; 2], [1.0; 2]], 0.1, 1.0)
+                .triangles
+                .is_empty()
+        );
+    }
+}

@@ -1,0 +1,259 @@
+//! Straight needle paths to a target in tissue that deforms: candidates, each simulated and aimed again at the displaced target.
+//!
+//! After sections 1 and 2.1 of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
+//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010: "a plan for insertion position and orientation that
+//! will allow the manipulator to guide the needle tip to the displaced cancer". Kobayashi et al. state no method for it; the one used here is
+//! that of [`correct`].
+
+mod candidates;
+mod correct;
+mod insertion;
+mod report;
+#[cfg(test)]
+mod tests;
+
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering as Memory};
+
+use nalgebra::{Point3, Vector3};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::base::range::check;
+use crate::base::text::some_of;
+use crate::input::scenario::Scenario;
+use crate::input::scenario::aim::middle;
+use crate::study::StudyError;
+use candidates::Entries;
+use correct::Corrected;
+pub use report::FILES;
+
+/// Where the needle is to go.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Goal {
+    /// A point in the anatomy at rest (LPS), mm.
+    At([f64; 3]),
+    /// A target of the scenario's plan, or a label or tissue, whose innermost point in the image counts.
+    Named(String),
+}
+
+/// Where needles may enter.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Entry {
+    /// In the image plane, at angles to the beam's axis from the first to the last, degrees.
+    Plane([f64; 2]),
+    /// On the skin within a box (LPS), as two opposite corners, mm.
+    Box([[f64; 3]; 2]),
+    /// On the skin where it is of this label or tissue.
+    Named(String),
+}
+
+/// Conditions of a plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PathOptions {
+    /// Where the needle is to go.
+    pub target: Goal,
+    /// Where it may enter.
+    pub entry: Entry,
+    /// Number of lines (1 to 1000).
+    pub lines: usize,
+    /// Least distance of a path from bone and critical structures, mm (0 to 30).
+    pub clearance_mm: f64,
+    /// Distance of the tip from the target at which it counts as reached, mm (0.001 to 10).
+    pub tolerance_mm: f64,
+    /// Thickness of the section by the image plane in which the needle goes, mm; `None` for the scenario's own tissue.
+    pub section_mm: Option<f64>,
+}
+
+/// A line to the target, and what became of it.
+#[derive(Clone, Debug, Serialize)]
+pub struct Candidate {
+    /// Number of the line, from 1.
+    pub number: usize,
+    /// Angle to the beam's axis, degrees, positive where the needle goes towards the marked side.
+    pub angle_deg: f64,
+    /// Entry on the skin, mm; `None` where the line has none.
+    pub entry_mm: Option<[f64; 3]>,
+    /// Distance from the entry to the target at rest, mm.
+    pub depth_mm: Option<f64>,
+    /// Why the line is excluded, if it is.
+    pub excluded: Option<&'static str>,
+    /// Direction of the needle before any correction.
+    #[serde(skip)]
+    pub along: Vector3<f64>,
+    /// Result of the simulations.
+    #[serde(flatten)]
+    pub path: Option<Corrected>,
+}
+
+/// Planned paths.
+#[derive(Clone, Debug, Serialize)]
+pub struct PathPlan {
+    /// Name of the target.
+    pub target: String,
+    /// The target at rest, mm.
+    pub target_mm: [f64; 3],
+    /// Tissue: `scenario` or `2d`.
+    pub model: &'static str,
+    /// Thickness of a section, mm.
+    pub thickness_mm: Option<f64>,
+    /// Speed of the needle, mm/s.
+    pub speed_mm_s: f64,
+    /// Least distance from bone and critical structures demanded, mm.
+    pub least_clearance_mm: f64,
+    /// Distance from the target at which it counts as reached, mm.
+    pub tolerance_mm: f64,
+    /// Number of excluded lines for each reason.
+    pub excluded: BTreeMap<&'static str, usize>,
+    /// All lines: the simulated ones first, the best of them first.
+    pub lines: Vec<Candidate>,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+impl PathOptions {
+    fn check(&self) -> Result<(), StudyError> {
+        let lines = self.lines as f64;
+        check("candidates", lines, (1.0..=1000.0).contains(&lines), "1 to 1000")?;
+        let clearance = self.clearance_mm;
+        check("clearance_mm", clearance, (0.0..=30.0).contains(&clearance), "0 to 30")?;
+        let tolerance = self.tolerance_mm;
+        check(
+            "tolerance_mm",
+            tolerance,
+            (0.001..=10.0).contains(&tolerance),
+            "0.001 to 10",
+        )?;
+        if let Some(thickness) = self.section_mm {
+            check(
+                "thickness_mm",
+                thickness,
+                (0.1..=500.0).contains(&thickness),
+                "0.1 to 500",
+            )?;
+        }
+        if let Entry::Plane([low, high]) = self.entry {
+            let within = -85.0 <= low && low <= high && high <= 85.0;
+            check("angles", low, within, "two ascending angles from -85 to 85")?;
+        }
+        Ok(())
+    }
+}
+
+/// Plans paths to a target. `progress` receives the number of completed lines, and of all.
+///
+/// # Errors
+/// [`StudyError`] for options out of range, a target in bone or outside, and if no line fulfils the conditions.
+pub fn plan(
+    scenario: &Scenario,
+    options: &PathOptions,
+    progress: impl Fn(usize, usize) + Sync,
+) -> Result<PathPlan, StudyError> {
+    options.check()?;
+    let (name, target) = goal(scenario, &options.target)?;
+    candidates::permitted(scenario, &name, &target)?;
+    let section = options
+        .section_mm
+        .map(|thickness| scenario.section(thickness))
+        .transpose()?;
+    if section.is_some() {
+        candidates::in_plane(scenario, &target)?;
+    }
+    let mut tissue = section.unwrap_or_else(|| scenario.clone());
+    tissue.guides.clear();
+    tissue.deposits.clear();
+    tissue.changes.clear();
+    tissue.targets.clear();
+    let entries = Entries::new(scenario, target, options)?;
+    let lines = entries.lines()?;
+    let (done, of) = (AtomicUsize::new(0), lines.len());
+    progress(0, of);
+    let mut lines: Vec<Candidate> = lines
+        .into_par_iter()
+        .enumerate()
+        .map(|(at, line)| {
+            let candidate = entries.simulated(at + 1, line, &tissue);
+            progress(done.fetch_add(1, Memory::Relaxed) + 1, of);
+            candidate
+        })
+        .collect::<Result<_, _>>()?;
+    lines.sort_by(|a, b| rank(a, b, options.tolerance_mm).then(a.number.cmp(&b.number)));
+    let mut excluded: BTreeMap<&'static str, usize> = BTreeMap::new();
+    for reason in lines.iter().filter_map(|line| line.excluded) {
+        *excluded.entry(reason).or_default() += 1;
+    }
+    if lines.iter().all(|line| line.excluded.is_some()) {
+        let mut reasons: Vec<_> = excluded.into_iter().collect();
+        reasons.sort_by_key(|(_, number)| std::cmp::Reverse(*number));
+        let reasons = reasons.iter().map(|(reason, number)| format!("{number} {reason}"));
+        return Err(StudyError::NoPath {
+            target: name,
+            tried: of,
+            reasons: reasons.collect::<Vec<_>>().join("; "),
+        });
+    }
+    let mut warnings = Vec::new();
+    if let Some(path) = lines[0].path.as_ref() {
+        warnings.extend(path.warnings(options.tolerance_mm));
+    }
+    Ok(PathPlan {
+        target: name,
+        target_mm: target.into(),
+        model: if options.section_mm.is_some() { "2d" } else { "scenario" },
+        thickness_mm: options.section_mm,
+        speed_mm_s: insertion::speed_mm_s(scenario),
+        least_clearance_mm: options.clearance_mm,
+        tolerance_mm: options.tolerance_mm,
+        excluded,
+        lines,
+        warnings,
+    })
+}
+
+/// Name and place of the target.
+fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), StudyError> {
+    let name = match goal {
+        Goal::At(at) => return Ok(("the target".to_owned(), (*at).into())),
+        Goal::Named(name) => name,
+    };
+    if let Some(target) = scenario.targets.iter().find(|target| target.name == *name) {
+        return Ok((target.name.clone(), target.at_mm));
+    }
+    let body = scenario.scene.body();
+    let label = body.named(name).ok_or_else(|| unknown(scenario, name))?;
+    let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+    let (at, _) = middle(&scenario.scene, &pose, label).ok_or_else(|| unknown(scenario, name))?;
+    Ok((body.name(label), at))
+}
+
+fn unknown(scenario: &Scenario, name: &str) -> StudyError {
+    let entries = scenario.scene.body().entries();
+    let known: Vec<String> = entries
+        .iter()
+        .filter_map(|(_, _, names)| names.first().cloned())
+        .collect();
+    StudyError::NoOrgan {
+        organ: name.to_owned(),
+        known: some_of(&known),
+    }
+}
+
+/// Order of lines: simulated before excluded, then by miss (those within the tolerance are equal), clearance (to 1 mm) and peak force.
+fn rank(a: &Candidate, b: &Candidate, tolerance_mm: f64) -> Ordering {
+    let Some([a, b]) = a.path.as_ref().zip(b.path.as_ref()).map(|(a, b)| [a, b]) else {
+        return a.path.is_none().cmp(&b.path.is_none());
+    };
+    let miss = |path: &Corrected| {
+        if path.miss_mm <= tolerance_mm {
+            0.0
+        } else {
+            path.miss_mm
+        }
+    };
+    let clear = |path: &Corrected| path.clearance_mm.map_or(f64::INFINITY, f64::round);
+    miss(a)
+        .total_cmp(&miss(b))
+        .then(clear(b).total_cmp(&clear(a)))
+        .then(a.max_force_n.total_cmp(&b.max_force_n))
+}

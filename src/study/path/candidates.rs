@@ -1,0 +1,308 @@
+//! Lines to a target: from the places where needles may enter, without those that lead too near to what must not be hit.
+
+use nalgebra::{Point3, Vector3};
+
+use super::correct::correct;
+use super::insertion::APPROACH_MM;
+use super::{Candidate, Entry, PathOptions, unknown};
+use crate::base::document::{Names, RegionName};
+use crate::input::scenario::Scenario;
+use crate::input::scenario::aim::place::array_end_mm;
+use crate::input::scenario::clearance::Surroundings;
+use crate::input::scene::Body;
+use crate::study::StudyError;
+use crate::tracking::pose::Pose;
+use crate::tracking::probe::ProbeKind;
+
+/// Step of the search for the skin, mm.
+const SKIN_MM: f64 = 0.25;
+/// Distance that needles keep from the probe, and half its thickness, mm.
+const PROBE_MM: [f64; 2] = [5.0, 10.0];
+/// Length of a needle before the skin that is kept from the probe, mm.
+const BEFORE_MM: f64 = 60.0;
+/// Largest distance of a target from the image plane in which it counts as lying, mm.
+const IN_PLANE_MM: f64 = 0.05;
+
+const NO_SKIN: &str = "the volume ends before the skin";
+const TOO_SHORT: &str = "the needle is too short";
+const AT_PROBE: &str = "the needle would run into the probe";
+const UNMESHED: &str = "the line leaves the tissue that is simulated (`tissue.box_mm`)";
+const LEAVES: &str = "the line leaves the body";
+const GAS: &str = "the line meets gas or lung";
+const BONE: &str = "too near to bone";
+const CRITICAL: &str = "too near to a critical structure";
+pub(super) const DEFORMED_BONE: &str = "too near to bone as the tissue deforms";
+const DEFORMED_CRITICAL: &str = "too near to a critical structure as the tissue deforms";
+
+/// A direction to the target, with its entry or the reason why there is none.
+pub(super) struct Line {
+    along: Vector3<f64>,
+    entry: Result<Point3<f64>, &'static str>,
+}
+
+/// Refuses a target outside the body, in bone or in a critical structure.
+pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -> Result<(), StudyError> {
+    let body = scenario.scene.body();
+    let at = format!("({:.1}, {:.1}, {:.1}) mm", target.x, target.y, target.z);
+    let refuse = |what: String| {
+        let found = match name {
+            "the target" => format!("at {at} {what}"),
+            name => format!("\"{name}\" at {at} {what}"),
+        };
+        let expected = "a point of soft tissue within the body, in LPS millimetres, or the name of a label";
+        Err(StudyError::Target { found, expected })
+    };
+    let Some(label) = body.label_at(target) else {
+        return refuse("lies outside the body".to_owned());
+    };
+    if body.is_bone(label) {
+        return refuse(format!("lies in bone ({})", body.name(label)));
+    }
+    let value = body.volume.labels()[usize::from(label)].value;
+    let is_critical =
+        |(region, of): &(i32, crate::mechanics::insertion::Interaction)| i64::from(*region) == value && of.critical;
+    match scenario.interactions.iter().any(is_critical) {
+        true => refuse(format!("lies in {}, which is marked `critical`", body.name(label))),
+        false => Ok(()),
+    }
+}
+
+/// Refuses a target outside the image plane.
+pub(super) fn in_plane(scenario: &Scenario, target: &Point3<f64>) -> Result<(), StudyError> {
+    let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+    let aside_mm = pose.world_to_probe().transform_point(target).z;
+    match aside_mm.abs() <= IN_PLANE_MM {
+        true => Ok(()),
+        false => Err(StudyError::Target {
+            found: format!("lies {:.1} mm beside the image plane", aside_mm.abs()),
+            expected: "a target in the plane of a model of two dimensions",
+        }),
+    }
+}
+
+/// Lines to one target and what surrounds them.
+pub(super) struct Entries<'a> {
+    scenario: &'a Scenario,
+    body: Body<'a>,
+    pose: Pose,
+    options: &'a PathOptions,
+    pub target: Point3<f64>,
+}
+
+impl<'a> Entries<'a> {
+    pub fn new(scenario: &'a Scenario, target: Point3<f64>, options: &'a PathOptions) -> Result<Self, StudyError> {
+        if options.section_mm.is_some() && !matches!(options.entry, Entry::Plane(_)) {
+            return Err(StudyError::Target {
+                found: "in a model of two dimensions with entries outside the image plane".to_owned(),
+                expected: "entries in the plane: `plane`, with `--angles`",
+            });
+        }
+        Ok(Self {
+            scenario,
+            body: scenario.scene.body(),
+            pose: scenario.scene.probe_path().at(scenario.timing.start_s),
+            options,
+            target,
+        })
+    }
+
+    /// The lines, in the order of their angles, or from the entry nearest to the target on.
+    pub fn lines(&self) -> Result<Vec<Line>, StudyError> {
+        let directions: Vec<Vector3<f64>> = match &self.options.entry {
+            Entry::Plane([low, high]) => {
+                let last = (self.options.lines - 1).max(1) as f64;
+                let angles = (0..self.options.lines).map(|at| low + (high - low) * at as f64 / last);
+                let [lateral, axial] = [self.pose.lateral().into_inner(), self.pose.axial().into_inner()];
+                angles
+                    .map(|deg| lateral * deg.to_radians().sin() + axial * deg.to_radians().cos())
+                    .collect()
+            }
+            Entry::Box(corners) => {
+                let within = |at: &Point3<f64>| {
+                    let sides = |axis: usize| [corners[0][axis], corners[1][axis]];
+                    (0..3).all(|axis| {
+                        let [a, b] = sides(axis);
+                        (a.min(b)..=a.max(b)).contains(&at[axis])
+                    })
+                };
+                self.spread(self.surface(|_, at| within(at)), "the box of entries")?
+            }
+            Entry::Named(name) => {
+                let wanted = Names::new(self.body.entries()).all(&RegionName::Name(name.clone()));
+                if wanted.is_empty() {
+                    return Err(unknown(self.scenario, name));
+                }
+                self.spread(self.surface(|label, _| wanted.contains(&label)), name)?
+            }
+        };
+        let line = |along: Vector3<f64>| Line {
+            along,
+            entry: self.skin(&along),
+        };
+        Ok(directions.into_iter().map(line).collect())
+    }
+
+    /// Voxels of the body beside air for which `wanted` holds, within the needle's reach, mm.
+    fn surface(&self, wanted: impl Fn(u8, &Point3<f64>) -> bool) -> Vec<Point3<f64>> {
+        let volume = self.body.volume;
+        let [nx, ny, nz] = volume.size();
+        let is_body = |label: u8| label > 0 && !self.body.is_outside(label);
+        let reach = self.scenario.needle.length_mm - APPROACH_MM;
+        let mut found = Vec::new();
+        for k in 1..nz.saturating_sub(1) {
+            for j in 1..ny.saturating_sub(1) {
+                for i in 1..nx.saturating_sub(1) {
+                    let label = volume.voxels()[volume.offset([i, j, k])];
+                    if !is_body(label) {
+                        continue;
+                    }
+                    let beside = [
+                        [i - 1, j, k],
+                        [i + 1, j, k],
+                        [i, j - 1, k],
+                        [i, j + 1, k],
+                        [i, j, k - 1],
+                        [i, j, k + 1],
+                    ];
+                    if beside.iter().all(|at| is_body(volume.voxels()[volume.offset(*at)])) {
+                        continue;
+                    }
+                    let at = volume
+                        .index_to_world()
+                        .transform_point(&Point3::new(i as f64, j as f64, k as f64));
+                    if (at - self.target).norm() <= reach && wanted(label, &at) {
+                        found.push(at);
+                    }
+                }
+            }
+        }
+        found
+    }
+
+    /// Directions from entries spread evenly: the nearest to the target first, then each the farthest from those before it.
+    fn spread(&self, all: Vec<Point3<f64>>, of: &str) -> Result<Vec<Vector3<f64>>, StudyError> {
+        let nearest = all
+            .iter()
+            .min_by(|a, b| (*a - self.target).norm().total_cmp(&(*b - self.target).norm()));
+        let Some(mut next) = nearest.copied() else {
+            return Err(StudyError::NoPath {
+                target: "the target".to_owned(),
+                tried: 0,
+                reasons: format!("none is left: no skin in {of} within the needle's reach"),
+            });
+        };
+        let mut away = vec![f64::INFINITY; all.len()];
+        let mut directions = Vec::new();
+        while directions.len() < self.options.lines {
+            directions.extend((self.target - next).try_normalize(1e-6));
+            let mut farthest = (0.0, None);
+            for (at, away) in all.iter().zip(&mut away) {
+                *away = away.min((at - next).norm());
+                if *away > farthest.0 {
+                    farthest = (*away, Some(*at));
+                }
+            }
+            match farthest.1 {
+                Some(at) => next = at,
+                None => break,
+            }
+        }
+        Ok(directions)
+    }
+
+    /// Point at which a line to the target enters the body, mm.
+    fn skin(&self, along: &Vector3<f64>) -> Result<Point3<f64>, &'static str> {
+        let reach = self.scenario.needle.length_mm - APPROACH_MM;
+        let mut last = self.target;
+        for step in 1..=(reach / SKIN_MM) as usize {
+            let at = self.target - along * (step as f64 * SKIN_MM);
+            if self.body.label_at(&at).is_none() {
+                return match self.body.volume.label_index_at(&at) {
+                    Some(_) => Ok(last.map(|x| (x * 100.0).round() / 100.0)),
+                    None => Err(NO_SKIN),
+                };
+            }
+            last = at;
+        }
+        Err(TOO_SHORT)
+    }
+
+    /// Why a line from `entry` is excluded before any simulation, if it is.
+    fn excluded(&self, around: &Surroundings<'_>, entry: &Point3<f64>) -> Option<&'static str> {
+        let outward = (entry - self.target).normalize();
+        if self.meets_probe(entry, &outward) {
+            return Some(AT_PROBE);
+        }
+        if let Some([low, high]) = self.scenario.meshed_mm() {
+            let inside = |at: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&at[axis]));
+            if !(inside(entry) && inside(&self.target)) {
+                return Some(UNMESHED);
+            }
+        }
+        let found = around.of(&[*entry, self.target]);
+        let least = self.options.clearance_mm;
+        [
+            (found.leaves, LEAVES),
+            (found.bone_mm < least || found.bone_mm == 0.0, BONE),
+            (found.critical_mm < least || found.critical_mm == 0.0, CRITICAL),
+            (found.gas, GAS),
+        ]
+        .into_iter()
+        .find_map(|(holds, reason)| holds.then_some(reason))
+    }
+
+    /// Whether a needle before the skin comes too near to the probe, taken for a block behind its array.
+    fn meets_probe(&self, entry: &Point3<f64>, outward: &Vector3<f64>) -> bool {
+        if let ProbeKind::TrusTransverse | ProbeKind::TrusSagittal = self.scenario.scene.settings.probe.shape.kind() {
+            return false;
+        }
+        let half = array_end_mm(&self.scenario.scene) + PROBE_MM[0];
+        let to_probe = self.pose.world_to_probe();
+        (0..=BEFORE_MM as usize).any(|mm| {
+            let at = to_probe.transform_point(&(entry + outward * mm as f64));
+            at.x.abs() < half && at.y < PROBE_MM[0] && at.z.abs() < PROBE_MM[0] + PROBE_MM[1]
+        })
+    }
+
+    /// Simulates a line in `tissue`, unless it is excluded.
+    pub fn simulated(&self, number: usize, line: Line, tissue: &Scenario) -> Result<Candidate, StudyError> {
+        let [lateral, axial] = [self.pose.lateral(), self.pose.axial()].map(|axis| axis.dot(&line.along));
+        let entry = line.entry.ok();
+        let mut candidate = Candidate {
+            number,
+            angle_deg: lateral.atan2(axial).to_degrees(),
+            entry_mm: entry.map(Into::into),
+            depth_mm: entry.map(|entry| (self.target - entry).norm()),
+            excluded: line.entry.err(),
+            along: line.along,
+            path: None,
+        };
+        let Some(entry) = entry else { return Ok(candidate) };
+        let around = Surroundings::new(self.scenario, &self.body, &[entry, self.target]);
+        candidate.excluded = self.excluded(&around, &entry);
+        if candidate.excluded.is_some() {
+            return Ok(candidate);
+        }
+        let mut path = match correct(tissue, entry, self.target, self.options.tolerance_mm)? {
+            Ok(path) => path,
+            Err(reason) => {
+                candidate.excluded = Some(reason);
+                return Ok(candidate);
+            }
+        };
+        // Where the needle cut the tissue, in the tissue at rest: that is where the deformed needle lies in it.
+        let mut cut = vec![entry];
+        cut.extend(path.last.samples.iter().filter_map(|sample| sample.rest));
+        let [straight, cut] = [&[entry, self.target][..], &cut].map(|points| around.of(points));
+        let least = self.options.clearance_mm;
+        if cut.bone_mm < least || cut.bone_mm == 0.0 {
+            candidate.excluded = Some(DEFORMED_BONE);
+        } else if cut.critical_mm < least || cut.critical_mm == 0.0 {
+            candidate.excluded = Some(DEFORMED_CRITICAL);
+        }
+        let nearest = [straight, cut].map(|of| of.bone_mm.min(of.critical_mm));
+        path.clearance_mm = Some(nearest[0].min(nearest[1])).filter(|mm| mm.is_finite());
+        candidate.path = Some(path).filter(|_| candidate.excluded.is_none());
+        Ok(candidate)
+    }
+}

@@ -1,0 +1,341 @@
+//! Correction of a line for the displacement of its target.
+//!
+//! The needle is pivoted about its entry and sent deeper or less deep until its tip meets the target in the deformed tissue. Each run goes on
+//! until the tip passes the target; the remaining distance across the needle turns the line by a damped fixed point, P' = P + c m with the miss
+//! m at P, or, for needles that bend or have a bevel, by a Gauss-Newton step with the derivatives of m by both angles, from two more runs.
+//! Where a surface gives way so that the tip leaps past the target, the needle is drawn back to it. A last run to the end of the motion found
+//! measures the miss, which the same steps, along the needle too, then reduce.
+
+use nalgebra::{Matrix2, Point3, Vector2, Vector3};
+use serde::Serialize;
+
+use super::candidates::DEFORMED_BONE;
+use super::insertion::{Course, Sample, Trial, Until, look_mm};
+use crate::input::scenario::Scenario;
+use crate::mechanics::needle::across;
+use crate::study::StudyError;
+
+/// Travel beyond the target at rest, and way back, within which the target is searched for, mm.
+const BEYOND_MM: f64 = 15.0;
+/// Largest numbers of runs that search for the line, and of those that measure the miss.
+const SEARCHES: usize = 6;
+const LANDINGS: usize = 6;
+/// Shift of the line for derivatives, mm.
+const SHIFT_MM: f64 = 2.0;
+/// Factor on a step after one that made the miss larger.
+const DAMPED: f64 = 0.5;
+/// Advance relative to the tissue over that of the needle above which the tip has leapt.
+const LEAP: f64 = 3.0;
+
+/// A line and its simulations.
+#[derive(Clone, Debug, Serialize)]
+pub struct Corrected {
+    /// Direction of the needle.
+    pub direction: [f64; 3],
+    /// Depth of the tip beyond the entry, mm.
+    pub insertion_mm: f64,
+    /// Way back from there to the target, mm: above 0 where the tip leaps past it as a surface gives way.
+    pub back_mm: f64,
+    /// Distance of the tip from the target when the needle is sent to where the target is at rest, mm.
+    pub miss_before_mm: f64,
+    /// Distance of the tip from the target at the end of the corrected path, mm.
+    pub miss_mm: f64,
+    /// Displacement of the target at that end, along the needle and across it, mm.
+    pub displacement_mm: [f64; 2],
+    /// Turn of the line by the correction, degrees.
+    pub turn_deg: f64,
+    /// Largest force on the hand, N.
+    pub max_force_n: f64,
+    /// Distance of the nearest bone or critical structure, at rest or as the tissue deforms, mm; `None` beyond 30 mm.
+    pub clearance_mm: Option<f64>,
+    /// Number of surfaces punctured.
+    pub punctures: usize,
+    /// Number of simulations.
+    pub runs: usize,
+    /// Motion of the needle.
+    #[serde(skip)]
+    pub course: Course,
+    /// Simulation of the uncorrected path.
+    #[serde(skip)]
+    pub first: Trial,
+    /// Simulation of the corrected path.
+    #[serde(skip)]
+    pub last: Trial,
+}
+
+impl Corrected {
+    /// What the user should know of the best path.
+    pub(super) fn warnings(&self, tolerance_mm: f64) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if self.miss_mm > tolerance_mm {
+            warnings.push(format!(
+                "no line reaches the target within {tolerance_mm} mm: the best misses it by {:.2} mm after {} simulations",
+                self.miss_mm, self.runs
+            ));
+        }
+        if self.last.not_converged > 0 {
+            warnings.push(format!(
+                "{} steps of the best path did not converge: its figures are approximate",
+                self.last.not_converged
+            ));
+        }
+        warnings
+    }
+}
+
+/// Where the tip meets the target on a run that goes on beyond it.
+struct Meeting {
+    depth_mm: f64,
+    back_mm: f64,
+    /// Remaining miss across the needle, mm.
+    aside: Vector3<f64>,
+}
+
+struct Search<'a> {
+    scenario: &'a Scenario,
+    target: Point3<f64>,
+    entry: Point3<f64>,
+    runs: usize,
+}
+
+/// Corrects the line from `entry` to `target`; the inner error is the reason why it is excluded.
+pub(super) fn correct(
+    scenario: &Scenario,
+    entry: Point3<f64>,
+    target: Point3<f64>,
+    tolerance_mm: f64,
+) -> Result<Result<Corrected, &'static str>, StudyError> {
+    let mut search = Search {
+        scenario,
+        target,
+        entry,
+        runs: 0,
+    };
+    let straight = Course::to(entry, &target);
+    let first = search.run(&straight, Until::End)?;
+    if first.bone {
+        return Ok(Err(DEFORMED_BONE));
+    }
+    let Some(miss_before_mm) = first.samples.last().map(|sample| sample.miss().norm()) else {
+        return Ok(Err("the simulation has no step"));
+    };
+    let (mut course, mut last, mut miss_mm) = (straight, first.clone(), miss_before_mm);
+    if miss_mm > tolerance_mm {
+        let found = search.line(straight, tolerance_mm)?;
+        (course, last) = search.land(found, tolerance_mm)?;
+        miss_mm = last.samples.last().map_or(f64::INFINITY, |sample| sample.miss().norm());
+        // A search that ends farther off than it began has found nothing.
+        if !(miss_mm < miss_before_mm) {
+            (course, last, miss_mm) = (straight, first.clone(), miss_before_mm);
+        }
+    }
+    if last.bone {
+        return Ok(Err(DEFORMED_BONE));
+    }
+    let moved = last
+        .samples
+        .last()
+        .map_or(Vector3::zeros(), |sample| sample.target - target);
+    let forward = moved.dot(&course.along);
+    Ok(Ok(Corrected {
+        direction: course.along.into(),
+        insertion_mm: course.depth_mm,
+        back_mm: course.back_mm,
+        miss_before_mm,
+        miss_mm,
+        displacement_mm: [forward, (moved - course.along * forward).norm()],
+        turn_deg: course.along.angle(&straight.along).to_degrees(),
+        max_force_n: last.max_force_n,
+        clearance_mm: None,
+        punctures: last.punctures,
+        runs: search.runs,
+        course,
+        first,
+        last,
+    }))
+}
+
+impl Search<'_> {
+    fn run(&mut self, course: &Course, until: Until) -> Result<Trial, StudyError> {
+        self.runs += 1;
+        course.run(self.scenario, &self.target, until)
+    }
+
+    /// Turns the line until the tip meets the target on its way.
+    fn line(&mut self, straight: Course, tolerance_mm: f64) -> Result<Course, StudyError> {
+        let mut course = straight;
+        let mut meeting = self.meeting(&course)?;
+        let mut best = (meeting.aside.norm(), course.at(&meeting));
+        let mut damping = 1.0;
+        let mut gain = None;
+        for _ in 1..SEARCHES {
+            if best.0 <= 0.5 * tolerance_mm {
+                break;
+            }
+            let gain = match gain {
+                Some(gain) => gain,
+                None => *gain.insert(self.gain(&course, &meeting)?),
+            };
+            let from = best.1;
+            let tip = from.entry + from.along * (from.depth_mm - from.back_mm);
+            let aim = tip + step(&gain, &straight.along, &meeting.aside) * damping;
+            course = Course {
+                depth_mm: from.depth_mm,
+                ..Course::to(self.entry, &aim)
+            };
+            let next = self.meeting(&course)?;
+            let off = next.aside.norm();
+            if off < best.0 {
+                best = (off, course.at(&next));
+                meeting = next;
+            } else {
+                damping *= DAMPED;
+            }
+        }
+        Ok(best.1)
+    }
+
+    /// Derivatives of the miss across the needle by the aim: those of a rigid needle, or from two runs.
+    fn gain(&mut self, course: &Course, meeting: &Meeting) -> Result<Matrix2<f64>, StudyError> {
+        if self.scenario.needle.is_straight() {
+            return Ok(-Matrix2::identity());
+        }
+        let axes = across(&course.along);
+        let tip = course.entry + course.along * (meeting.depth_mm - meeting.back_mm);
+        let mut columns = [Vector2::zeros(); 2];
+        for (column, axis) in columns.iter_mut().zip(axes) {
+            let shifted = Course::to(self.entry, &(tip + axis * SHIFT_MM));
+            let change = (self.meeting(&shifted)?.aside - meeting.aside) / SHIFT_MM;
+            *column = Vector2::from(axes.map(|axis| axis.dot(&change)));
+        }
+        Ok(Matrix2::from_columns(&columns))
+    }
+
+    /// Runs along a line until the tip meets the target, drawn back to it if it leapt past it.
+    fn meeting(&mut self, course: &Course) -> Result<Meeting, StudyError> {
+        let beyond = Course {
+            depth_mm: (self.target - self.entry).norm() + BEYOND_MM,
+            back_mm: 0.0,
+            ..*course
+        };
+        let trial = self.run(&beyond, Until::Passed)?;
+        let passed = met(&trial.samples, &course.along);
+        let most = LEAP * look_mm(self.scenario);
+        let leapt = passed.advance_mm > most && passed.ahead_mm < 0.0;
+        if !leapt {
+            return Ok(Meeting {
+                depth_mm: passed.travel_mm,
+                back_mm: 0.0,
+                aside: passed.aside,
+            });
+        }
+        let there_and_back = Course {
+            // Where the surface gives way, a little farther, so that it does so again.
+            depth_mm: passed.end_mm + most,
+            back_mm: BEYOND_MM,
+            ..*course
+        };
+        let trial = self.run(&there_and_back, Until::Returned)?;
+        let returned = met(&trial.samples, &-course.along);
+        Ok(Meeting {
+            depth_mm: there_and_back.depth_mm,
+            back_mm: (there_and_back.depth_mm - returned.travel_mm).max(0.0),
+            aside: returned.aside,
+        })
+    }
+
+    /// Runs to the end of a motion, and moves that by the miss until it is within the tolerance; returns the best motion.
+    fn land(&mut self, found: Course, tolerance_mm: f64) -> Result<(Course, Trial), StudyError> {
+        let mut course = found;
+        let mut best: Option<(f64, Course, Trial, Vector3<f64>)> = None;
+        let mut damping = 1.0;
+        for _ in 0..LANDINGS {
+            let trial = self.run(&course, Until::End)?;
+            let Some(miss) = trial.samples.last().map(Sample::miss) else {
+                break;
+            };
+            if best.as_ref().is_none_or(|(least, ..)| miss.norm() < *least) {
+                best = Some((miss.norm(), course, trial, miss));
+            } else {
+                damping *= DAMPED;
+            }
+            let Some((least, from, _, miss)) = &best else { break };
+            if *least <= tolerance_mm {
+                break;
+            }
+            let ahead = miss.dot(&from.along);
+            let tip = from.entry + from.along * (from.depth_mm - from.back_mm);
+            let aim = tip + (miss - from.along * ahead) * damping;
+            course = Course {
+                depth_mm: from.depth_mm,
+                back_mm: from.back_mm,
+                ..Course::to(self.entry, &aim)
+            };
+            match from.back_mm > 0.0 {
+                true => course.back_mm = (from.back_mm - damping * ahead).max(0.0),
+                false => course.depth_mm += damping * ahead,
+            }
+        }
+        Ok(best.map_or((found, Trial::default()), |(_, course, trial, _)| (course, trial)))
+    }
+}
+
+impl Course {
+    fn at(&self, meeting: &Meeting) -> Self {
+        Self {
+            depth_mm: meeting.depth_mm,
+            back_mm: meeting.back_mm,
+            ..*self
+        }
+    }
+}
+
+/// Step of the aim across the needle that takes a miss away.
+fn step(gain: &Matrix2<f64>, along: &Vector3<f64>, aside: &Vector3<f64>) -> Vector3<f64> {
+    let axes = across(along);
+    let miss = Vector2::from(axes.map(|axis| axis.dot(aside)));
+    let step = gain.try_inverse().map_or(miss, |inverse| -inverse * miss);
+    axes[0] * step.x + axes[1] * step.y
+}
+
+/// End of a run at which the tip and the target meet.
+struct Met {
+    /// Travel at which they are level, mm.
+    travel_mm: f64,
+    /// Travel at the end, mm.
+    end_mm: f64,
+    /// Distance of the target in front of the tip at the end, mm.
+    ahead_mm: f64,
+    /// Advance relative to the target between the last two samples, mm.
+    advance_mm: f64,
+    aside: Vector3<f64>,
+}
+
+/// Interpolates between the last two samples, of which the last is the first beyond the target in the direction of travel.
+fn met(samples: &[Sample], along: &Vector3<f64>) -> Met {
+    let ahead = |sample: &Sample| sample.miss().dot(along);
+    let aside = |sample: &Sample| sample.miss() - along * ahead(sample);
+    let Some(after) = samples.last() else {
+        return Met {
+            travel_mm: 0.0,
+            end_mm: 0.0,
+            ahead_mm: 0.0,
+            advance_mm: 0.0,
+            aside: Vector3::zeros(),
+        };
+    };
+    let before = samples.len().checked_sub(2).map_or(after, |at| &samples[at]);
+    let (from, to) = (ahead(before), ahead(after));
+    let share = if from > 0.0 && to <= 0.0 {
+        from / (from - to)
+    } else {
+        1.0
+    };
+    Met {
+        travel_mm: before.travel_mm + share * (after.travel_mm - before.travel_mm),
+        end_mm: after.travel_mm,
+        ahead_mm: to,
+        advance_mm: from - to,
+        aside: aside(before) * (1.0 - share) + aside(after) * share,
+    }
+}

@@ -1,0 +1,244 @@
+//! One insertion along a straight line: where tip and target are, step by step.
+
+use nalgebra::{Point3, Vector3};
+
+use crate::input::scenario::Scenario;
+use crate::input::scenario::carried::Carried;
+use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::mechanics::insertion::{EventKind, StepError};
+use crate::study::StudyError;
+use crate::tracking::needle::NeedlePath;
+use crate::tracking::trajectory::Interpolation;
+
+/// Distance of the tip from the entry at the start, mm.
+pub(super) const APPROACH_MM: f64 = 10.0;
+/// Travel between two looks at the tissue, mm, where steps are shorter.
+const LOOK_MM: f64 = 0.1;
+/// Places and directions are rounded to this, as they are written.
+const ROUNDED: [f64; 2] = [1e4, 1e6];
+/// Tolerance for a whole number of steps, as a fraction of one.
+const WHOLE: f64 = 1e-6;
+
+/// Straight motion of the undeflected needle: from before the entry along a line to a depth, and back along it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Course {
+    /// Entry on the skin at rest, mm.
+    pub entry: Point3<f64>,
+    /// Direction, of unit length.
+    pub along: Vector3<f64>,
+    /// Farthest distance from the entry, mm.
+    pub depth_mm: f64,
+    /// Way back from there, mm.
+    pub back_mm: f64,
+}
+
+/// Time (s), tip (mm) and direction of an undeflected needle.
+pub type Key = (f64, [f64; 3], [f64; 3]);
+
+/// When a simulation ends.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Until {
+    /// At the end of the motion.
+    End,
+    /// When the tip passes the target on the way in.
+    Passed,
+    /// When the target passes the tip on the way back.
+    Returned,
+}
+
+/// Tip and target at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sample {
+    /// Time, s.
+    pub time_s: f64,
+    /// Distance of the undeflected tip from the entry along the line, mm.
+    pub travel_mm: f64,
+    /// Tip, mm.
+    pub tip: Point3<f64>,
+    /// The tissue at the tip at rest, mm; `None` outside.
+    pub rest: Option<Point3<f64>>,
+    /// The target in the deformed tissue, mm.
+    pub target: Point3<f64>,
+    /// Force on the hand, N.
+    pub force_n: f64,
+}
+
+impl Sample {
+    /// From the tip to the target, mm.
+    pub fn miss(&self) -> Vector3<f64> {
+        self.target - self.tip
+    }
+}
+
+/// Course of a simulation.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trial {
+    /// Tip and target over time.
+    pub samples: Vec<Sample>,
+    /// Largest force on the hand, N.
+    pub max_force_n: f64,
+    /// Number of surfaces that were punctured.
+    pub punctures: usize,
+    /// Number of steps that did not converge.
+    pub not_converged: usize,
+    /// Whether the tip met bone.
+    pub bone: bool,
+}
+
+/// Greatest speed of the scenario's needle, mm/s.
+pub(super) fn speed_mm_s(scenario: &Scenario) -> f64 {
+    let keys = scenario.needle_tip().keys();
+    let speed = |pair: &[crate::tracking::trajectory::Key]| {
+        let way = (pair[1].pose.position_mm() - pair[0].pose.position_mm()).norm();
+        way / (pair[1].time_s - pair[0].time_s)
+    };
+    let fastest = keys
+        .windows(2)
+        .map(speed)
+        .filter(|speed| speed.is_finite())
+        .fold(0.0, f64::max);
+    if fastest > 0.0 { fastest } else { 5.0 }
+}
+
+/// Number of steps between two looks at the tissue.
+fn stride(scenario: &Scenario) -> f64 {
+    (LOOK_MM / (speed_mm_s(scenario) * scenario.timing.dt_s))
+        .round()
+        .max(1.0)
+}
+
+/// Travel between two looks at the tissue, mm.
+pub(super) fn look_mm(scenario: &Scenario) -> f64 {
+    stride(scenario) * scenario.timing.dt_s * speed_mm_s(scenario)
+}
+
+impl Course {
+    /// The straight course to a point, mm.
+    pub fn to(entry: Point3<f64>, aim: &Point3<f64>) -> Self {
+        let way = aim - entry;
+        Self {
+            entry,
+            along: way.normalize(),
+            depth_mm: way.norm(),
+            back_mm: 0.0,
+        }
+    }
+
+    /// Keyframes of the course at the scenario's speed, or slightly slower, so that each stroke takes whole steps.
+    pub fn keys(&self, scenario: &Scenario) -> Vec<Key> {
+        let every_s = stride(scenario) * scenario.timing.dt_s;
+        let speed = speed_mm_s(scenario);
+        let round = |value: f64, to: f64| (value * to).round() / to + 0.0;
+        let direction = <[f64; 3]>::from(self.along).map(|x| round(x, ROUNDED[1]));
+        let at = |mm: f64| <[f64; 3]>::from(self.entry + self.along * mm).map(|x| round(x, ROUNDED[0]));
+        let mut time_s = scenario.needle_tip().start_s();
+        let mut keys = vec![(time_s, at(-APPROACH_MM), direction)];
+        let strokes = [
+            (self.depth_mm + APPROACH_MM, self.depth_mm),
+            (self.back_mm, self.depth_mm - self.back_mm),
+        ];
+        for (length, to) in strokes.into_iter().filter(|(length, _)| *length > 0.0) {
+            time_s += (length / speed / every_s - WHOLE).ceil().max(1.0) * every_s;
+            keys.push((round(time_s, ROUNDED[1]), at(to), direction));
+        }
+        keys
+    }
+
+    /// Simulates the course.
+    pub(super) fn run(&self, scenario: &Scenario, target: &Point3<f64>, until: Until) -> Result<Trial, StudyError> {
+        let keys = self.keys(scenario);
+        let keys: Vec<(f64, Point3<f64>, Vector3<f64>)> = keys
+            .into_iter()
+            .map(|(time_s, tip, along)| (time_s, tip.into(), along.into()))
+            .collect();
+        let scenario_on = scenario.moved(NeedlePath::tip_trajectory(&keys, Interpolation::Linear)?, None);
+        let mut model = scenario_on.model(|_, _| ())?;
+        let asked = Requests {
+            frames: false,
+            mesh_s: Some(stride(scenario) * scenario.timing.dt_s),
+        };
+        let mut watch = Watch {
+            course: self,
+            target,
+            until,
+            turns_s: keys[1].0 - keys[0].0,
+            carried: Carried::default(),
+            last: None,
+            trial: Trial::default(),
+        };
+        match run(&scenario_on, model.as_mut(), asked, &mut watch) {
+            Ok(_) | Err(Stop::Reached) => Ok(watch.trial),
+            Err(Stop::Failed(error)) => Err(error.into()),
+        }
+    }
+}
+
+/// Reason for the end of a simulation before the end of its motion.
+enum Stop {
+    Reached,
+    Failed(StepError),
+}
+
+impl From<StepError> for Stop {
+    fn from(error: StepError) -> Self {
+        Stop::Failed(error)
+    }
+}
+
+/// Observer of tip and target.
+struct Watch<'a> {
+    course: &'a Course,
+    target: &'a Point3<f64>,
+    until: Until,
+    /// End of the way in, s from the start of the run.
+    turns_s: f64,
+    carried: Carried,
+    /// The last step, with the target at rest.
+    last: Option<Sample>,
+    trial: Trial,
+}
+
+impl Observer for Watch<'_> {
+    type Error = Stop;
+
+    fn step(&mut self, step: &Step<'_>) -> Result<(), Stop> {
+        let outcome = step.outcome;
+        let sample = Sample {
+            time_s: step.time_s,
+            travel_mm: (step.guidance.measured_tip - self.course.entry).dot(&self.course.along),
+            tip: outcome.tip_mm,
+            rest: outcome.tip_at_rest_mm,
+            target: *self.target,
+            force_n: outcome.on_hand.force_n.norm(),
+        };
+        let trial = &mut self.trial;
+        trial.max_force_n = trial.max_force_n.max(sample.force_n);
+        trial.not_converged += usize::from(!outcome.converged);
+        let count = |kind| outcome.events.iter().filter(|event| event.kind == kind).count();
+        trial.punctures += count(EventKind::Puncture);
+        self.last = Some(sample);
+        if count(EventKind::Bone) > 0 {
+            trial.bone = true;
+            return Err(Stop::Reached);
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, _: &Moment<'_>) -> Result<(), Stop> {
+        Ok(())
+    }
+
+    fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Stop> {
+        let Some(mut sample) = self.last else { return Ok(()) };
+        sample.target = self.carried.point(0, self.target, deformed.elements, deformed.tissue);
+        self.trial.samples.push(sample);
+        let ahead_mm = sample.miss().dot(&self.course.along);
+        let goes_back = sample.time_s > self.turns_s * (1.0 + WHOLE);
+        let reached = match self.until {
+            Until::End => false,
+            Until::Passed => sample.rest.is_some() && ahead_mm <= 0.0,
+            Until::Returned => goes_back && ahead_mm >= 0.0,
+        };
+        if reached { Err(Stop::Reached) } else { Ok(()) }
+    }
+}

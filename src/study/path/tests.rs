@@ -1,0 +1,193 @@
+//! Plans in tissue where the answer is known.
+
+use std::path::Path;
+
+use super::*;
+use crate::input::scenario::{EXAMPLES, ScenarioFile};
+
+/// The scenario `liver-puncture` with a coarse mesh and other changes.
+fn liver(changes: &[(&str, &str)]) -> Scenario {
+    let mut text = EXAMPLES
+        .iter()
+        .find(|(name, _)| *name == "liver-puncture")
+        .unwrap()
+        .1
+        .to_owned();
+    for (from, to) in [("nodes = 3300", "nodes = 250")].iter().chain(changes) {
+        assert!(text.contains(from), "{from}");
+        text = text.replace(from, to);
+    }
+    ScenarioFile::parse(&text, "test.toml")
+        .unwrap()
+        .resolve(Path::new(""), |_| ())
+        .unwrap()
+}
+
+fn options(angles: [f64; 2], lines: usize) -> PathOptions {
+    PathOptions {
+        target: Goal::Named("vessel".to_owned()),
+        entry: Entry::Plane(angles),
+        lines,
+        clearance_mm: 3.0,
+        tolerance_mm: 0.1,
+        section_mm: None,
+    }
+}
+
+fn best(plan: &PathPlan) -> &Corrected {
+    plan.best().unwrap().1
+}
+
+/// Stiffer tissue moves less under the same forces of the needle, here 1000 times less: the path is straight and misses nothing.
+#[test]
+fn stiff_tissue_gives_a_straight_path() {
+    let stiff = [
+        ("young_kpa = 2.0", "young_kpa = 2000.0"),
+        ("young_kpa = 0.02", "young_kpa = 20.0"),
+    ];
+    for section_mm in [None, Some(20.0)] {
+        let options = PathOptions {
+            section_mm,
+            ..options([-24.0, -24.0], 1)
+        };
+        let plan = plan(&liver(&stiff), &options, |_, _| ()).unwrap();
+        let path = best(&plan);
+        assert!(
+            path.miss_before_mm < 0.05 && path.runs == 1 && path.turn_deg == 0.0,
+            "{path:?}"
+        );
+    }
+}
+
+/// The middle of the vein, which the needle flattens before it breaks its wall: missed by millimetres, then met, in the solid and in
+/// its section. The same on one thread and on two.
+#[test]
+fn the_middle_of_the_vein_is_met() {
+    let scenario = liver(&[]);
+    for section_mm in [None, Some(20.0)] {
+        let options = PathOptions {
+            section_mm,
+            ..options([-30.0, -20.0], 2)
+        };
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| plan(&scenario, &options, |_, _| ()).unwrap())
+        };
+        let two = on(2);
+        let path = best(&two);
+        assert!(path.miss_mm < 0.1 && path.miss_before_mm > 0.3, "{path:?}");
+        assert!(path.punctures >= 1);
+        if section_mm.is_some() {
+            let one = on(1);
+            assert_eq!(
+                serde_json::to_string(&two).unwrap(),
+                serde_json::to_string(&one).unwrap()
+            );
+            assert_eq!(two.series(), one.series());
+        }
+        // The written scenario repeats it.
+        let text = two.scenario(
+            EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture").unwrap().1,
+            &scenario,
+        );
+        let text = text.unwrap().replace("nodes = 3300", "nodes = 250");
+        if section_mm.is_none() {
+            let again = ScenarioFile::parse(&text, "plan.toml")
+                .unwrap()
+                .resolve(Path::new(""), |_| ())
+                .unwrap();
+            let mut model = again.model(|_, _| ()).unwrap();
+            struct Nothing;
+            use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+            impl Observer for Nothing {
+                type Error = crate::mechanics::insertion::StepError;
+                fn step(&mut self, _: &Step<'_>) -> Result<(), Self::Error> {
+                    Ok(())
+                }
+                fn frame(&mut self, _: &Moment<'_>) -> Result<(), Self::Error> {
+                    Ok(())
+                }
+                fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), Self::Error> {
+                    Ok(())
+                }
+            }
+            let summary = run(&again, model.as_mut(), Requests::default(), &mut Nothing).unwrap();
+            assert!(summary.targets[0].nearest_tip_mm < 0.15, "{:?}", summary.targets);
+        }
+    }
+}
+
+/// Linear homogeneous tissue, its sides held alike, with the needle on the axis of symmetry: the target moves along the needle, and the
+/// correction is one of depth alone.
+#[test]
+fn symmetry_leaves_the_direction() {
+    let changes = [
+        ("model = \"viscoelastic\"", "model = \"nonlinear\""),
+        ("[tissue.viscosity]\norder = 0.1\nmemory = \"load-integral\"\n", ""),
+        ("knee_strain = 0.303\nstiffening = 60.0\n", ""),
+        (
+            "young_kpa = 0.02\npoisson = 0.0\nknee_strain = 0.7\nstiffening = 4000.0\n",
+            "young_kpa = 2.0\npoisson = 0.45\n",
+        ),
+        ("puncture_n = 0.6", "puncture_n = 0.0"),
+        ("puncture_n = 0.5", "puncture_n = 0.0"),
+        (
+            "[[-42.0, 0.0, -24.0], [34.0, 58.0, 24.0]]",
+            "[[-40.0, 0.0, -24.0], [40.0, 58.0, 24.0]]",
+        ),
+        ("[-41.0, inf, inf]", "[-39.0, inf, inf]"),
+        ("[[33.0,", "[[39.0,"),
+        (
+            "phantom = \"liver-vein\"",
+            "phantom = \"liver-vein\"\n[scene.pose]\nposition_mm = [-30.0, -0.5, 0.0]\ndirection = [0.0, 1.0, 0.0]",
+        ),
+    ];
+    let scenario = liver(&changes);
+    let options = PathOptions {
+        target: Goal::At([0.0, 30.0, 0.0]),
+        section_mm: Some(20.0),
+        ..options([0.0, 0.0], 1)
+    };
+    let plan = plan(&scenario, &options, |_, _| ()).unwrap();
+    let path = best(&plan);
+    let [along, aside] = path.displacement_mm;
+    assert!(path.miss_before_mm > 0.2 && path.miss_mm < 0.1, "{path:?}");
+    assert!(along > 0.2 && aside < 0.05 * along, "{path:?}");
+    assert!(path.turn_deg < 0.05 && path.insertion_mm > 30.2, "{path:?}");
+}
+
+#[test]
+fn targets_and_lines_that_cannot_be_are_refused() {
+    let scenario = liver(&[(
+        "young_kpa = 0.02\npoisson = 0.0",
+        "critical = true\nyoung_kpa = 0.02\npoisson = 0.0",
+    )]);
+    let refused = |options: PathOptions| plan(&scenario, &options, |_, _| ()).unwrap_err().to_string();
+    let at = |target: [f64; 3]| PathOptions {
+        target: Goal::At(target),
+        ..options([-60.0, 60.0], 3)
+    };
+    assert!(refused(at([0.0, -5.0, 0.0])).contains("outside the body"));
+    assert!(refused(options([-60.0, 60.0], 3)).contains("critical"));
+    let unknown = PathOptions {
+        target: Goal::Named("spleen".to_owned()),
+        ..options([-60.0, 60.0], 3)
+    };
+    assert!(refused(unknown).contains("liver"));
+    assert!(refused(options([-60.0, 60.0], 0)).contains("candidates"));
+    assert!(refused(options([60.0, -60.0], 3)).contains("angles"));
+    // Below the vein: every line passes it, or the probe, or leaves the volume.
+    let none = refused(PathOptions {
+        clearance_mm: 25.0,
+        ..at([-4.0, 45.0, 0.0])
+    });
+    assert!(
+        none.contains("no path") && none.contains("critical structure"),
+        "{none}"
+    );
+    let section = PathOptions {
+        section_mm: Some(20.0),
+        ..at([-30.0, 30.0, 4.0])
+    };
+    assert!(refused(section).contains("4.0 mm beside the image plane"));
+}
