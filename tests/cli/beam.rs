@@ -250,8 +250,8 @@ fn a_case_is_studied() {
     let run = "beam sensitivity case.toml --mu-percent 50 --alpha-percent 0 --t0-percent 10 --json";
     let json = bench.run(run).json();
     let rows = json["tables"]["sensitivity"]["rows"].as_array().expect("rows").clone();
-    // Three parameters at four values, for all layers and each of two.
-    assert_eq!(rows.len(), 36);
+    // Three parameters at five values for all layers, and at four for each of two.
+    assert_eq!(rows.len(), 39);
     let softer = CASE
         .replace("mu_kpa = 3.63", "mu_kpa = 1.815")
         .replace("= 3.0\n", "= 1.5\n")
@@ -260,10 +260,10 @@ fn a_case_is_studied() {
     let softer = bench.run("beam softer.toml --json").json();
     assert_eq!(number(&rows[0], "percent"), -50.0);
     assert!((number(&rows[0], "tip_mm") - number(&softer, "tip_mm")).abs() < 1e-12);
-    assert_eq!(number(&rows[4], "tip_change_mm"), 0.0);
+    assert_eq!(number(&rows[5], "tip_change_mm"), 0.0);
     let ranges = json["tables"]["ranges"]["rows"][0].clone();
     assert!(
-        number(&ranges, "least") <= number(&rows[0], "tip_mm").min(number(&rows[3], "tip_mm")),
+        number(&ranges, "least") <= number(&rows[0], "tip_mm").min(number(&rows[4], "tip_mm")),
         "{ranges}"
     );
 

@@ -1,5 +1,5 @@
 //! `insonify beam measure` and `compare` on synthetic CT: volumes painted from solved needles, with slices of 0.5 mm and markers out of place
-//! by 0.1 mm (stage) and 0.2 mm (container), as Wang et al. 2023 (section III-B) measured theirs.
+//! by 0.1 mm (stage) and 0.2 mm (container), as Wang et al. 2023 (section III-B) measured theirs: they were built so, the same in all scans.
 
 use insonify::mechanics::needle::beam::{
     Base, Compression, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
@@ -115,8 +115,8 @@ struct Ct {
 
 impl Ct {
     /// Paints needle and markers; `left_out` counts markers of container and stage.
-    fn of(shape: &Shape, seed: u64, left_out: &[usize]) -> Self {
-        let mut noise = Normal(seed);
+    fn of(shape: &Shape, left_out: &[usize]) -> Self {
+        let mut noise = Normal(1);
         // The container lies askew in the scanner, the needle along its axis but for a few degrees.
         let tilt = UnitQuaternion::from_euler_angles(0.03, -0.02, 0.04);
         let upright = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), -std::f64::consts::FRAC_PI_2);
@@ -233,10 +233,10 @@ const MEASURE: &str = "beam measure --markers design.csv --case tissue.toml";
 #[test]
 fn needles_are_measured_in_ct_and_compared() {
     let bench = bench();
-    Ct::of(&needle(0.0), 1, &[]).write(&bench, "rest.mha");
+    Ct::of(&needle(0.0), &[]).write(&bench, "rest.mha");
     let motions = [(-12.5, vec![]), (7.5, vec![14]), (15.0, vec![3, 17])];
     for (at, (displacement, left_out)) in motions.iter().enumerate() {
-        Ct::of(&needle(*displacement), 2 + at as u64, left_out).write(&bench, &format!("moved_{at}.mha"));
+        Ct::of(&needle(*displacement), left_out).write(&bench, &format!("moved_{at}.mha"));
     }
     let run = bench.run(&format!(
         "{MEASURE} --threshold 1500 rest.mha moved_0.mha moved_1.mha moved_2.mha -o cases --json"
@@ -300,9 +300,9 @@ fn needles_are_measured_in_ct_and_compared() {
 #[test]
 fn volumes_and_designs_that_cannot_be_measured_are_refused() {
     let bench = bench();
-    Ct::of(&needle(0.0), 1, &[]).write(&bench, "rest.mha");
+    Ct::of(&needle(0.0), &[]).write(&bench, "rest.mha");
     let all: Vec<usize> = (0..19).collect();
-    Ct::of(&needle(5.0), 2, &all).write(&bench, "bare.mha");
+    Ct::of(&needle(5.0), &all).write(&bench, "bare.mha");
     let before = bench.files(".");
     let design = bench.text("design.csv");
     let fails = |arguments: &str, words: &[&str]| {

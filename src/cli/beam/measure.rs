@@ -228,7 +228,7 @@ fn read(path: &Path) -> Result<(String, Case), Failure> {
     Ok((stem(path), CaseFile::read(path)?.resolve()?))
 }
 
-/// Cases of a folder that have a measured shape, by name.
+/// Cases of a folder that have a measured shape, by name. Other files may lie there too.
 fn folder(path: &Path) -> Result<Vec<(String, Case)>, Failure> {
     let wrong = |error: std::io::Error| {
         Failure::usage(format!("{}: {error}", path.display()), "name a folder that can be read")
@@ -241,6 +241,7 @@ fn folder(path: &Path) -> Result<Vec<(String, Case)>, Failure> {
         file.extension()
             .is_some_and(|ending| ending.eq_ignore_ascii_case("toml"))
     });
+    files.retain(|file| std::fs::read_to_string(file).is_ok_and(|text| text.contains("measured_mm")));
     files.sort();
     let mut cases = files.iter().map(|file| read(file)).collect::<Result<Vec<_>, _>>()?;
     cases.retain(|(_, case)| !case.measured_mm.is_empty());

@@ -69,6 +69,7 @@ impl Scenario {
                 .stiffened
                 .as_ref()
                 .map_or_else(Options::default, |stiffened| stiffened.options),
+            stress: false,
         });
         section.section = Some(Arc::new(Plane {
             origin: plane.origin,

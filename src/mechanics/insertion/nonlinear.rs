@@ -344,7 +344,12 @@ impl<const D: usize, const N: usize> Model for Nonlinear<D, N> {
     fn stress_kpa(&self) -> Option<&[[[f64; 3]; 3]]> {
         match self.needle.structure() {
             Structure::Elastic(_) => None,
-            Structure::Viscous(creep) => creep.stress_kpa(),
+            // Of a section, stress across its plane is not known.
+            Structure::Viscous(creep) if D == 3 => {
+                let components = creep.stress_kpa()?.as_flattened().as_flattened();
+                Some(components.as_chunks::<3>().0.as_chunks::<3>().0)
+            }
+            Structure::Viscous(_) => None,
         }
     }
 

@@ -47,6 +47,13 @@ fn line(file: &'static str, title: &str, table: &'static str, axes: [&'static st
     }
 }
 
+/// Largest compression in percent of the uncompressed length.
+const PERCENT: Axis = Axis::linear("compression_percent", "compr. %", "compression, %");
+
+fn percent(ratio: f64) -> f64 {
+    100.0 * (1.0 - ratio)
+}
+
 /// The most compressed layer.
 fn weakest(shape: &Shape) -> Option<&LayerLoad> {
     shape
@@ -83,6 +90,7 @@ pub fn compression(case: &Case) -> Result<Study, InputError> {
             Axis::linear("x_mm", "x mm", "depth, mm"),
             Axis::linear("u_mm", "u mm", "deflection, mm"),
             Axis::linear("ratio", "ratio", "compression ratio"),
+            PERCENT,
             Axis::linear("reaction_n_per_mm", "N/mm", "force of the needle on the tissue, N/mm"),
         ],
     );
@@ -100,7 +108,13 @@ pub fn compression(case: &Case) -> Result<Study, InputError> {
         let last = load.layer + 1 == shape.layers.len();
         let inside = |x: f64| x >= from && (x < to || last);
         for point in shape.points.iter().filter(|point| inside(point.x_mm)) {
-            let values = [point.x_mm, point.u_mm, point.ratio, point.reaction_n_per_mm];
+            let values = [
+                point.x_mm,
+                point.u_mm,
+                point.ratio,
+                percent(point.ratio),
+                point.reaction_n_per_mm,
+            ];
             depth.push(vec![name.clone()], values.map(Some).to_vec(), None);
         }
     }
@@ -109,7 +123,7 @@ pub fn compression(case: &Case) -> Result<Study, InputError> {
             "beam-compression",
             "Compression over depth",
             "depth",
-            ["x_mm", "ratio"],
+            ["x_mm", "compression_percent"],
             "layer",
         ),
         line(
@@ -143,14 +157,15 @@ pub fn compression(case: &Case) -> Result<Study, InputError> {
 }
 
 /// Axes of [`map`].
-const MAP: [Axis; 9] = [
+const MAP: [Axis; 10] = [
     Axis::linear("tip_mm", "tip mm", "deflection of the tip, mm"),
     Axis::linear("rcm_mm", "RCM mm", "RCM, mm below the entry"),
     Axis::linear("displacement_mm", "base mm", "displacement of the base, mm"),
     Axis::linear("slope", "slope", "slope of the base"),
     Axis::linear("com_mm", "COM mm", "COM, mm below the entry"),
     Axis::linear("least_ratio", "least ratio", "least compression ratio"),
-    Axis::linear("least_at_mm", "at mm", "depth of the least ratio, mm"),
+    PERCENT,
+    Axis::linear("least_at_mm", "at mm", "depth of the largest compression, mm"),
     Axis::linear("base_force_n", "force N", "force at the base, N"),
     Axis::linear("base_moment_nmm", "moment N mm", "moment at the base, N mm"),
 ];
@@ -207,6 +222,7 @@ pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, Input
                 Some(base.slope),
                 shape.com_mm(),
                 Some(shape.least_ratio),
+                Some(percent(shape.least_ratio)),
                 load.map(|load| load.least_at_mm),
                 Some(shape.base_force_n),
                 Some(shape.base_moment_nmm),
@@ -224,7 +240,11 @@ pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, Input
             "Displacement of the base by RCM",
             "displacement_mm",
         ),
-        about("beam-map-compression", "Least compression ratio by RCM", "least_ratio"),
+        about(
+            "beam-map-compression",
+            "Largest compression by RCM",
+            "compression_percent",
+        ),
         about("beam-map-force", "Force at the base by RCM", "base_force_n"),
     ];
     Ok(study(
@@ -305,7 +325,12 @@ pub fn sensitivity(case: &Case, by: &Uncertainty) -> Result<Study, InputError> {
     let alone = (0..count).map(Some).filter(|_| count > 1);
     for layer in std::iter::once(None).chain(alone) {
         for (at, name) in ["mu", "alpha", "t0"].into_iter().enumerate() {
-            for share in [-1.0, -0.5, 0.5, 1.0] {
+            // The case itself once, for the plots.
+            let given = layer.is_none().then_some(0.0);
+            for share in [Some(-1.0), Some(-0.5), given, Some(0.5), Some(1.0)]
+                .into_iter()
+                .flatten()
+            {
                 let percent = share * percents[at];
                 let mut scale = [1.0; 3];
                 scale[at] += percent / 100.0;

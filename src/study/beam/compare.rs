@@ -99,13 +99,13 @@ pub fn compare(cases: &[(String, Case)], tissues: &[(String, Case)]) -> Study {
     };
     let figures = vec![
         Figure {
-            marker: vec!["tissue"],
+            marker: vec!["depth"],
             ..Figure::new(
                 "beam-compare-distribution",
                 "Share of needles by error of the tip",
                 "distribution",
                 ["tip_error_mm", "share"],
-                "depth",
+                "tissue",
             )
         },
         scatter("beam-compare-tip", "Error of the tip by depth", "tip_error_mm"),

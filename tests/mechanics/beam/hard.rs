@@ -47,6 +47,22 @@ fn large_exponents_of_either_sign_converge() {
     }
 }
 
+/// A base that turns about an axis, near or far behind it.
+#[test]
+fn axes_near_and_far_converge_over_fifteen_decades() {
+    for decade in -6..=9 {
+        for pivot_mm in [1e-3, 40.0, 1e4] {
+            let material = Material::NeoHookean {
+                mu_kpa: 10f64.powi(decade),
+            };
+            let mut needle = problem(20.0, vec![layer((material, Compression::UTru), 60.0)]);
+            needle.pivot_mm = pivot_mm;
+            let shape = solve(&needle, &free(10.0));
+            assert!(defined(&shape), "1e{decade} kPa, {pivot_mm} mm: {}", shape.residual);
+        }
+    }
+}
+
 /// Thin tissue is all but crushed, and pushes the needle out of the way.
 #[test]
 fn ratios_near_zero_stay_above_it() {
