@@ -257,7 +257,7 @@ fn the_closed_loop_holds_the_tip_and_the_open_loop_loses_the_lost_motion() {
     // At the end of every rest, and while the needle advances.
     for second in [2.99, 5.99, 14.99, 17.99] {
         let at = &closed[(second / PERIOD_S) as usize];
-        assert!(off(at) < 0.01, "{second}: {at:?}");
+        assert!(off(at) < 0.05, "{second}: {at:?}");
     }
     let advance = &closed[6_100..14_000];
     let worst = advance.iter().map(off).fold(0.0, f64::max);

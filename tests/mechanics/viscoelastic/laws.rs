@@ -6,9 +6,8 @@ use libm::tgamma;
 use super::mittag_leffler::mittag_leffler;
 
 const ORDERS: [f64; 6] = [0.0, 1e-3, 0.1, 0.5, 0.999, 1.0];
-const METHODS: [Method; 5] = [
+const METHODS: [Method; 4] = [
     Method::Rectangle,
-    Method::TimeScaledTrapezoid,
     Method::Trapezoid,
     Method::GruenwaldLetnikov,
     Method::Exponentials,

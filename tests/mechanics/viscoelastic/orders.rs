@@ -46,20 +46,33 @@ fn integrals_of_powers_converge_with_the_order_of_the_rule() {
             for (rule, wanted) in [
                 (Rule::Rectangle, 1.0),
                 (Rule::GruenwaldLetnikov, 1.0),
-                (Rule::TimeScaledTrapezoid, 1.0 + k),
                 (Rule::Trapezoid, 2.0),
                 (Rule::Exponentials(SPAN), 2.0),
             ] {
                 let (found, error) = order(&rule, Operator::Integral(k), p, 1);
                 // The newest step errs by an order k more, with its own sign: that shows while k is small.
-                let (least, most) = match wanted {
-                    2.0 => (1.9, 2.1 + k),
-                    1.0 => (0.85, 1.1),
-                    _ => (wanted - 0.1, wanted + 0.1),
-                };
+                let (least, most) = if wanted == 2.0 { (1.9, 2.1 + k) } else { (0.85, 1.1) };
                 assert!(found > least && found < most, "{rule:?} {k} t^{p}: {found}, {error:e}");
             }
         }
+    }
+}
+
+/// The newest step alone makes the rule of Ma and Hori err by h^(1+k): the mean of a step's ends in place of a linear function there and before costs
+/// -zeta(-k) / Gamma(1 + k) of the slope, zeta Riemann's. For k near 1, terms of h^2 hide that at these steps.
+#[test]
+fn the_time_scaled_trapezoid_errs_by_the_step_to_the_power_one_and_k() {
+    for (k, zeta) in [(0.1, 0.417_228), (0.5, 0.207_886)] {
+        for p in [2, 3] {
+            let (found, error) = order(&Rule::TimeScaledTrapezoid, Operator::Integral(k), p, 1);
+            assert!((found - 1.0 - k).abs() < 0.05, "{k} t^{p}: {found}");
+            let constant = error * 320f64.powf(1.0 + k) * tgamma(1.0 + k) / f64::from(p);
+            assert!((constant / zeta - 1.0).abs() < 0.08, "{k} t^{p}: {constant}");
+        }
+    }
+    for p in [2, 3] {
+        let (_, error) = order(&Rule::TimeScaledTrapezoid, Operator::Integral(0.9), p, 1);
+        assert!(error < 320f64.powf(-1.9), "t^{p}: {error:e}");
     }
 }
 
