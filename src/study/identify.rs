@@ -25,12 +25,12 @@ use force::Piecewise;
 use simulate::{Course, Layer, Simulator};
 
 /// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.
-const SETTLED: f64 = 2e-3;
-const MOST_INNER: usize = 15;
+const SETTLED: f64 = 5e-3;
+const MOST_INNER: usize = 12;
 /// Step of the first simplex in the logarithm of a modulus.
 const STEP: f64 = 0.3;
 /// Standard deviation of the cost over a simplex that ends the outer loop (of a cost that is 1 for tissue at rest), and most iterations of it.
-const TOLERANCE: f64 = 2e-7;
+const TOLERANCE: f64 = 1e-6;
 const MOST_OUTER: u64 = 60;
 /// Largest factor between a modulus and the start of its search.
 const FARTHEST: f64 = 30.0;
@@ -188,37 +188,52 @@ impl<'a> Search<'a> {
         self.simulator.run(layers, observed)
     }
 
-    /// Adjusts the force parameters until the simulated force has the slopes and widths of the measured one. The last simulation also has
-    /// the displacements.
-    fn match_forces(&mut self, layers: &mut [Layer]) -> Result<Course, StudyError> {
+    /// Adjusts the force parameters until the simulated force has the slopes and widths of the measured one; of all simulations the nearest to
+    /// its model counts. The last one also has the displacements.
+    fn match_forces(&mut self, layers: &mut Vec<Layer>) -> Result<Course, StudyError> {
+        let mut best = (f64::INFINITY, layers.clone());
         for _ in 0..MOST_INNER {
             let course = self.simulate(layers, false)?;
+            let error = |point: &[f64; 2]| (self.model.at(point[0]) - point[1]).powi(2);
+            let apart: f64 = course.force.iter().map(error).sum();
+            if apart < best.0 {
+                best = (apart, layers.clone());
+            }
             let Some(found) = self.model.refined(&thinned(&course.force)) else {
                 break;
             };
-            let mut change = 0.0_f64;
-            for (at, layer) in layers.iter_mut().enumerate() {
-                // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
-                // the tip leaves behind in the layer before.
-                let lack = |region: usize| self.model.slopes_n_per_mm[region] - found.slopes_n_per_mm[region];
-                let peak = (layer.peak_n_per_mm + lack(2 * at)).max(LEAST[0]);
-                let shaft = (layer.shaft_n_per_mm + lack(2 * at + 1)).max(LEAST[0]);
-                let ratio = self.model.width(2 * at) / found.width(2 * at).max(LEAST[1]);
-                let width = (layer.width_mm * ratio.clamp(0.5, 2.0)).max(LEAST[1]);
-                for (new, own) in [
-                    (peak, &mut layer.peak_n_per_mm),
-                    (shaft, &mut layer.shaft_n_per_mm),
-                    (width, &mut layer.width_mm),
-                ] {
-                    change = change.max((new / *own - 1.0).abs());
-                    *own = new;
-                }
-            }
-            if change < SETTLED {
+            if self.adjust(layers, &found) < SETTLED {
                 break;
             }
         }
+        layers.clone_from(&best.1);
         self.simulate(layers, true)
+    }
+
+    /// Adjusts the force parameters by what a simulated force lacks. Returns the largest relative change.
+    fn adjust(&self, layers: &mut [Layer], found: &Piecewise) -> f64 {
+        let mut change = 0.0_f64;
+        for (at, layer) in layers.iter_mut().enumerate() {
+            // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
+            // the tip leaves behind in the layer before.
+            let lack = |region: usize| self.model.slopes_n_per_mm[region] - found.slopes_n_per_mm[region];
+            let ratio = self.model.width(2 * at) / found.width(2 * at).max(LEAST[1]);
+            for (own, new) in [
+                (&mut layer.peak_n_per_mm, lack(2 * at)),
+                (&mut layer.shaft_n_per_mm, lack(2 * at + 1)),
+            ]
+            .map(|(own, lack)| {
+                let new = (*own + lack).max(LEAST[0]);
+                (own, new)
+            }) {
+                change = change.max((new / *own - 1.0).abs());
+                *own = new;
+            }
+            let width = (layer.width_mm * ratio.clamp(0.5, 2.0)).max(LEAST[1]);
+            change = change.max((width / layer.width_mm - 1.0).abs());
+            layer.width_mm = width;
+        }
+        change
     }
 
     fn find(mut self) -> Result<Identified, StudyError> {
@@ -227,6 +242,7 @@ impl<'a> Search<'a> {
         if let (Some(motion), false) = (&data.motion, unknown.is_empty()) {
             let start: Vec<f64> = unknown.iter().map(|at| layers[*at].young_kpa.ln()).collect();
             let limit = FARTHEST.ln();
+            self.match_forces(&mut layers)?;
             let mut own = layers.clone();
             let search = &mut self;
             let cost = |logs: &[f64]| {
@@ -238,6 +254,8 @@ impl<'a> Search<'a> {
                 if beyond > 0.0 {
                     return Ok(1e3 * (1.0 + beyond));
                 }
+                // Every evaluation starts from the same forces, so that the cost is a function of the moduli alone.
+                own.clone_from(&layers);
                 unknown
                     .iter()
                     .zip(logs)
@@ -246,7 +264,6 @@ impl<'a> Search<'a> {
                 Ok::<f64, StudyError>(search.cost(motion, &course))
             };
             let found = nelder_mead(&start, &vec![STEP; start.len()], TOLERANCE, MOST_OUTER, cost)?;
-            layers = own;
             unknown
                 .iter()
                 .zip(&found.at)

@@ -123,7 +123,8 @@ fn forces(case: &Case) -> Result<Vec<[f64; 2]>, StudyError> {
     let table = Csv::open(path, &[])?;
     let tip = ["measured_tip_x_mm", "measured_tip_y_mm", "measured_tip_z_mm"];
     let is_steps = tip.iter().all(|name| table.has(name)) && table.has("base_force_z_n");
-    if !is_steps && !(table.has("tip_mm") && table.has("force_n")) {
+    let is_curve = table.has("tip_mm") && table.has("force_n");
+    if !is_steps && !is_curve {
         let text = "found other columns; expected tip_mm,force_n, or a table of steps of `insonify insert`";
         return Err(unusable(path, text.to_owned()));
     }
