@@ -117,7 +117,7 @@ impl Outlines {
                     met.push(
                         *crossings
                             .entry(numbers)
-                            .or_insert_with(|| outlines.add(crossing(&at, from, to, first))),
+                            .or_insert_with(|| outlines.add(crossing(at, from, to, first))),
                     );
                 }
                 match met[..] {

@@ -125,7 +125,7 @@ pub(super) fn correct(
         (course, last) = search.land(found, tolerance_mm)?;
         miss_mm = last.samples.last().map_or(f64::INFINITY, |sample| sample.miss().norm());
         // A search that ends farther off than it began has found nothing.
-        if !(miss_mm < miss_before_mm) {
+        if miss_mm >= miss_before_mm || !miss_mm.is_finite() {
             (course, last, miss_mm) = (straight, first.clone(), miss_before_mm);
         }
     }
