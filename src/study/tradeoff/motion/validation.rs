@@ -162,7 +162,6 @@ impl Course {
     fn figures(&self, time: &'static str) -> Vec<Figure> {
         let course = |file: String, title: String, table, y, colour: &'static str| Figure {
             marker: vec!["source"],
-            marked: false,
             ..Figure::new(file, title, table, [time, y], colour)
         };
         let mut motions: Vec<&String> = self.means.rows.iter().map(|row| &row.choices[0]).collect();
@@ -219,24 +218,17 @@ fn line_table(options: &Options, line: &[f32]) -> Table {
     ];
     let mut table = Table::trace("line", "Figure 6: a line of echoes and three windows", &[part], &axes);
     let depths = options.centres_mm(line.len());
-    let middle = depths.len() / 2;
     let sample_mm = options.speed_m_s * 1e-3 / (2.0 * options.sampling_mhz);
-    let around = |centre: f64, half: f64| {
-        let at = |mm: f64| ((mm / sample_mm).round().max(0.0) as usize).min(line.len());
-        at(centre - half)..at(centre + half)
-    };
-    let three = middle.saturating_sub(1)..(middle + 2).min(depths.len());
-    let portion = around(depths[middle], 1.5 * options.window_mm.max(depths[1] - depths[0]));
+    let at = |mm: f64| ((mm / sample_mm).round().max(0.0) as usize).min(line.len());
+    let around = |centre: f64| at(centre - options.window_mm / 2.0)..at(centre + options.window_mm / 2.0);
+    let three = 0..depths.len().min(3);
+    let portion = 0..at(depths[three.end - 1] + options.window_mm);
     let most = line[portion.clone()]
         .iter()
         .fold(0.0_f32, |most, value| most.max(value.abs()));
     let parts = three.clone().map(|window| {
         let name = format!("window {window}");
-        (
-            name,
-            around(depths[window], options.window_mm / 2.0),
-            2.0 * (window + 1 - three.start) as f64,
-        )
+        (name, around(depths[window]), 2.0 * (window + 1) as f64)
     });
     for (name, samples, lower) in std::iter::once(("line".to_owned(), portion, 0.0)).chain(parts) {
         for at in samples {
