@@ -293,3 +293,14 @@ fn schemas_say_what_other_tables_accept() {
     });
     assert_eq!(of_probe, 8);
 }
+
+#[test]
+#[should_panic(expected = "max_weight: 2 of 0 to 2")]
+fn a_schema_that_says_otherwise_is_noticed() {
+    let mut schema = schema_for!(BendingConstraint).to_value();
+    schema["properties"]["max_weight"]["maximum"] = 2.into();
+    assert_true(&schema, |key, value| {
+        let table: BendingConstraint = read(json!({ key: value }))?;
+        table.check_ranges().map_err(|error| error.to_string())
+    });
+}

@@ -1,4 +1,5 @@
 use super::*;
+use crate::study::bench::tests::removable;
 use crate::study::testing::scene;
 use crate::study::tradeoff::Table;
 
@@ -47,19 +48,7 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
         .iter()
         .map(|row| row.choices[1].as_str())
         .collect();
-    let expected = [
-        "noise",
-        "tone",
-        "receiver",
-        "blur",
-        "refraction",
-        "shadow",
-        "interface",
-        "speckle",
-        "texture",
-        "contact",
-    ];
-    assert_eq!(effects[1..effects.len() - 1], expected);
+    assert_eq!(effects[1..effects.len() - 1], removable(&anatomy, &settings)[..]);
     let rows = &table("compare_effects").rows;
     let measured = |values: &[Option<f64>]| values.iter().map(Option::is_some).collect::<Vec<_>>();
     assert!(
