@@ -29,4 +29,3 @@ mod thickness;
 mod tone;
 mod warp;
 mod warp_remeshed;
-mod warp_shader;
