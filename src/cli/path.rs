@@ -12,8 +12,8 @@ use clap::{Args, ValueEnum};
 
 use super::backend::BackendArgs;
 use super::exercise::{relocated, source};
-use super::insert::resolve;
 use super::failure::Failure;
+use super::insert::resolve;
 use super::output::{self, Force, inputs};
 use super::terminal;
 

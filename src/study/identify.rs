@@ -25,7 +25,7 @@ use force::Piecewise;
 use simulate::{Course, Layer, Simulator};
 
 /// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.
-const SETTLED: f64 = 5e-3;
+const SETTLED: f64 = 2e-3;
 const MOST_INNER: usize = 12;
 /// Step of the first simplex in the logarithm of a modulus.
 const STEP: f64 = 0.3;

@@ -196,7 +196,7 @@ impl Motion {
         let mut all: Vec<f64> = read.iter().map(|read| read.1).collect();
         all.dedup();
         let mut depths: Vec<f64> = first_push(&all).into_iter().map(|at| all[at]).collect();
-        depths.retain(|depth| *depth <= end);
+        depths.retain(|depth| *depth <= end + BACK_MM);
         if depths.len() > DEPTHS {
             let every = (depths.len() - 1) as f64 / (DEPTHS - 1) as f64;
             depths = (0..DEPTHS)
@@ -326,7 +326,7 @@ fn windows(
     let mut read = Vec::new();
     for ((frame, cell), (mut values, all)) in found {
         values.sort_by(f64::total_cmp);
-        if (values.len() as f64) < FILLED * most as f64 || 10 * all < 9 * most {
+        if (values.len() as f64) < FILLED * most as f64 || 4 * all < 3 * most {
             continue;
         }
         if let Some(middle) = percentile(&values, 0.5) {

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use super::data::Data;
 use super::{Identification, Identified, identify};
 use crate::input::identification::CaseFile;
 use crate::input::scenario::ScenarioFile;
@@ -140,7 +141,7 @@ fn parameters_that_made_the_data_return() {
     let inner = found(folder.path(), PHANTOM, known);
     assert_forces(&inner.found[0]);
     assert!(inner.found[0].motion.is_none() && inner.found[0].force.rms_n < 0.01);
-    let start = "motion.file = \"u.csv\"\n[[layer]]\nregion = \"top\"\nyoung_kpa = 14\n[[layer]]\nregion = \"inclusion\"\nyoung_kpa = 22\n";
+    let start = "motion.file = \"u.csv\"\n[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nyoung_kpa = 22\n";
     let outer = found(folder.path(), PHANTOM, start);
     let one = &outer.found[0];
     assert_forces(one);
@@ -148,7 +149,7 @@ fn parameters_that_made_the_data_return() {
         assert!((layer.young_kpa / exact - 1.0).abs() < 0.05, "{layer:?}");
     }
     assert!(
-        one.beside.len() == 4 && one.beside.iter().all(|beside| beside.cost_ratio > 1.0),
+        one.beside.len() == 2 && one.beside.iter().all(|beside| beside.cost_ratio > 1.0),
         "{:?}",
         one.beside
     );
@@ -170,4 +171,127 @@ fn parameters_that_made_the_data_return() {
     let interaction = again.anatomy.interaction(inclusion);
     assert_eq!(interaction.friction_n_per_mm, one.layers[1].shaft_n_per_mm);
     assert_eq!(interaction.peak.unwrap().width_mm, one.layers[1].width_mm);
+}
+
+#[test]
+fn measurements_that_cannot_be_used_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("phantom.toml"), PHANTOM).unwrap();
+    let text = "scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\nmotion.file = \"u.csv\"\nmotion.frames = \"frames.csv\"\n";
+    let case = CaseFile::parse(text, "case.toml")
+        .unwrap()
+        .resolve(folder.path(), |_| {})
+        .unwrap();
+    let force = |force: &dyn Fn(f64) -> Option<f64>| {
+        let rows = (0..=500).filter_map(|at| Some((0.1 * f64::from(at), force(0.1 * f64::from(at))?)));
+        rows.fold("tip_mm,force_n\n".to_owned(), |all, (tip, force)| {
+            format!("{all}{tip},{force}\n")
+        })
+    };
+    let steps = |depth: f64| 0.06 * depth.min(6.0) + 0.015 * depth + 0.07 * (depth - 21.0).clamp(0.0, 8.0);
+    let motion = "frame,line,window,depth_mm,axial_um\n0,0,0,20,0\n1,0,0,20,5\n2,0,0,20,9\n";
+    let frames = "frame,tip_mm\n0,-1\n1,20\n2,40\n";
+    let good = force(&|depth| Some(steps(depth)));
+    for (forces, motion, frames, told) in [
+        (
+            force(&|depth| (!(10.0..14.0).contains(&depth)).then(|| steps(depth))),
+            motion,
+            frames,
+            "no force between 9.90 and 14.00 mm",
+        ),
+        (
+            force(&|depth| (depth < 18.0).then(|| steps(depth))),
+            motion,
+            frames,
+            "phantom_inclusion on the needle's line begins at 21.1 mm",
+        ),
+        (
+            force(&|depth| Some(-steps(depth))),
+            motion,
+            frames,
+            "a force that is not positive at the deepest point",
+        ),
+        (
+            force(&|depth| Some(0.02 * depth)),
+            motion,
+            frames,
+            "a force of fewer than 4 regions",
+        ),
+        (
+            force(&|depth| Some(steps(depth) - 0.02 * (depth - 6.0).max(0.0))),
+            motion,
+            frames,
+            "does not rise in region 2",
+        ),
+        (
+            "tip,force\n1,2\n".to_owned(),
+            motion,
+            frames,
+            "found other columns; expected tip_mm,force_n",
+        ),
+        (
+            good.clone(),
+            "frame,line\n0,0\n",
+            frames,
+            "found other columns; expected a table of `insonify motion`",
+        ),
+        (
+            good.clone(),
+            motion,
+            "frame,tip_mm\n0,2\n1,20\n2,40\n",
+            "found the needle 2.0 mm deep in the first frame",
+        ),
+        (
+            good.clone(),
+            motion,
+            "frame,tip_mm\n0,-1\n1,20\n",
+            "a frame whose depth of the needle is known",
+        ),
+        (
+            good.clone(),
+            "frame,line,window,depth_mm,axial_um\n0,9999,0,20,0\n",
+            frames,
+            "lines, those of the scenario's probe",
+        ),
+    ] {
+        std::fs::write(at("force.csv"), forces).unwrap();
+        std::fs::write(at("u.csv"), motion).unwrap();
+        std::fs::write(at("frames.csv"), frames).unwrap();
+        let error = Data::read(&case)
+            .and_then(|data| data.model(&case))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains(told) && error.contains(".csv"),
+            "{error}\nexpected {told}"
+        );
+    }
+    let unknown = |text: &str| {
+        CaseFile::parse(text, "case.toml")
+            .and_then(|file| file.resolve(folder.path(), |_| {}))
+            .unwrap_err()
+            .to_string()
+    };
+    let head = "scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n";
+    for (more, told) in [
+        ("", "no displacements"),
+        ("motion.file = \"u.csv\"\npoisson = [0.5]\n", "0 to below 0.5"),
+        (
+            "motion.file = \"u.csv\"\nweights = [1, 2]\n",
+            "4, two for each of 2 layers",
+        ),
+        (
+            "motion.file = \"u.csv\"\n[[layer]]\nregion = \"liver\"\n",
+            "no region \"liver\"",
+        ),
+        (
+            "motion.file = \"u.csv\"\n[[layer]]\nregion = \"top\"\nyoung_kpa = -1\n",
+            "above 0",
+        ),
+    ] {
+        let error = unknown(&format!("{head}{more}"));
+        assert!(error.contains(told), "{error}\nexpected {told}");
+    }
+    assert!(unknown(&head.replace("phantom.toml", "two-layer-insertio")).contains("two-layer-insertion"));
 }

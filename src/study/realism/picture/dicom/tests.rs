@@ -135,8 +135,11 @@ fn colours_and_inverted_grey_levels_are_decoded() {
     // Y, Cb and Cr of a red pixel (BT.601), grey elsewhere.
     let mut luminance = [128; 24];
     luminance[..3].copy_from_slice(&[76, 85, 255]);
-    for (kind, planar, bytes, at) in [("RGB", 0, by_pixel, 1), ("RGB", 1, by_channel, 1), ("YBR_FULL", 0, luminance, 0)]
-    {
+    for (kind, planar, bytes, at) in [
+        ("RGB", 0, by_pixel, 1),
+        ("RGB", 1, by_channel, 1),
+        ("YBR_FULL", 0, luminance, 0),
+    ] {
         let found = colour(kind, planar, bytes);
         let coloured: Vec<usize> = (0..8).filter(|pixel| found.overlay[*pixel]).collect();
         assert_eq!(coloured, [at], "{kind}, {planar}");
