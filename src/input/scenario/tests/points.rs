@@ -374,10 +374,10 @@ fn nodes_are_fixed_by_cylinder_and_by_the_surface_of_a_region() {
 #[test]
 fn regions_are_met_at_their_depth_at_rest_on_any_mesh() {
     let block = BLOCK
-        .replace("resolution_mm = 5", "resolution_mm = 1.5")
+        .replace("resolution_mm = 5", "resolution_mm = 2")
         .replace("dt_ms = 10", "dt_ms = 20");
     let border = -10.0 - f64::sqrt(225.0 - 13.0);
-    for nodes in [250, 700, 1500] {
+    for nodes in [250, 600, 1000] {
         let text = block
             .replace("nodes = 250", &format!("nodes = {nodes}"))
             .replace("[0, 0, -50]", "[3, 2, -50]");

@@ -166,10 +166,12 @@ impl Contacts {
     /// that at the tip of `line`.
     pub fn shaft_loads(&self, line: &CentreLine, end: f64, cutting: Option<f64>, into: &mut Vec<ShaftLoad>) {
         for (at, contact) in self.nodes.iter().enumerate() {
-            let next = self.nodes.get(at + 1).map_or(end, |next| next.arc);
+            // A node may lie beyond the tip until the tissue has caught up.
+            let from_mm = contact.arc.min(end);
+            let next = self.nodes.get(at + 1).map_or(end, |next| next.arc.min(end));
             into.push(ShaftLoad {
-                from_mm: contact.arc,
-                to_mm: next.max(contact.arc),
+                from_mm,
+                to_mm: next.max(from_mm),
                 force_n: -self.forces[at],
             });
         }
