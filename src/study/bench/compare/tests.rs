@@ -48,7 +48,8 @@ fn without_a_gpu_the_part_of_the_cpu_is_there_and_says_so() {
         .iter()
         .map(|row| row.choices[1].as_str())
         .collect();
-    assert_eq!(effects[1..effects.len() - 1], removable(&anatomy, &settings)[..]);
+    let expected = removable(&anatomy, &settings);
+    assert_eq!(effects[1..effects.len() - 1], expected[..]);
     let rows = &table("compare_effects").rows;
     let measured = |values: &[Option<f64>]| values.iter().map(Option::is_some).collect::<Vec<_>>();
     assert!(
