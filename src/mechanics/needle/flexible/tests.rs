@@ -28,12 +28,22 @@ fn load(arc_mm: f64, force: [f64; 3]) -> Load {
     }
 }
 
-/// Calls `place` until nothing moves; returns the number of calls.
+/// Calls `place` until nothing moves by more than 1e-10 mm; returns the number of calls.
 fn settle(needle: &mut Flexible, base: &Isometry3<f64>, loads: &[Load], line: &mut CentreLine) -> usize {
+    settle_within(1e-10, needle, base, loads, line)
+}
+
+fn settle_within(
+    tolerance_mm: f64,
+    needle: &mut Flexible,
+    base: &Isometry3<f64>,
+    loads: &[Load],
+    line: &mut CentreLine,
+) -> usize {
     for count in 1..=400 {
         let before = line.clone();
         needle.place(base, None, loads, loads, line);
-        if line.distance(&before) < 1e-10 {
+        if line.distance(&before) < tolerance_mm {
             return count;
         }
     }
