@@ -1,16 +1,12 @@
 //! Warp: the reference position of every sample. A twin may choose another element only if the sample provably lies within
 //! rounding of it, and another side of the mesh's surface only within rounding of that surface.
 
-use insonify::imaging::synth::{Backend, Synthesizer};
-use insonify::mechanics::mesh::map::{BACKGROUND, FOLDED, MAPPED, OUTSIDE, States};
-use insonify::mechanics::mesh::{Displacement, Locator, NONE};
-use insonify::tracking::probe::ProbeShape;
+use insonify::mechanics::mesh::Displacement;
+use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
 use nalgebra::{Point3, Vector3};
 
 use super::case::{Case, check_all};
 use super::scenes;
-use crate::support::anatomy;
-use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -107,87 +103,4 @@ fn an_affine_displacement_is_undone_and_what_it_leaves_is_background() {
         "{mapped} mapped, {background} background"
     );
     check_all("shear", &[case]);
-}
-
-/// Coordinates are below 128 mm, where f32 holds them to 8e-6 mm; sums in another order move a world position by a few of these, and the
-/// map by a few times the stretch of the field.
-const POSITION_TOLERANCE_MM: f64 = 1e-3;
-/// Where two backends disagree on the element, the sample lies at a face to within rounding: 4e-5 mm over heights above 1 mm.
-const FACE_TOLERANCE: f32 = 2e-4;
-
-/// Depth of a press, mm, whether a node is lost, and how far every seventh reference node moves, mm.
-const BROKEN: [(f64, bool, f64); 8] = [
-    (6.0, false, 0.0),
-    (9.0, false, 0.0),
-    (40.0, false, 0.0),
-    (9.0, true, 0.0),
-    (9.0, false, 0.0),
-    (9.0, false, 2.5),
-    (6.0, true, 2.5),
-    (6.0, false, -3.0),
-];
-
-/// Folds, a lost node and remeshing, frame after frame: each backend looks first in the elements of its own last frame.
-#[test]
-fn broken_tissue_gives_the_same_samples_frame_after_frame() {
-    let Some(gpu) = gpu_or_skip("broken tissue") else {
-        return;
-    };
-    let anatomy = anatomy::with_mesh(
-        scenes::random_anatomy(),
-        [[-40.0, 0.0, -20.0], [40.0, 70.0, 20.0]],
-        1500,
-    );
-    let probe = scene::probe(ProbeShape::Phased { angle_deg: 75.0 }, 82.0, 64, 128);
-    let settings = scene::settings(probe, scene::bare());
-    let make = |backend| Synthesizer::new(anatomy.clone(), settings.clone(), backend).expect("a synthesizer");
-    let (mut cpu, mut gpu) = (make(Backend::Cpu), make(backend(gpu)));
-    let mesh = anatomy.mesh.clone().expect("a mesh");
-    let mut states = States::<f32>::new(&mesh);
-    let mut state = scene::aimed([0.0, -3.0, 3.0], [0.0, 40.0, 7.0], 0.0);
-    let mut seen = [0usize; 4];
-    for (depth_mm, lost, remeshed_mm) in BROKEN {
-        let press = Displacement::Indentation {
-            centre_mm: [0.0; 3],
-            direction: [0.1, 1.0, 0.0],
-            depth_mm,
-            radius_mm: 15.0,
-        };
-        let (mut nodes, mut reference) = (Vec::new(), mesh.nodes().to_vec());
-        press.displace(mesh.nodes(), &mut nodes);
-        if lost {
-            nodes[mesh.nodes().len() / 2] = [f64::NAN; 3];
-        }
-        for node in reference.iter_mut().step_by(7) {
-            *node = [
-                node[0] + remeshed_mm,
-                node[1] - 0.5 * remeshed_mm,
-                node[2] + 0.3 * remeshed_mm,
-            ];
-        }
-        states.update(Some(&nodes), Some(&reference)).expect("positions");
-        (state.nodes, state.reference) = (Some(nodes), Some(reference));
-        let world = cpu.render_until("geometry", &state).expect("positions");
-        let [one, other] = [&mut cpu, &mut gpu].map(|synth| synth.render_until("warp", &state).expect("positions"));
-        for (index, (a, b)) in one.position.iter().zip(&other.position).enumerate() {
-            seen[a[3] as usize] += 1;
-            if one.element[index] == other.element[index] && a[3] == b[3] {
-                let near = (0..3).all(|axis| (a[axis] - b[axis]).abs() < POSITION_TOLERANCE_MM);
-                assert!(near, "{depth_mm} mm: sample {index}: {a:?}, {b:?}");
-                continue;
-            }
-            let p = [0, 1, 2].map(|axis| world.position[index][axis] as f32);
-            let at_face = |locator: &Locator<f32>, start: u32| {
-                let hit = locator.locate(p, start);
-                hit.element != NONE && hit.bary.iter().any(|share| share.abs() < FACE_TOLERANCE)
-            };
-            let explained = at_face(states.deformed(), one.element[index])
-                || at_face(states.deformed(), other.element[index])
-                || at_face(states.reference(), NONE);
-            assert!(explained, "{depth_mm} mm: sample {index} at {p:?}: {a:?}, {b:?}");
-        }
-    }
-    for flag in [MAPPED, BACKGROUND, FOLDED, OUTSIDE] {
-        assert!(seen[flag as usize] > 50, "flags {seen:?}");
-    }
 }
