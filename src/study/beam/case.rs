@@ -62,38 +62,35 @@ fn weakest(shape: &Shape) -> Option<&LayerLoad> {
         .min_by(|a, b| a.least_ratio.total_cmp(&b.least_ratio))
 }
 
+/// Axes of the layers of [`compression`].
+const LAYERS: [Axis; 7] = [
+    Axis::linear("from_mm", "from mm", "depth, mm"),
+    Axis::linear("to_mm", "to mm", "depth, mm"),
+    Axis::linear("least_ratio", "least ratio", "least compression ratio"),
+    Axis::linear("least_at_mm", "at mm", "depth of the least ratio, mm"),
+    Axis::linear("limit_ratio", "limit", "limit of the compression ratio"),
+    Axis::linear("most_n_per_mm", "most N/mm", "largest force per length, N/mm"),
+    Axis::linear("force_n", "force N", "force on the layer, N"),
+];
+
+/// Axes over depth of [`compression`].
+const DEPTH: [Axis; 5] = [
+    Axis::linear("x_mm", "x mm", "depth, mm"),
+    Axis::linear("u_mm", "u mm", "deflection, mm"),
+    Axis::linear("ratio", "ratio", "compression ratio"),
+    PERCENT,
+    Axis::linear("reaction_n_per_mm", "N/mm", "force of the needle on the tissue, N/mm"),
+];
+
 /// Computes the compression of the tissue and the forces on it, by layer and over depth.
 ///
 /// # Errors
 /// [`InputError`] if the needle has no shape.
 pub fn compression(case: &Case) -> Result<Study, InputError> {
     let shape = case.solve()?;
-    let mut layers = Table::new(
-        "layers",
-        "Layers of tissue: compression ratio (length over uncompressed length) and force of the needle",
-        &[factor("layer", "layer")],
-        &[
-            Axis::linear("from_mm", "from mm", "depth, mm"),
-            Axis::linear("to_mm", "to mm", "depth, mm"),
-            Axis::linear("least_ratio", "least ratio", "least compression ratio"),
-            Axis::linear("least_at_mm", "at mm", "depth of the least ratio, mm"),
-            Axis::linear("limit_ratio", "limit", "limit of the compression ratio"),
-            Axis::linear("most_n_per_mm", "most N/mm", "largest force per length, N/mm"),
-            Axis::linear("force_n", "force N", "force on the layer, N"),
-        ],
-    );
-    let mut depth = Table::trace(
-        "depth",
-        "Compression over depth",
-        &[factor("layer", "layer")],
-        &[
-            Axis::linear("x_mm", "x mm", "depth, mm"),
-            Axis::linear("u_mm", "u mm", "deflection, mm"),
-            Axis::linear("ratio", "ratio", "compression ratio"),
-            PERCENT,
-            Axis::linear("reaction_n_per_mm", "N/mm", "force of the needle on the tissue, N/mm"),
-        ],
-    );
+    let title = "Layers of tissue: compression ratio (length over uncompressed length) and force of the needle";
+    let mut layers = Table::new("layers", title, &[factor("layer", "layer")], &LAYERS);
+    let mut depth = Table::trace("depth", "Compression over depth", &[factor("layer", "layer")], &DEPTH);
     for load in &shape.layers {
         let (name, [from, to]) = ((load.layer + 1).to_string(), load.depths_mm);
         let limit = case.problem.layers[load.layer].least_ratio;
