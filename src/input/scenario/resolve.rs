@@ -311,8 +311,10 @@ impl ScenarioFile {
         let gpu = self.gpu()?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
         notes.extend(self.source.iter().flat_map(|source| source.renamed()));
-        let remeshing = gpu.iter();
-        notes.extend(remeshing.map(|gpu| format!("remeshing works on '{}'", gpu.report().name)));
+        notes.extend(
+            gpu.iter()
+                .map(|gpu| format!("remeshing works on '{}'", gpu.report().name)),
+        );
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
         let tissue = match file.cylinder_of(path.tip())? {
             Some(parameters) => file.springs_of(&scene, parameters)?,
@@ -329,14 +331,8 @@ impl ScenarioFile {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
-        let path = match &manipulator {
-            Some(guided) => {
-                let tip = guided.tip(scene.probe_path());
-                path.with_tip(tip.map_err(|error| self.fault("manipulator", error))?)
-            }
-            None => path,
-        };
         Ok(Scenario {
+            path: self.through_guide(path, manipulator.as_ref(), scene.probe_path())?,
             manipulator: manipulator.map(Arc::new),
             stiffened: stiffening.map(|(viscosity, options)| Stiffened {
                 laws: tissue.laws,
@@ -362,7 +358,6 @@ impl ScenarioFile {
             timing,
             notes,
             warnings,
-            path,
             replayed: None,
             scene,
             file,
