@@ -320,12 +320,8 @@ impl ScenarioFile {
             Some(parameters) => file.springs_of(&scene, parameters)?,
             None => file.elements_of(&scene, base_dir, path.tip(), progress, &mut notes, &mut warnings)?,
         };
-        warnings.extend(unmeshed(
-            &scene,
-            path.tip(),
-            tissue.anatomy.as_ref(),
-            file.tissue.mesh.is_some(),
-        ));
+        let is_read = file.tissue.mesh.is_some();
+        warnings.extend(unmeshed(&scene, path.tip(), tissue.anatomy.as_ref(), is_read));
         tissue.warn(&mut warnings);
         if stiffening.is_some() {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
