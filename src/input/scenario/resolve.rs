@@ -320,8 +320,8 @@ impl ScenarioFile {
             Some(parameters) => file.springs_of(&scene, parameters)?,
             None => file.elements_of(&scene, base_dir, path.tip(), progress, &mut notes, &mut warnings)?,
         };
-        let is_read = file.tissue.mesh.is_some();
-        warnings.extend(unmeshed(&scene, path.tip(), tissue.anatomy.as_ref(), is_read));
+        let from_file = file.tissue.mesh.is_some();
+        warnings.extend(unmeshed(&scene, path.tip(), tissue.anatomy.as_ref(), from_file));
         tissue.warn(&mut warnings);
         if stiffening.is_some() {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
