@@ -311,10 +311,8 @@ impl ScenarioFile {
         let gpu = self.gpu()?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
         notes.extend(self.source.iter().flat_map(|source| source.renamed()));
-        notes.extend(
-            gpu.iter()
-                .map(|gpu| format!("remeshing works on '{}'", gpu.report().name)),
-        );
+        let remeshing = gpu.iter();
+        notes.extend(remeshing.map(|gpu| format!("remeshing works on '{}'", gpu.report().name)));
         clearance::tell(&scene, path.tip(), &mut notes, &mut warnings);
         let tissue = match file.cylinder_of(path.tip())? {
             Some(parameters) => file.springs_of(&scene, parameters)?,
