@@ -300,10 +300,8 @@ impl ScenarioFile {
             at_mm,
             radius_mm: 0.0,
         }));
-        let path = scene
-            .needle_path()
-            .cloned()
-            .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
+        let still = || self.wrong_keys("needle", "a needle that does not move", "one that does");
+        let path = scene.needle_path().cloned().ok_or_else(still)?;
         let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
         let manipulator = self.guided(path.tip(), scene.probe_path())?;
         self.check_deposits(&deposits, &timing)?;
