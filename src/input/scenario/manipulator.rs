@@ -14,6 +14,7 @@ use crate::mechanics::insertion::Wrench;
 use crate::tracking::TrackingError;
 use crate::tracking::manipulator::drive::{Control, Drive, Driven, PERIOD_S, follow};
 use crate::tracking::manipulator::{Guide, InPlane, Posture};
+use crate::tracking::needle::NeedlePath;
 use crate::tracking::pose::Pose;
 use crate::tracking::trajectory::{Interpolation, Trajectory};
 
@@ -224,6 +225,18 @@ impl ScenarioFile {
             drive: spec.drive,
             driven: driven.map_err(|error| self.fault("manipulator", error))?,
         }))
+    }
+
+    /// The needle on the path that the guide makes of the planned one.
+    pub(super) fn through_guide(
+        &self,
+        path: NeedlePath,
+        guided: Option<&Guided>,
+        probe: &Trajectory,
+    ) -> Result<NeedlePath, InputError> {
+        let Some(guided) = guided else { return Ok(path) };
+        let tip = guided.tip(probe).map_err(|error| self.fault("manipulator", error))?;
+        Ok(path.with_tip(tip))
     }
 
     fn check_guide(&self, spec: &ManipulatorSpec) -> Result<(), InputError> {

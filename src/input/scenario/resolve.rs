@@ -318,10 +318,8 @@ impl ScenarioFile {
             at_mm,
             radius_mm: 0.0,
         }));
-        let path = scene
-            .needle_path()
-            .cloned()
-            .ok_or_else(|| self.wrong_keys("needle", "a needle that does not move", "one that does"))?;
+        let still = || self.wrong_keys("needle", "a needle that does not move", "one that does");
+        let path = scene.needle_path().cloned().ok_or_else(still)?;
         let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
         let manipulator = self.guided(path.tip(), scene.probe_path())?;
         self.check_deposits(&deposits, &timing)?;
@@ -345,14 +343,8 @@ impl ScenarioFile {
             file.is_straight(path.tip(), &needle, &tissue.mesh, &tissue.laws, tissue.anatomy.as_ref())?;
         }
         scene.anatomy.mesh = Some(Arc::clone(&tissue.mesh));
-        let path = match &manipulator {
-            Some(guided) => {
-                let tip = guided.tip(scene.probe_path());
-                path.with_tip(tip.map_err(|error| self.fault("manipulator", error))?)
-            }
-            None => path,
-        };
         Ok(Scenario {
+            path: self.through_guide(path, manipulator.as_ref(), scene.probe_path())?,
             manipulator: manipulator.map(Arc::new),
             stiffened: stiffening.map(|(viscosity, options)| Stiffened {
                 laws: tissue.laws,
@@ -381,7 +373,6 @@ impl ScenarioFile {
             timing,
             notes,
             warnings,
-            path,
             replayed: None,
             scene,
             file,

@@ -5,7 +5,8 @@
 //! transmits `k (|u - v| - b/2)`, and the output moves while that exceeds what resists: friction of the tube and the load through the
 //! screw. The lost motion u - v is therefore `b/2 + R/k` while pushing and as much the other way while pulling. The screw is
 //! self-locking: an output at rest stays where it is whatever the load. An encoder on the screw measures the output, and a PI controller
-//! at 1 kHz with the commanded speed fed forward sets the speed of the motor, which follows without delay. Kobayashi et al. 2010 give none of the numbers: the defaults are choices.
+//! at 1 kHz with the commanded speed fed forward sets the speed of the motor, which follows without delay. Kobayashi et al. 2010 give none
+//! of the numbers: the defaults are choices.
 
 use std::f64::consts::TAU;
 
