@@ -24,7 +24,7 @@ scenario's own model, and is aimed again at where the target then is until it me
 
 Examples:
   insonify path liver-puncture --target vessel -o plan                the middle of the vein, at 12 angles in the image plane
-  insonify path liver-puncture --target -4,28,0 --model 2d -o plan    the same in a section by the image plane, in seconds
+  insonify path liver-puncture --target -4,28,0 --model 2d -o plan    the same in a section by the image plane, which is quicker
   insonify path liver-puncture --target vessel --angles=-45,-10 --candidates 8 -o plan
   insonify path my.toml --target lesion --entry -60,-120,-40,20,-60,40 -o plan   entries on the skin within a box, two corners in mm (LPS)
   insonify path my.toml --target lesion --entry skin_abdomen -o plan             entries on a label of the skin
