@@ -156,6 +156,21 @@ const MOTIONS: [(&str, Moved); 3] = [
     ("strained by 2 %", |z| [-0.02 * z, 0.0]),
 ];
 
+/// Median time (ms) of a frame's motion, with motion known from the frame before as in a sequence, and correlations for each window.
+fn cost(options: &Options, lines: usize, [first, second]: [&[f32]; 2]) -> [Option<f64>; 2] {
+    let mut times = Vec::new();
+    let mut each = None;
+    for _ in 0..REPEATS {
+        let mut tracker = Tracker::new(*options, lines, first);
+        tracker.next(second);
+        let (before, start) = (tracker.correlations, Instant::now());
+        tracker.next(second);
+        times.push(start.elapsed().as_secs_f64() * 1e3);
+        each = Some((tracker.correlations - before) as f64 / (lines * options.windows) as f64);
+    }
+    [Spread::of(times).map(|spread| spread.median_ms), each]
+}
+
 /// Runs the study.
 pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Study {
     let (medium, usual) = medium(effort);
@@ -189,18 +204,7 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> St
             progress(name, table.rows.len() as f64 / work);
             let mut tracker = Tracker::new(*options, medium.lines, &first);
             let errors = Errors::of(options, &medium, &tracker.next(&second), moved);
-            // From the second frame on, as in a sequence, with motion known from the frame before.
-            let before = tracker.correlations;
-            let mut times = Vec::new();
-            for _ in 0..REPEATS {
-                let mut tracker = Tracker::new(*options, medium.lines, &first);
-                tracker.next(&second);
-                let start = Instant::now();
-                tracker.next(&second);
-                times.push(start.elapsed().as_secs_f64() * 1e3);
-            }
-            tracker.next(&second);
-            let each = (tracker.correlations - before) as f64 / (medium.lines * options.windows) as f64;
+            let cost = cost(options, medium.lines, [&first, &second]);
             let choices = [
                 options.window_mm.to_string(),
                 options.upsampling.to_string(),
@@ -216,7 +220,6 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> St
             ];
             // Without windows that correlate there are no errors.
             let errors = errors.map(|value| Some(value).filter(|value| value.is_finite()));
-            let cost = [Spread::of(times).map(|spread| spread.median_ms), Some(each)];
             let values = cost.into_iter().chain(errors).collect();
             table.push(choices.to_vec(), values, None);
         }

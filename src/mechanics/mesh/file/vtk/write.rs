@@ -18,7 +18,6 @@ use super::grid::TETRA;
 use crate::base::output::atomic;
 use crate::base::text::escape;
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::file::DISPLACEMENT;
 
 /// Name of the cell array of region numbers.
 pub const REGION: &str = "region";
