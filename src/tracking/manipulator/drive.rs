@@ -187,12 +187,11 @@ pub fn follow(
         let wanted = guide.slides(command)?;
         let mut places = wanted;
         if control != Control::Ideal {
-            for axis in 0..3 {
+            for (axis, slide) in slides.iter_mut().enumerate() {
                 let to = wanted[axis] - from[axis];
                 let rate = (to - before[axis]) / PERIOD_S;
                 before[axis] = to;
-                places[axis] =
-                    from[axis] + slides[axis].step(drive, control == Control::OpenLoop, loads[axis], to, rate);
+                places[axis] = from[axis] + slide.step(drive, control == Control::OpenLoop, loads[axis], to, rate);
             }
         }
         all.push(Driven {

@@ -99,7 +99,7 @@ fn noise_of_two_percent_moves_the_parameters_by_their_standard_errors() {
         }
     }
     for (worst, bound) in worst.iter().zip([0.1, 0.02, 0.01, 0.06, 0.2]) {
-        assert!(worst < &bound, "{worst:?}");
+        assert!(*worst < bound, "{worst:?}");
     }
     // Deviations in standard errors have a variance of one.
     let variance = offs.iter().map(|off| off * off).sum::<f64>() / offs.len() as f64;

@@ -196,8 +196,8 @@ fn the_sensor_reads_the_wrench_with_its_noise() {
             .iter_mut()
             .zip(read.iter().zip([wrench.force_n, wrench.torque_nmm]))
         {
-            for axis in 0..3 {
-                sum[axis] += (read[axis] - exact[axis]).powi(2) / count as f64;
+            for (axis, sum) in sum.iter_mut().enumerate() {
+                *sum += (read[axis] - exact[axis]).powi(2) / count as f64;
             }
         }
     }
