@@ -30,8 +30,8 @@ const MOST_INNER: usize = 12;
 /// Step of the first simplex in the logarithm of a modulus.
 const STEP: f64 = 0.3;
 /// Standard deviation of the cost over a simplex that ends the outer loop (of a cost that is 1 for tissue at rest), and most iterations of it.
-const TOLERANCE: f64 = 1e-6;
-const MOST_OUTER: u64 = 60;
+const TOLERANCE: f64 = 5e-6;
+const MOST_OUTER: u64 = 40;
 /// Largest factor between a modulus and the start of its search.
 const FARTHEST: f64 = 30.0;
 /// Relative change of each modulus by which a minimum is tested.

@@ -201,3 +201,15 @@ fn bad_echoes_and_options_are_refused() {
         .fails(2, &["short.csv", "rows are missing"]);
     assert!(!bench.path("u.csv").exists() && !bench.path("rf.mha").exists());
 }
+
+/// The case that comes with the program names tables of a measurement that is made first.
+#[test]
+fn the_example_of_an_identification_asks_for_its_measurement() {
+    let bench = Bench::new();
+    let text = bench.run("identify --example").text().to_owned();
+    assert_eq!(text, insonify::input::identification::EXAMPLE);
+    bench.write("case.toml", &text);
+    bench
+        .run("identify case.toml -o out")
+        .fails(2, &["steps.csv", "cannot be read"]);
+}
