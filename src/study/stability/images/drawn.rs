@@ -274,17 +274,18 @@ fn parameters(draw: &mut Draw, schema: &Value, table: &Value) -> Value {
     drawn.into()
 }
 
-/// Draws a number: between its default and an end of its range, more often near the default, and sometimes that end; without a default, between the low
-/// end and the high one.
+/// Draws a number: an end of its range, or one between its default, or the low end without one, and an end, more often near the default.
 fn number(draw: &mut Draw, described: &Value) -> f64 {
     let of = |name: &str| described[name].as_f64();
     let (low, high) = (of("minimum").unwrap_or(0.0), of("maximum").unwrap_or(1.0));
-    let (usual, end) = match of("default") {
-        Some(usual) if draw.chance(0.5) => (usual, low),
-        usual => (usual.unwrap_or(low), high),
+    let usual = of("default").unwrap_or(low);
+    let end = if draw.chance(0.5) { low } else { high };
+    let share = if draw.chance(0.1) {
+        1.0
+    } else {
+        draw.within(0.0, 1.0).powi(3)
     };
-    let share = draw.within(0.0, 1.1).min(1.0).powi(3);
-    (usual + share * (end - usual)).clamp(low, high)
+    usual + share * (end - usual)
 }
 
 /// Compares all backends on randomly drawn scenes.
