@@ -56,13 +56,13 @@ impl Values<'_> {
 }
 
 /// Writes a mesh as a `.vtu` file, atomically: reference nodes, tetrahedra, the cell array [`REGION`] and, if given, the
-/// point array [`DISPLACEMENT`] (mm, one vector per node). [`read_mesh`](super::super::read_mesh) restores the same bits.
+/// point array [`DISPLACEMENT`](super::super::DISPLACEMENT) (mm, one vector per node). [`read_mesh`](super::super::read_mesh) restores the same bits.
 ///
 /// # Errors
 /// As [`write_vtu_with`].
 #[cfg(any(test, feature = "internals"))]
 pub fn write_vtu(path: &Path, mesh: &TetMesh, displacements: Option<&[[f64; 3]]>) -> Result<(), MeshFileError> {
-    let displacements = displacements.map(|all| (DISPLACEMENT, Values::Vectors(all)));
+    let displacements = displacements.map(|all| (super::super::DISPLACEMENT, Values::Vectors(all)));
     write_vtu_with(path, mesh, &BTreeMap::new(), displacements.as_slice(), &[])
 }
 
