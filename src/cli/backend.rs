@@ -4,7 +4,7 @@ use crate::gpu::adapter::{self, hardware};
 use crate::gpu::{AdapterChoice, Gpu, Needs};
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, SynthError, Synthesizer};
-use crate::study::tradeoff::gather::Means;
+use crate::study::tradeoff::gather::Devices;
 use clap::{Args, ValueEnum};
 
 use super::failure::Failure;
@@ -113,12 +113,12 @@ impl BackendArgs {
     }
 
     /// Devices to measure in addition to the CPU, and those that cannot be measured.
-    pub fn gpus(&self) -> Result<Means, Failure> {
+    pub fn gpus(&self) -> Result<Devices, Failure> {
         let choice = self.choice();
         match self.backend {
-            BackendName::Cpu | BackendName::CpuF64 => Ok(Means::default()),
-            BackendName::Auto if choice.name.is_none() => Ok(Means::here()),
-            BackendName::Auto | BackendName::Gpu => Ok(Means {
+            BackendName::Cpu | BackendName::CpuF64 => Ok(Devices::default()),
+            BackendName::Auto if choice.name.is_none() => Ok(Devices::here()),
+            BackendName::Auto | BackendName::Gpu => Ok(Devices {
                 gpus: vec![Gpu::open(&choice, &Needs::default())?],
                 missing: Vec::new(),
             }),

@@ -9,7 +9,7 @@ use crate::imaging::synth::{Backend, FrameState, SynthError};
 use crate::input::scene::SceneFile;
 use crate::study::bench::compare::{CompareOptions, SCENE, Subject, compare};
 use crate::study::bench::{BenchOptions, BenchReport, bench};
-use crate::study::tradeoff::gather::Means;
+use crate::study::tradeoff::gather::Devices;
 use clap::Args;
 use nalgebra::Matrix4;
 
@@ -120,7 +120,7 @@ impl Bench {
         };
         let mut state = FrameState::at(Matrix4::identity());
         scene.state(0, scene.frames().max(1), &mut state)?;
-        let Means { gpus, missing } = self.backend.gpus()?;
+        let Devices { gpus, missing } = self.backend.gpus()?;
         let options = CompareOptions {
             patience: Duration::from_secs_f64(self.time_limit_s / 20.0),
             ..CompareOptions::usual(gpus)

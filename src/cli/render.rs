@@ -148,7 +148,7 @@ impl Render {
         // For a constant pose the scene has already warned.
         let told = scene.probe_path().keys().len() == 1;
         let mut passes = Passes::default();
-        let mut oddities = Oddities::default();
+        let mut oddities = FrameWarnings::default();
         let mut frames = Vec::with_capacity(count);
         let bar = terminal::progress(count);
         for frame in 0..count {
@@ -262,9 +262,9 @@ impl Passes {
 
 /// Warnings of single frames, each reported once with the frames concerned.
 #[derive(Default)]
-struct Oddities(Vec<(String, Vec<usize>)>);
+struct FrameWarnings(Vec<(String, Vec<usize>)>);
 
-impl Oddities {
+impl FrameWarnings {
     fn add(&mut self, frame: usize, warnings: Vec<String>) {
         for warning in warnings {
             match self.0.iter_mut().find(|(known, _)| *known == warning) {
@@ -300,7 +300,7 @@ mod tests {
 
     #[test]
     fn the_same_warning_of_many_frames_is_told_once() {
-        let mut oddities = Oddities::default();
+        let mut oddities = FrameWarnings::default();
         for frame in 0..4 {
             let mut warnings = vec!["always".to_owned()];
             if frame % 2 == 1 {
@@ -315,7 +315,7 @@ mod tests {
         assert_eq!(told[0], "frames 0 to 3: always");
         assert_eq!(told[1], "2 of 4 frames, first frame 1: at times");
         assert_eq!(told[2], "frame 2: once");
-        let mut single = Oddities::default();
+        let mut single = FrameWarnings::default();
         single.add(0, vec!["odd".to_owned()]);
         assert_eq!(single.summary(1), ["odd"]);
     }

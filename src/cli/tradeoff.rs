@@ -11,7 +11,7 @@ mod tissue;
 use std::path::PathBuf;
 
 use crate::study::stability::Effort;
-use crate::study::tradeoff::Pace;
+use crate::study::tradeoff::Rates;
 use crate::study::tradeoff::gather::{STUDIES, gather};
 use crate::study::tradeoff::report::Report;
 use clap::{Args, Subcommand};
@@ -108,7 +108,7 @@ impl Tradeoff {
         let folder = self
             .force
             .folder(&self.output, "tradeoff", &["index.html", "results.json"], &[])?;
-        let pace = Pace {
+        let pace = Rates {
             frames: self.frames_per_s,
             steps: self.steps_per_s,
         };
@@ -125,7 +125,7 @@ impl Tradeoff {
         }
         match report.missing.first() {
             None => Ok(()),
-            Some(missing) => Err(Failure::Unmeasured {
+            Some(missing) => Err(Failure::StudyFailure {
                 study: missing.name.to_owned(),
                 reason: missing.reason.clone(),
                 more: report.missing.len() - 1,

@@ -147,8 +147,8 @@ impl ShaftLoad {
     }
 }
 
-/// Conversion of snapshots into tissue, on any thread.
-pub trait Imager: Send {
+/// Computes node positions for the image from snapshots, on any thread.
+pub trait NodeSolver: Send {
     /// Returns the elements of the mesh, four nodes each. They never change.
     fn elements(&self) -> &[[u32; 4]];
 
@@ -199,7 +199,7 @@ pub trait Model: Send {
     fn snapshot(&mut self, into: &mut Snapshot);
 
     /// Returns a converter from snapshots to tissue, for another thread.
-    fn imager(&self) -> Box<dyn Imager>;
+    fn imager(&self) -> Box<dyn NodeSolver>;
 
     /// Changes the remeshing level. The needle settles at the pose of the last step before and after, so that the force jump
     /// is due to the level alone. The first change to a level that needs a dense inverse takes seconds to minutes: not for a

@@ -23,13 +23,13 @@ use std::sync::Arc;
 use crate::base::memory;
 use crate::gpu::{Gpu, GpuError};
 use crate::mechanics::tissue::dofs::NONE;
-use crate::mechanics::tissue::remesh::levels::Following;
+use crate::mechanics::tissue::remesh::levels::DenseInverseRemesher;
 use crate::mechanics::tissue::remesh::{AdaptedMesh, Level, Maker, Options, Precision, RemeshError, Source, make};
 use crate::mechanics::tissue::symmetric::Symmetric;
 pub use store::DeviceStore;
 
 /// Remesher of the levels I to IV with a dense inverse in f32 on a GPU.
-pub type DeviceLevels = Following<DeviceStore>;
+pub type DeviceLevels = DenseInverseRemesher<DeviceStore>;
 
 /// Creates a remesher at `level`, I to IV, in f32 on `gpu` from the current state of `mesh`. `source` is the compliance
 /// of its base; an inverse in f64 is rounded.
@@ -62,7 +62,7 @@ pub fn follow(
         }
         other => RemeshError::Device(other.to_string()),
     })?;
-    Following::start(mesh, store, level, options)
+    DenseInverseRemesher::start(mesh, store, level, options)
 }
 
 /// Factory of remeshers of the levels I to IV on `gpu`, in f32. The exact level, which needs no dense inverse, runs on the CPU.

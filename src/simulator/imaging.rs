@@ -8,7 +8,7 @@ use nalgebra::{Matrix4, Point3, Vector3, center};
 use super::SimulatorError;
 use super::haptic::Latest;
 use crate::imaging::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
-use crate::mechanics::insertion::{Imager, Snapshot, Tissue};
+use crate::mechanics::insertion::{NodeSolver, Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::{Locator, NONE};
 
@@ -16,7 +16,7 @@ use crate::mechanics::mesh::locator::{Locator, NONE};
 pub struct Imaging {
     latest: Latest,
     /// `None` if the image has no mesh: then node positions are not needed.
-    imager: Option<Box<dyn Imager>>,
+    imager: Option<Box<dyn NodeSolver>>,
     synthesizer: Synthesizer,
     tissue: Tissue,
     state: FrameState,
@@ -27,7 +27,7 @@ pub struct Imaging {
 impl Imaging {
     pub(super) fn new(
         synthesizer: Synthesizer,
-        imager: Box<dyn Imager>,
+        imager: Box<dyn NodeSolver>,
         needle_diameter_mm: f64,
         latest: Latest,
     ) -> Result<Self, SimulatorError> {
@@ -54,7 +54,7 @@ impl Imaging {
     }
 
     /// Renders the latest state for a pose of the probe (probe frame to world, mm). Frames count up from 0. Where no step
-    /// was made since the last frame, tissue stays as it was imaged then. In the steady state only the model's [`Imager`]
+    /// was made since the last frame, tissue stays as it was imaged then. In the steady state only the model's [`NodeSolver`]
     /// allocates.
     ///
     /// # Errors

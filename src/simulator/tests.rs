@@ -15,7 +15,7 @@ use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::{Options, Policy};
 use crate::mechanics::insertion::{
-    Field, Imager, Instruments, LevelChange, Model, Outcome, Saved, Snapshot, StepError, Tissue,
+    Field, Instruments, LevelChange, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue,
 };
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::remesh::Level;
@@ -41,12 +41,12 @@ struct Fake {
     asked: Arc<Asked>,
 }
 
-struct FakeImager {
+struct FakeNodeSolver {
     mesh: Option<Arc<TetMesh>>,
     asked: Arc<Asked>,
 }
 
-impl Imager for FakeImager {
+impl NodeSolver for FakeNodeSolver {
     fn elements(&self) -> &[[u32; 4]] {
         self.mesh.as_ref().map_or(&[], |mesh| mesh.elements())
     }
@@ -112,9 +112,9 @@ impl Model for Fake {
         }
     }
 
-    fn imager(&self) -> Box<dyn Imager> {
+    fn imager(&self) -> Box<dyn NodeSolver> {
         self.asked.imagers.fetch_add(1, Ordering::Relaxed);
-        Box::new(FakeImager {
+        Box::new(FakeNodeSolver {
             mesh: self.mesh.clone(),
             asked: self.asked.clone(),
         })

@@ -34,7 +34,7 @@ pub mod tissue;
 use serde::Serialize;
 
 pub use advice::{FORCE_N, GREY_LEVELS, Goal, SHIFT_MM};
-pub use real_time::{Beat, InTime, Pace};
+pub use real_time::{Deadline, Rates, RealTimeChoice};
 
 use crate::base::report::machine::Machine;
 

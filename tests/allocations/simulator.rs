@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use insonify::imaging::synth::Synthesizer;
-use insonify::mechanics::insertion::{Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Tissue};
+use insonify::mechanics::insertion::{
+    Field, Instruments, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue,
+};
 use insonify::mechanics::mesh::TetMesh;
 use insonify::simulator::{Options, Simulator};
 use nalgebra::{Isometry3, Matrix4, Point3};
@@ -17,7 +19,7 @@ struct Fake {
 
 struct Swing(Arc<TetMesh>);
 
-impl Imager for Swing {
+impl NodeSolver for Swing {
     fn elements(&self) -> &[[u32; 4]] {
         self.0.elements()
     }
@@ -58,7 +60,7 @@ impl Model for Fake {
         }
     }
 
-    fn imager(&self) -> Box<dyn Imager> {
+    fn imager(&self) -> Box<dyn NodeSolver> {
         Box::new(Swing(Arc::clone(&self.mesh)))
     }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::study::tradeoff::gather::Means;
+use crate::study::tradeoff::gather::Devices;
 use crate::study::tradeoff::image::{ImageOptions, study};
 use clap::Args;
 
@@ -56,7 +56,7 @@ impl Image {
                 "ask for auto, cpu or gpu",
             ));
         }
-        let Means { gpus, missing } = self.backend.gpus()?;
+        let Devices { gpus, missing } = self.backend.gpus()?;
         let mut options = match self.quick {
             true => ImageOptions::quick(gpus),
             false => ImageOptions::whole(gpus),

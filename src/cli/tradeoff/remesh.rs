@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
-use crate::study::tradeoff::gather::Means;
+use crate::study::tradeoff::gather::Devices;
 use crate::study::tradeoff::remesh::subject::generated;
 use crate::study::tradeoff::remesh::{NODES, RemeshOptions, study};
 use clap::Args;
@@ -66,7 +66,7 @@ impl Remesh {
         self.backend.check()?;
         self.printed.check()?;
         let meshes = self.meshes()?;
-        let Means { gpus, missing } = self.backend.gpus()?;
+        let Devices { gpus, missing } = self.backend.gpus()?;
         self.printed.run(|progress| {
             let mut study = study(&meshes, &gpus, &self.options(), progress)?;
             study.notes.extend(missing);

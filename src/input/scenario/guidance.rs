@@ -7,7 +7,7 @@ use super::resolve::Scenario;
 use crate::anatomy::volume::distance::Grid;
 use crate::imaging::effects::shadow::Shadow;
 use crate::imaging::effects::thickness::Thickness;
-use crate::mechanics::insertion::{EventKind, Imager, Interaction, Model, Outcome, Tissue};
+use crate::mechanics::insertion::{EventKind, Interaction, Model, NodeSolver, Outcome, Tissue};
 use crate::tracking::probe::BeamGrid;
 
 /// Two-way loss above which a target counts as hidden, dB: the dynamic range of an image (60 dB) and the loss in average soft tissue
@@ -79,7 +79,7 @@ impl<'a> Guide<'a> {
     }
 
     /// Carries entry and target with the tissue.
-    pub fn carry(&mut self, imager: &dyn Imager, tissue: &Tissue) {
+    pub fn carry(&mut self, imager: &dyn NodeSolver, tissue: &Tissue) {
         for (slot, places) in [&mut self.entry, &mut self.target].into_iter().enumerate() {
             if let Some([rest, now]) = places {
                 *now = self.carried.point(slot, rest, imager.elements(), tissue);

@@ -9,7 +9,7 @@ use super::file::ScenarioFile;
 use super::resolve::Scenario;
 use super::tissue::TissueModel;
 use crate::input::{Cause, InputError};
-use crate::mechanics::insertion::{Imager, Tissue};
+use crate::mechanics::insertion::{NodeSolver, Tissue};
 use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 
 /// A point of the tissue whose displacement is reported over time: one of `at_mm` and `node`.
@@ -139,7 +139,7 @@ impl<'a> Points<'a> {
     }
 
     /// Displacements in a state of the tissue, with the imaging probe at a pose.
-    pub fn carry(&mut self, imager: &dyn Imager, tissue: &Tissue, probe: &Isometry3<f64>) -> &[[f64; 6]] {
+    pub fn carry(&mut self, imager: &dyn NodeSolver, tissue: &Tissue, probe: &Isometry3<f64>) -> &[[f64; 6]] {
         self.displacement_mm.clear();
         for (slot, point) in self.points.iter().enumerate() {
             let now = self.carried.point(slot, &point.at_mm, imager.elements(), tissue);

@@ -10,7 +10,7 @@ use super::points::{Displaced, Points};
 use super::resolve::Scenario;
 use super::summary::{Summary, Tally};
 use crate::imaging::synth::{FrameState, NeedleShaft};
-use crate::mechanics::insertion::{Imager, Model, Outcome, ShaftLoad, Snapshot, StepError, Tissue};
+use crate::mechanics::insertion::{Model, NodeSolver, Outcome, ShaftLoad, Snapshot, StepError, Tissue};
 use crate::mechanics::needle::CentreLine;
 
 /// Tolerance for reaching a time, as a fraction of a step.
@@ -224,7 +224,7 @@ pub fn run<O: Observer>(
 
 /// Inputs of an image taken from a model, in reused memory.
 struct View {
-    imager: Box<dyn Imager>,
+    imager: Box<dyn NodeSolver>,
     snapshot: Snapshot,
     tissue: Tissue,
     state: FrameState,

@@ -30,7 +30,7 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 use super::imager::MeshImager;
 use super::validation::{finite, numbers};
 use super::{
-    Event, EventKind, Imager, Instruments, InvalidSetup, LevelChange, Model, Outcome, Saved, ShaftLoad, Snapshot,
+    Event, EventKind, Instruments, InvalidSetup, LevelChange, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot,
     StepError, Wrench,
 };
 use crate::mechanics::mesh::TetMesh;
@@ -293,7 +293,7 @@ impl Finite {
         let adaptation = &mut self.tissue.adaptation;
         let condensed = adaptation.remesher().condensed().to_owned();
         if (level == Level::Exact) == (from == Level::Exact) {
-            adaptation.ask(|mesh, remesher| remesher.set_level(mesh, level))?;
+            adaptation.with_fallback(|mesh, remesher| remesher.set_level(mesh, level))?;
         } else {
             let (source, precision) = self.base.source(level, &self.options);
             adaptation.switch_source(level, precision, source)?;
@@ -368,7 +368,7 @@ impl Model for Finite {
             let (contacts, needle, tip) = (&self.contacts, &self.needle, &self.tip);
             self.prediction
                 .renew(advance < 0.0, contacts, needle, tip, tissue, &self.options);
-            if tissue.adaptation.tend().is_some() {
+            if tissue.adaptation.run_deferred().is_some() {
                 tissue.version += 1;
             }
         }
@@ -415,7 +415,7 @@ impl Model for Finite {
         self.tissue.write_snapshot(into);
     }
 
-    fn imager(&self) -> Box<dyn Imager> {
+    fn imager(&self) -> Box<dyn NodeSolver> {
         let dofs = self.tissue.adaptation.mesh().dofs().clone();
         let base = (Arc::clone(&self.base.factor), dofs);
         Box::new(MeshImager::new(Arc::clone(&self.tissue.mesh), Some(base)))

@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use super::{Field, Imager, Snapshot, Tissue};
+use super::{Field, NodeSolver, Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::dofs::Dofs;
 use crate::mechanics::tissue::factor::Factor;
 
-/// Imager of a finite element mesh.
+/// NodeSolver of a finite element mesh.
 pub(super) struct MeshImager {
     mesh: Arc<TetMesh>,
     base: Option<Base>,
@@ -37,7 +37,7 @@ impl MeshImager {
     }
 }
 
-impl Imager for MeshImager {
+impl NodeSolver for MeshImager {
     fn elements(&self) -> &[[u32; 4]] {
         self.mesh.elements()
     }
@@ -63,14 +63,14 @@ impl Imager for MeshImager {
     }
 }
 
-/// Imager of a network of springs: snapshots contain all nodes.
+/// NodeSolver of a network of springs: snapshots contain all nodes.
 pub(super) struct NetworkImager {
     pub elements: Arc<[[u32; 4]]>,
     /// Node positions before the first snapshot.
     pub first: Vec<[f64; 3]>,
 }
 
-impl Imager for NetworkImager {
+impl NodeSolver for NetworkImager {
     fn elements(&self) -> &[[u32; 4]] {
         &self.elements
     }

@@ -31,7 +31,7 @@ use super::interaction::interaction;
 use super::pushing::{Phase, Pushing};
 use super::validation::finite;
 use super::{
-    Anatomy, Event, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, ShaftLoad, Snapshot, StepError,
+    Anatomy, Event, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot, StepError,
     Wrench,
 };
 use crate::mechanics::mesh::TetMesh;
@@ -337,7 +337,7 @@ impl<const D: usize, const N: usize> Model for Nonlinear<D, N> {
         into.field = Field::Displacement(field);
     }
 
-    fn imager(&self) -> Box<dyn Imager> {
+    fn imager(&self) -> Box<dyn NodeSolver> {
         Box::new(MeshImager::new(Arc::clone(&self.mesh), None))
     }
 

@@ -45,7 +45,7 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::imager::NetworkImager;
 use super::{
-    Anatomy, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, ShaftLoad, Snapshot, StepError, Wrench,
+    Anatomy, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot, StepError, Wrench,
 };
 use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::needle::{CentreLine, Load, Needle};
@@ -312,7 +312,7 @@ impl Model for MassSpring {
         into.field = Field::Displacement(field);
     }
 
-    fn imager(&self) -> Box<dyn Imager> {
+    fn imager(&self) -> Box<dyn NodeSolver> {
         Box::new(NetworkImager {
             elements: Arc::clone(&self.imaged),
             first: self

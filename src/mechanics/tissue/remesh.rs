@@ -142,12 +142,12 @@ pub trait Remesher: Send {
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError>;
 
     /// Announces the degrees of freedom (ascending) around which the next change is likely. A level may do part of its
-    /// work early, in [`tend`](Self::tend); whether the change occurs affects the results only by rounding.
+    /// work early, in [`run_deferred`](Self::run_deferred); whether the change occurs affects the results only by rounding.
     fn expect(&mut self, _support: &[u32]) {}
 
-    /// Performs one deferred task of earlier changes ([`Options::tended`]), if any. Returns a report where that
+    /// Performs one deferred task of earlier changes ([`Options::deferred`]), if any. Returns a report where that
     /// recomputed the compliance, which then has changed by no more than its error was.
-    fn tend(&mut self, _mesh: &AdaptedMesh) -> Option<RemeshReport> {
+    fn run_deferred(&mut self, _mesh: &AdaptedMesh) -> Option<RemeshReport> {
         None
     }
 
@@ -200,23 +200,28 @@ pub trait Remesher: Send {
     -> Result<f64, RemeshError>;
 
     /// Computes the forces (degree of freedom, N) that displace the entire mesh through the
-    /// [carrier](Self::carrier_into) as `forces` on the contacts do: first those on the contacts in their order, then
+    /// [carrier](Self::force_compliance_into) as `forces` on the contacts do: first those on the contacts in their order, then
     /// corrections for moved nodes. A degree of freedom may occur twice; its forces then add up.
     ///
     /// # Errors
     /// [`RemeshError::Compliance`] where there is not one force per contact.
-    fn carried_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError>;
+    fn equivalent_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError>;
 
     /// Writes entries of the carrier, the matrix that carried forces act through: the compliance of the base at the
     /// exact level, else the current compliance.
     ///
     /// # Errors
     /// [`RemeshError::Compliance`].
-    fn carrier_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), RemeshError>;
+    fn force_compliance_into(
+        &mut self,
+        rows: &[usize],
+        columns: &[usize],
+        out: MatMut<'_, f64>,
+    ) -> Result<(), RemeshError>;
 
     /// Whether the carrier is the compliance of the base, so that displacements can be computed elsewhere from the
     /// carried forces and the factor of the base.
-    fn carries_on_base(&self) -> bool;
+    fn uses_base_compliance(&self) -> bool;
 
     /// Computes columns of the carrier before their use.
     ///

@@ -270,7 +270,7 @@ impl Sums {
 }
 
 /// Selection criteria of a candidate window.
-struct Looked {
+struct WindowStatistics {
     window: Window,
     mean: f64,
     std: f64,
@@ -281,7 +281,7 @@ struct Looked {
 }
 
 /// Evaluates all windows of a size that lie in the sector, every 8 pixels.
-fn looked(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<Looked> {
+fn window_statistics(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<WindowStatistics> {
     let sums = |value: &dyn Fn(usize) -> f64| Sums::of(picture.width, picture.height, value);
     let grey = |at: usize| picture.grey[at];
     let inside = sums(&|at| f64::from(u8::from(mask[at])));
@@ -309,7 +309,7 @@ fn looked(picture: &Picture, mask: &[bool], [width, height]: [usize; 2]) -> Vec<
             let extreme = |of: fn(f64, f64) -> f64, moment: usize| quarters.map(|it| it[moment]).into_iter().reduce(of);
             let range = |moment| Some(extreme(f64::max, moment)? - extreme(f64::min, moment)?);
             let [mean, std] = moments(window);
-            Looked {
+            WindowStatistics {
                 window,
                 mean,
                 std,
@@ -336,11 +336,12 @@ fn first_apart(mut windows: Vec<(f64, Window)>, most: usize, apart: impl Fn(Wind
 /// Selects the most uniform windows of a size in the sector: those whose quarters differ least in mean and in standard deviation, both
 /// added and relative to the mean. Their mean is in `grey`, at most 2 % of them is black or white, and they are half a window apart.
 pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize, grey: [f64; 2]) -> Vec<Window> {
-    let fits =
-        |it: &Looked| (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0;
-    let windows = looked(picture, mask, size).into_iter().filter(fits);
+    let fits = |it: &WindowStatistics| {
+        (grey[0]..=grey[1]).contains(&it.mean) && it.black <= 0.02 && it.white <= 0.02 && it.std > 0.0
+    };
+    let windows = window_statistics(picture, mask, size).into_iter().filter(fits);
     let apart = |a: Window, b: Window| a.x.abs_diff(b.x) + a.y.abs_diff(b.y) >= size[1] / 2;
-    let chosen_by = |it: Looked| ((it.uneven[0] + it.uneven[1]) / it.mean, it.window);
+    let chosen_by = |it: WindowStatistics| ((it.uneven[0] + it.uneven[1]) / it.mean, it.window);
     first_apart(windows.map(chosen_by).collect(), most, apart)
 }
 
@@ -348,9 +349,10 @@ pub fn uniform_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most:
 /// least one grey level, at most half black, and unevenness (see [`uniform_windows`]) of at most 1. They do not overlap.
 pub fn dark_windows(picture: &Picture, mask: &[bool], size: [usize; 2], most: usize) -> Vec<Window> {
     let limit = dark_limit(picture, mask);
-    let fits =
-        |it: &Looked| it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.uneven[0] + it.uneven[1] <= it.mean;
-    let windows = looked(picture, mask, size).into_iter().filter(fits);
+    let fits = |it: &WindowStatistics| {
+        it.mean < limit && it.std >= 1.0 && it.black <= 0.5 && it.uneven[0] + it.uneven[1] <= it.mean
+    };
+    let windows = window_statistics(picture, mask, size).into_iter().filter(fits);
     let apart = |a: Window, b: Window| a.x.abs_diff(b.x) >= size[0] || a.y.abs_diff(b.y) >= size[1];
     first_apart(windows.map(|it| (it.mean, it.window)).collect(), most, apart)
 }

@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 
-use super::real_time::Beat;
+use super::real_time::Deadline;
 use super::{Row, Table};
 use crate::base::report::number::significant;
 use crate::base::report::pareto;
@@ -44,7 +44,7 @@ pub struct Goal {
     /// Factor, choice and reason of a baseline that is only shown for comparison and never recommended.
     pub baseline: Option<(&'static str, &'static str, &'static str)>,
     /// Recurring task, and key of the axis with its time, ms; `None` for a task done once.
-    pub every: Option<(Beat, &'static str)>,
+    pub every: Option<(Deadline, &'static str)>,
 }
 
 /// Recommendation.
@@ -98,7 +98,7 @@ impl Goal {
     }
 
     /// Declares a task done in every frame or step, with its time on this axis, ms.
-    pub fn in_every(mut self, beat: Beat, time: &'static str) -> Self {
+    pub fn in_every(mut self, beat: Deadline, time: &'static str) -> Self {
         self.every = Some((beat, time));
         self
     }

@@ -7,7 +7,7 @@ use std::error::Error;
 use std::time::Instant;
 
 use super::report::{Chapter, Missing, Report};
-use super::{Pace, Study, beam, history, image, insertion, motion, remesh, tissue};
+use super::{Rates, Study, beam, history, image, insertion, motion, remesh, tissue};
 use crate::base::report::machine::{self, Machine};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use crate::study::stability::Effort;
@@ -16,7 +16,7 @@ use crate::study::stability::Effort;
 pub type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
 /// Error of a study that failed.
-pub type Unmeasured = Box<dyn Error + Send + Sync>;
+pub type StudyFailure = Box<dyn Error + Send + Sync>;
 
 /// Registration of a study.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +28,7 @@ pub struct Entry {
     /// Question that the study answers.
     pub question: &'static str,
     /// Function that runs the study.
-    pub run: fn(&Means, Effort, Progress<'_>) -> Result<Study, Unmeasured>,
+    pub run: fn(&Devices, Effort, Progress<'_>) -> Result<Study, StudyFailure>,
 }
 
 /// All studies, in display order.
@@ -44,17 +44,17 @@ pub const STUDIES: &[Entry] = &[
 
 /// Devices available for measurements.
 #[derive(Default)]
-pub struct Means {
+pub struct Devices {
     /// Devices that could be opened.
     pub gpus: Vec<Gpu>,
     /// Devices that are not measured, and why.
     pub missing: Vec<String>,
 }
 
-impl Means {
+impl Devices {
     /// Opens all hardware devices of this machine; software devices run on the CPU.
     pub fn here() -> Self {
-        let mut means = Means::default();
+        let mut means = Devices::default();
         for found in adapter::list() {
             let name = format!("{} ({})", found.name, found.backend);
             if found.software {
@@ -79,7 +79,7 @@ impl Means {
 
 /// Runs every study of a list and derives the recommendations at a pace. `progress` receives the current task and the completed fraction,
 /// increasing from 0 to 1. A study that fails is listed in the report with its error; the others continue.
-pub fn gather(entries: &[Entry], means: &Means, effort: Effort, pace: Pace, progress: Progress<'_>) -> Report {
+pub fn gather(entries: &[Entry], means: &Devices, effort: Effort, pace: Rates, progress: Progress<'_>) -> Report {
     let start = Instant::now();
     let (mut chapters, mut missing) = (Vec::new(), Vec::new());
     for (at, entry) in entries.iter().enumerate() {

@@ -9,12 +9,12 @@ use crate::base::report::number::significant;
 use crate::base::report::pareto::{Choice, choose};
 
 /// Share of the tolerance below which errors count as zero.
-pub(super) const NOTHING: f64 = 0.1;
+pub(super) const NEGLIGIBLE_SHARE: f64 = 0.1;
 
 /// Recurring task with a deadline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Beat {
+pub enum Deadline {
     /// Frame of an image.
     Frame,
     /// Step of the mechanics, for haptic feedback.
@@ -23,38 +23,38 @@ pub enum Beat {
 
 /// Required rates of frames and steps.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Pace {
+pub struct Rates {
     /// Frames per second.
     pub frames: f64,
     /// Steps per second.
     pub steps: f64,
 }
 
-impl Default for Pace {
+impl Default for Rates {
     /// Returns a frame rate for displays and a step rate for haptic loops.
     fn default() -> Self {
-        Pace {
+        Rates {
             frames: 60.0,
             steps: 1000.0,
         }
     }
 }
 
-impl Pace {
+impl Rates {
     /// Returns the time available, ms.
-    pub fn ms(&self, beat: Beat) -> f64 {
+    pub fn ms(&self, beat: Deadline) -> f64 {
         match beat {
-            Beat::Frame => 1e3 / self.frames,
-            Beat::Step => 1e3 / self.steps,
+            Deadline::Frame => 1e3 / self.frames,
+            Deadline::Step => 1e3 / self.steps,
         }
     }
 }
 
 /// Recommendation at a required pace.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct InTime {
+pub struct RealTimeChoice {
     /// Task with the deadline.
-    pub beat: Beat,
+    pub beat: Deadline,
     /// Name of the choice.
     pub choosing: String,
     /// Fixed choices that the recommendation applies to; empty if there are none.
@@ -69,7 +69,7 @@ pub struct InTime {
     pub better: Option<Variant>,
 }
 
-impl InTime {
+impl RealTimeChoice {
     /// Returns the name of the choice, with the fixed choices.
     pub fn what(&self) -> String {
         match self.given.is_empty() {
@@ -113,7 +113,7 @@ impl InTime {
 
 impl Table {
     /// Returns recommendations at a pace for each of the given choices; empty if the goal of the table has no pace.
-    pub fn in_time(&self, pace: &Pace) -> Vec<InTime> {
+    pub fn in_time(&self, pace: &Rates) -> Vec<RealTimeChoice> {
         let Some((goal, (beat, time))) = self.goal.as_ref().and_then(|goal| Some((goal, goal.every?))) else {
             return Vec::new();
         };
@@ -128,11 +128,11 @@ impl Table {
         found.collect()
     }
 
-    fn fastest(&self, goal: &Goal, rows: &[&Row], beat: Beat, limit_ms: f64) -> Option<InTime> {
+    fn fastest(&self, goal: &Goal, rows: &[&Row], beat: Deadline, limit_ms: f64) -> Option<RealTimeChoice> {
         let (ways, _) = self.ways(goal, rows);
-        let error = |way: &Variant| way.error.max(NOTHING * goal.within);
+        let error = |way: &Variant| way.error.max(NEGLIGIBLE_SHARE * goal.within);
         let Choice { taken, met, better } = choose(&ways, limit_ms, SAME, |way| [way.cost, error(way)])?;
-        Some(InTime {
+        Some(RealTimeChoice {
             beat,
             choosing: self.choosing(goal),
             given: self.given(goal, rows),

@@ -14,7 +14,7 @@ use serde::Serialize;
 
 use super::advice::Advice;
 use super::render::Files;
-use super::{Beat, InTime, Pace, Row, Study, Table, real_time};
+use super::{Deadline, Rates, RealTimeChoice, Row, Study, Table, real_time};
 use crate::base::output::OutputError;
 use crate::base::report::machine::Machine;
 use crate::base::report::number::significant;
@@ -32,7 +32,7 @@ pub struct Report {
     /// Date in UTC.
     pub date: String,
     pub effort: Effort,
-    pub pace: Pace,
+    pub pace: Rates,
     pub machine: Machine,
     /// Total duration, s.
     pub seconds: f64,
@@ -92,7 +92,7 @@ pub struct Section {
     pub meaning_of_best: String,
     pub advice: Vec<Advice>,
     /// Recommendations at the required pace.
-    pub in_time: Vec<InTime>,
+    pub in_time: Vec<RealTimeChoice>,
 }
 
 /// Column of a table.
@@ -124,22 +124,22 @@ impl Report {
     }
 
     /// Returns the recommendations at the required pace, in the order of the chapters.
-    pub fn in_time(&self) -> impl Iterator<Item = &InTime> {
+    pub fn in_time(&self) -> impl Iterator<Item = &RealTimeChoice> {
         self.sections().flat_map(|(_, section)| &section.in_time)
     }
 
     /// Returns the heading of the recommendations at the required pace, and an explanation of their times.
     fn at_this_pace(&self) -> [String; 2] {
-        let Pace { frames, steps } = self.pace;
+        let Rates { frames, steps } = self.pace;
         [
             format!("For {frames} frames and {steps} steps a second"),
             format!(
                 "For each choice, the option with the smallest error whose time is within {} ms a frame or {} ms a step. Errors below {} of the \
                  tolerance count as zero: among such options the fastest is chosen. Times of frames are 95th percentiles, times of steps \
                  medians of the steps that remesh.",
-                significant(self.pace.ms(Beat::Frame)),
-                significant(self.pace.ms(Beat::Step)),
-                real_time::NOTHING
+                significant(self.pace.ms(Deadline::Frame)),
+                significant(self.pace.ms(Deadline::Step)),
+                real_time::NEGLIGIBLE_SHARE
             ),
         ]
     }
@@ -194,7 +194,7 @@ impl Report {
 
 impl Chapter {
     /// Creates the chapter of a study.
-    pub fn of(name: &'static str, question: &'static str, study: &Study, pace: &Pace, took: Duration) -> Self {
+    pub fn of(name: &'static str, question: &'static str, study: &Study, pace: &Rates, took: Duration) -> Self {
         let drawings = study.plots().into_iter().map(|(figure, plot)| Drawing {
             stem: match figure.file.starts_with(name) {
                 true => figure.file.clone(),
@@ -226,7 +226,7 @@ impl Chapter {
 }
 
 impl Section {
-    fn of(table: &Table, pace: &Pace) -> Self {
+    fn of(table: &Table, pace: &Rates) -> Self {
         let column = |[key, heading, label, unit]: [&'static str; 4]| Column {
             key,
             heading,

@@ -10,7 +10,7 @@ mod subject;
 mod tests;
 
 use super::gather::Entry;
-use super::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use super::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 use subject::{Model, Subject, Variant, Walked};
 
 use crate::base::report::machine::Machine;
@@ -214,7 +214,7 @@ fn models_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -
     .seeking(
         Goal::new("total_ms", "error_n", FORCE_N)
             .choosing("model of tissue")
-            .in_every(Beat::Step, "p95_ms")
+            .in_every(Deadline::Step, "p95_ms")
             .beside(&["p95_ms", "error_mm", "relaxed_n"]),
     );
     for (name, model) in ALL_MODELS {

@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::input::scenario::Scenario;
 use crate::mechanics::insertion::{
-    Event, EventKind, Field, Imager, Instruments, Model, Outcome, Saved, Snapshot, StepError, Tissue, Wrench,
+    Event, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, Snapshot, StepError, Tissue, Wrench,
 };
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::CentreLine;
@@ -79,7 +79,7 @@ impl Model for Told {
         into.field = Field::default();
     }
 
-    fn imager(&self) -> Box<dyn Imager> {
+    fn imager(&self) -> Box<dyn NodeSolver> {
         Box::new(Rest(self.mesh.clone()))
     }
 
@@ -95,7 +95,7 @@ impl Model for Told {
 /// Tissue at rest that reports seven inverted elements.
 struct Rest(TetMesh);
 
-impl Imager for Rest {
+impl NodeSolver for Rest {
     fn elements(&self) -> &[[u32; 4]] {
         self.0.elements()
     }

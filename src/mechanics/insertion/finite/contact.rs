@@ -66,7 +66,7 @@ impl Contact {
 }
 
 /// Sets the bounds of all contacts, base first, with the tip at arc `tip` (mm), behind which `cut_mm` are newly cut.
-pub(super) fn friction(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, cut_mm: f64) {
+pub(super) fn set_friction_bounds(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64, cut_mm: f64) {
     for at in 0..contacts.len() {
         let end = contacts.get(at + 1).map_or(tip, |next| next.arc.min(tip));
         let contact = &mut contacts[at];
@@ -81,19 +81,19 @@ pub(super) fn friction(anatomy: &dyn Anatomy, contacts: &mut [Contact], tip: f64
             false => (&all[..], 1.0),
         };
         let mut behind = tip - end + length;
-        let (mut sliding, mut holding) = ([0.0; 2], [0.0; 2]);
+        let (mut sliding, mut static_limits) = ([0.0; 2], [0.0; 2]);
         for layer in layers {
             let within = [behind - layer.length * stretch, behind];
             let of = interaction(anatomy, layer.region);
             for (direction, cut_mm) in [cut_mm, 0.0].into_iter().enumerate() {
                 let force = of.shaft_n(within, cut_mm);
                 sliding[direction] += force;
-                holding[direction] += force * of.static_ratio;
+                static_limits[direction] += force * of.static_ratio;
             }
             behind = within[0];
         }
         contact.slider.sliding = [sliding[0], -sliding[1]];
-        contact.slider.holding = [holding[0], -holding[1]];
+        contact.slider.static_limits = [static_limits[0], -static_limits[1]];
     }
 }
 
@@ -116,20 +116,20 @@ pub(super) struct Slider {
     pub sliding: [f64; 2],
     /// Bounds of the force on the tissue while it sticks: [most, least], N.
     #[serde(skip)]
-    pub holding: [f64; 2],
+    pub static_limits: [f64; 2],
 }
 
 /// Relative tolerance by which a force may exceed its bound.
 const BOUND: f64 = 1e-11;
 /// Slip in the direction of friction that counts as rounding of positions, mm.
-const REST: f64 = 1e-9;
+const SLIP_TOLERANCE_MM: f64 = 1e-9;
 
 impl Slider {
     pub fn new(state: State) -> Slider {
         Slider {
             state,
             sliding: [0.0; 2],
-            holding: [0.0; 2],
+            static_limits: [0.0; 2],
         }
     }
 
@@ -139,7 +139,7 @@ impl Slider {
 
     /// Sets the bounds for both states.
     pub fn set_bounds(&mut self, bounds: [f64; 2]) {
-        (self.sliding, self.holding) = (bounds, bounds);
+        (self.sliding, self.static_limits) = (bounds, bounds);
     }
 
     /// Returns the force on the tissue if it slips, N.
@@ -152,13 +152,15 @@ impl Slider {
 
     /// Returns the state to change to where Coulomb's law is violated: a force (N) out of bounds, or a slip (mm, of the
     /// tissue towards the tip) in the direction of the friction that should resist it.
-    pub fn breaks(&self, force: f64, slip: f64) -> Option<State> {
-        let [most, least] = self.holding;
+    pub fn violated(&self, force: f64, slip: f64) -> Option<State> {
+        let [most, least] = self.static_limits;
         match self.state {
             State::Stuck if force > most + BOUND * most.abs() => Some(State::Slipping(1.0)),
             State::Stuck if force < least - BOUND * least.abs() => Some(State::Slipping(-1.0)),
             // Tissue pushed towards the tip must move towards the base; tissue without friction may move either way.
-            State::Slipping(direction) if slip * direction > REST && self.sliding != [0.0; 2] => Some(State::Stuck),
+            State::Slipping(direction) if slip * direction > SLIP_TOLERANCE_MM && self.sliding != [0.0; 2] => {
+                Some(State::Stuck)
+            }
             _ => None,
         }
     }
@@ -257,7 +259,7 @@ mod tests {
             contact(112.0, &[(1, 4.0), (2, 4.0)]),
             contact(120.0, &[(2, 5.0)]),
         ];
-        friction(&Two, &mut contacts, 125.0, f64::INFINITY);
+        set_friction_bounds(&Two, &mut contacts, 125.0, f64::INFINITY);
         let resting = [12.0 * 0.02, 4.0 * 0.02 + 4.0 * 0.05, 5.0 * 0.05];
         // One of the 6 mm of the peak lies before the last contact.
         let cutting = [12.0 * 0.02, 4.0 * 0.02 + 3.0 * 0.05 + 0.1, 5.0 * 0.1];
@@ -265,15 +267,15 @@ mod tests {
             let slider = &contacts[at].slider;
             assert!(near(slider.sliding[0], cutting[at]) && near(slider.sliding[1], -resting[at]));
         }
-        assert!(near(contacts[0].slider.holding[1], -1.5 * resting[0]));
+        assert!(near(contacts[0].slider.static_limits[1], -1.5 * resting[0]));
         // A tip in a channel has no peak; an unknown region does nothing.
-        friction(&Two, &mut contacts, 125.0, 0.0);
+        set_friction_bounds(&Two, &mut contacts, 125.0, 0.0);
         assert!(near(contacts[1].slider.sliding[0], resting[1]));
         // 3 mm beyond the end of a channel.
-        friction(&Two, &mut contacts, 125.0, 3.0);
+        set_friction_bounds(&Two, &mut contacts, 125.0, 3.0);
         assert!(near(contacts[2].slider.sliding[0], 3.0 * 0.1 + 2.0 * 0.05));
         let mut alone = [contact(0.0, &[(7, 3.0)])];
-        friction(&Two, &mut alone, 3.0, f64::INFINITY);
+        set_friction_bounds(&Two, &mut alone, 3.0, f64::INFINITY);
         assert!(near(alone[0].slider.sliding[0], 0.0));
     }
 
@@ -282,7 +284,7 @@ mod tests {
     fn the_force_is_continuous_across_a_boundary() {
         let force = |depth: f64| {
             let mut contacts = [contact(0.0, &[(1, depth.min(10.0)), (2, (depth - 10.0).max(0.0))])];
-            friction(&Two, &mut contacts, depth, f64::INFINITY);
+            set_friction_bounds(&Two, &mut contacts, depth, f64::INFINITY);
             contacts[0].slider.sliding[0]
         };
         assert!((force(10.0 + 1e-9) - force(10.0 - 1e-9)).abs() < 1e-9);
@@ -292,7 +294,7 @@ mod tests {
     #[test]
     fn the_law_of_coulomb() {
         let mut slider = Slider::new(State::Stuck);
-        (slider.sliding, slider.holding) = ([2.0, -1.0], [3.0, -1.5]);
+        (slider.sliding, slider.static_limits) = ([2.0, -1.0], [3.0, -1.5]);
         let cases = [
             (2.9, None),
             (3.1, Some(State::Slipping(1.0))),
@@ -300,25 +302,25 @@ mod tests {
             (-1.6, Some(State::Slipping(-1.0))),
         ];
         for (force, state) in cases {
-            assert_eq!(slider.breaks(force, 7.0), state);
+            assert_eq!(slider.violated(force, 7.0), state);
         }
         assert_eq!((slider.is_stuck(), slider.force()), (true, None));
         slider.state = State::Slipping(1.0);
         assert_eq!(slider.force(), Some(2.0));
         assert_eq!(
-            (slider.breaks(9.0, -0.1), slider.breaks(9.0, 0.1)),
+            (slider.violated(9.0, -0.1), slider.violated(9.0, 0.1)),
             (None, Some(State::Stuck))
         );
         slider.state = State::Slipping(-1.0);
         assert_eq!(slider.force(), Some(-1.0));
         assert_eq!(
-            (slider.breaks(9.0, 0.1), slider.breaks(9.0, -0.1)),
+            (slider.violated(9.0, 0.1), slider.violated(9.0, -0.1)),
             (None, Some(State::Stuck))
         );
         // Without friction it slips at the least force.
         let nothing = Slider::new(State::Stuck);
         assert_eq!(
-            (nothing.breaks(0.0, 0.0), nothing.breaks(1e-300, 0.0)),
+            (nothing.violated(0.0, 0.0), nothing.violated(1e-300, 0.0)),
             (None, Some(State::Slipping(1.0)))
         );
     }

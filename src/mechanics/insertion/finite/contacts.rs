@@ -5,11 +5,11 @@ use nalgebra::{Point3, Vector3};
 use super::body::Body;
 use super::contact::{Contact, SAMPLE_MM};
 use super::contact::{Slider, State};
-use super::joint::{Joint, MOST_FADING};
+use super::joint::{Joint, MOST_RELEASED};
 use crate::mechanics::insertion::ShaftLoad;
 use crate::mechanics::needle::{CentreLine, ShaftPoint};
 
-/// Force below which a fading load is dropped, N.
+/// Force below which a released load is dropped, N.
 const FADED_N: f64 = 1e-12;
 
 /// Nodes on the needle and the forces along it. Buffers are kept from step to step, to avoid allocation.
@@ -17,12 +17,12 @@ const FADED_N: f64 = 1e-12;
 pub(super) struct Contacts {
     /// Nodes on the needle, base first.
     pub nodes: Vec<Contact>,
-    /// Forces on the tissue at the nodes, at the tip, on the guide, and of fading loads, N.
+    /// Forces on the tissue at the nodes, at the tip, on the guide, and of released loads, N.
     pub forces: Vec<Vector3<f64>>,
     /// Whether `forces` has entries for tip and guide.
     pub has_others: [bool; 2],
     /// Arcs of released nodes that still load the needle, mm; their forces are last in `forces`.
-    pub fading: Vec<f64>,
+    pub released: Vec<f64>,
     /// Arcs of the nodes at the beginning of the substep, mm.
     pub starts: Vec<f64>,
     /// Arcs where `forces` act, mm.
@@ -63,7 +63,7 @@ impl Contacts {
     pub fn stick_again(&mut self) {
         for contact in &mut self.nodes {
             let slider = &mut contact.slider;
-            if slider.holding[1] < slider.sliding[1] {
+            if slider.static_limits[1] < slider.sliding[1] {
                 slider.state = State::Stuck;
             }
         }
@@ -76,7 +76,7 @@ impl Contacts {
         self.arcs.extend(self.nodes.iter().map(|contact| contact.arc));
         self.arcs.extend(has_tip.then(|| line.length_mm()));
         self.arcs.extend(guide);
-        self.arcs.extend_from_slice(&self.fading);
+        self.arcs.extend_from_slice(&self.released);
     }
 
     /// Makes room for the forces at the tip and on the guide behind those at the nodes; existing ones are kept. The cutting
@@ -136,21 +136,21 @@ impl Contacts {
     }
 
     fn fade(&mut self, arc: f64, force: Vector3<f64>) {
-        if let (MOST_FADING, Some(last)) = (self.fading.len(), self.forces.last_mut()) {
+        if let (MOST_RELEASED, Some(last)) = (self.released.len(), self.forces.last_mut()) {
             *last += force;
         } else {
-            self.fading.push(arc);
+            self.released.push(arc);
             self.forces.push(force);
         }
     }
 
     /// Drops the loads of released nodes, once the needle lies without them.
     pub fn forget_faded(&mut self) {
-        let first = self.forces.len() - self.fading.len();
+        let first = self.forces.len() - self.released.len();
         if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
             self.forces.truncate(first);
             self.arcs.truncate(first);
-            self.fading.clear();
+            self.released.clear();
         }
     }
 

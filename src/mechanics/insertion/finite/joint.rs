@@ -26,8 +26,8 @@ use super::tissue::Tissue;
 use crate::mechanics::ldl::{Ldl, Signs};
 use crate::mechanics::needle::{CentreLine, across};
 
-/// Maximum number of fading loads.
-pub(super) const MOST_FADING: usize = 4;
+/// Maximum number of released loads.
+pub(super) const MOST_RELEASED: usize = 4;
 /// Rounds in which all nodes that violate Coulomb's law change at once.
 const ROUNDS_AT_ONCE: usize = 4;
 
@@ -41,7 +41,7 @@ pub(super) struct Joint {
     /// Guide hole of the needle, mm.
     guide: Option<Point3<f64>>,
     /// Number of loads of released nodes: the line still lies under them, the solution excludes them.
-    fading: usize,
+    released: usize,
     /// Compliance in the frames of the contacts.
     turned: Vec<f64>,
     frames: Vec<Matrix3<f64>>,
@@ -56,14 +56,14 @@ pub(super) struct Joint {
 
 /// Linearised response of the needle along the three directions of each frame.
 #[derive(Debug, Default)]
-pub(super) struct Yielding {
+pub(super) struct NeedleCompliance {
     /// Response to additional forces, column by column, mm/N.
     pub flexibility: Vec<f64>,
     /// Displacement under unchanged forces, mm.
     pub drift: Vec<f64>,
 }
 
-impl Yielding {
+impl NeedleCompliance {
     fn entry(&self, row: usize, column: usize) -> f64 {
         self.flexibility[column * self.drift.len() + row]
     }
@@ -89,14 +89,14 @@ fn frame(tangent: &Vector3<f64>) -> Matrix3<f64> {
 
 impl Joint {
     /// Takes the compliance at the contacts, if it has changed, the tissue at the tip, the guide behind it, if any, and the
-    /// number of fading loads behind that.
+    /// number of released loads behind that.
     pub fn take_compliance(
         &mut self,
         tissue: &Tissue,
         contacts: usize,
         tip: Option<&TipRow>,
         guide: Option<Point3<f64>>,
-        fading: usize,
+        released: usize,
     ) {
         let (probes, rows) = match &tissue.probe {
             None => (0, &[][..]),
@@ -108,14 +108,14 @@ impl Joint {
             self.version = Some(tissue.version);
         }
         self.tissue.set_tip(condensed, probes, tip);
-        (self.guide, self.fading) = (guide, fading);
+        (self.guide, self.released) = (guide, released);
         self.tissue
             .set_probe(tissue.probe.iter().flat_map(|probe| probe.displacements()));
     }
 
-    /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and fading loads.
+    /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and released loads.
     pub fn nodes(&self) -> usize {
-        self.tissue.yielding() + usize::from(self.guide.is_some()) + self.fading
+        self.tissue.yielding() + usize::from(self.guide.is_some()) + self.released
     }
 
     /// Rotates everything into the directions of the shaft at these arcs (mm): contacts, tip, guide. `forces` are those on
@@ -156,7 +156,7 @@ impl Joint {
         mut tip: Option<&mut TipRow>,
         starts: &[f64],
         line: &CentreLine,
-        yields: Option<&Yielding>,
+        yields: Option<&NeedleCompliance>,
     ) -> Solved {
         let mut solved = Solved::default();
         let most = 4 * contacts.len() + ROUNDS_AT_ONCE + 4;
@@ -172,8 +172,8 @@ impl Joint {
             for (at, (reference, slider)) in sliders.chain(last).enumerate() {
                 let place = line.at(starts.get(at).copied().unwrap_or(line.length_mm())).point_mm;
                 let gap = reference + self.displacement(at) - place;
-                let slip = self.frames[at].column(0).dot(&gap) + self.gives(3 * at, yields);
-                if let Some(state) = slider.breaks(self.forces[3 * at], slip) {
+                let slip = self.frames[at].column(0).dot(&gap) + self.needle_displacement(3 * at, yields);
+                if let Some(state) = slider.violated(self.forces[3 * at], slip) {
                     slider.state = state;
                     changed = true;
                     if !all {
@@ -190,7 +190,7 @@ impl Joint {
     }
 
     /// Returns how far the needle yields along a row, by the change of forces and by its drift under unchanged forces, mm.
-    fn gives(&self, row: usize, yields: Option<&Yielding>) -> f64 {
+    fn needle_displacement(&self, row: usize, yields: Option<&NeedleCompliance>) -> f64 {
         let Some(yields) = yields else { return 0.0 };
         let changes = self
             .forces
@@ -250,7 +250,7 @@ impl Joint {
         tip: Option<&TipRow>,
         starts: &[f64],
         line: &CentreLine,
-        yields: Option<&Yielding>,
+        yields: Option<&NeedleCompliance>,
     ) -> Signs {
         self.write_rows(contacts, tip, starts, line);
         let n = self.forces.len();
@@ -274,7 +274,7 @@ impl Joint {
                     *self.system.entry(i, j) += yields.entry(row, column);
                 }
                 // Unknown forces are still zero: known forces have changed, and the previous ones are removed.
-                self.right[j] -= self.gives(column, Some(yields));
+                self.right[j] -= self.needle_displacement(column, Some(yields));
             }
         }
         let signs = self.system.factor();

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Matrix3, Point3};
 
 use super::contacts::Contacts;
-use super::joint::Yielding;
+use super::joint::NeedleCompliance;
 use super::tip::Tip;
 use crate::mechanics::needle::{CentreLine, Entry, Load, Needle, Row, ShaftPoint};
 
@@ -17,7 +17,7 @@ pub(super) struct PlacedNeedle {
     /// Guide hole, mm.
     pub guide: Option<Point3<f64>>,
     /// Linearised response where forces act.
-    pub yielding: Yielding,
+    pub yielding: NeedleCompliance,
     loads: Vec<Load>,
     /// Loads about which the needle was linearised.
     about: Vec<Load>,
@@ -32,7 +32,7 @@ impl PlacedNeedle {
             line: CentreLine::default(),
             entry: None,
             guide: None,
-            yielding: Yielding::default(),
+            yielding: NeedleCompliance::default(),
             loads: Vec::new(),
             about: Vec::new(),
             rows: Vec::new(),
@@ -112,7 +112,7 @@ impl PlacedNeedle {
                 direction: frame.column(axis).into_owned(),
             }));
         }
-        let Yielding { flexibility, drift } = &mut self.yielding;
+        let NeedleCompliance { flexibility, drift } = &mut self.yielding;
         let count = self.rows.len();
         drift.resize(count, 0.0);
         flexibility.clear();

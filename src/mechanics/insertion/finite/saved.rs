@@ -35,7 +35,7 @@ struct State {
     forces: Vec<Vector3<f64>>,
     #[serde(rename = "laid")]
     has_others: [bool; 2],
-    fading: Vec<f64>,
+    released: Vec<f64>,
     tip: PlacedTip,
     channel: Channel,
     seeds: Vec<Point3<f64>>,
@@ -94,7 +94,7 @@ impl State {
 
     fn check_forces(&self, candidates: usize) -> Result<(), StepError> {
         let others = self.has_others.iter().filter(|has| **has).count();
-        let (found, expected) = (self.forces.len(), self.contacts.len() + others + self.fading.len());
+        let (found, expected) = (self.forces.len(), self.contacts.len() + others + self.released.len());
         if found != expected {
             return Err(foreign(format!("it has {found} forces; expected {expected}")));
         }
@@ -148,7 +148,7 @@ impl Finite {
             contacts: contacts.nodes.clone(),
             forces: contacts.forces.clone(),
             has_others: contacts.has_others,
-            fading: contacts.fading.clone(),
+            released: contacts.released.clone(),
             tip: PlacedTip {
                 base: needle.base,
                 state: self.tip.clone(),
@@ -184,7 +184,7 @@ impl Finite {
         (needle.guide, needle.base, self.tip) = (state.guide, state.tip.base, state.tip.state);
         let contacts = &mut self.contacts;
         (contacts.nodes, contacts.forces) = (state.contacts, state.forces);
-        (contacts.has_others, contacts.fading) = (state.has_others, state.fading);
+        (contacts.has_others, contacts.released) = (state.has_others, state.released);
         let log = &mut self.log;
         (log.steps, log.time_s, log.base, log.seeds) = (state.steps, state.time_s, state.base, state.seeds);
         self.body.channel = state.channel;
@@ -196,7 +196,7 @@ impl Finite {
     /// Recomputes everything derived from the state.
     fn recompute(&mut self) {
         let adaptation = &mut self.tissue.adaptation;
-        if let Err(error) = adaptation.ask(|mesh, remesher| remesher.refresh(mesh)) {
+        if let Err(error) = adaptation.with_fallback(|mesh, remesher| remesher.refresh(mesh)) {
             // The updated compliance is kept despite its error.
             debug_assert!(matches!(error, RemeshError::FarFromBase { .. }), "{error}");
         }

@@ -27,12 +27,13 @@ const MOST_ATTEMPTS: usize = 6;
 
 /// Outcome of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Found {
+enum Convergence {
     /// A stable equilibrium.
-    Rest,
+    Converged,
     /// Nearly an equilibrium, or an unstable one: the needle buckles.
-    Near,
-    Nothing,
+    Marginal,
+    /// No equilibrium.
+    Failed,
 }
 
 /// Lines and states of an attempt. Buffers are kept from step to step, to avoid allocation.
@@ -92,7 +93,7 @@ impl Finite {
     fn settle_within(&mut self, base: &Isometry3<f64>, most: usize) {
         let from = self.needle.base;
         let found = self.attempt(base);
-        if found == Found::Rest {
+        if found == Convergence::Converged {
             return;
         }
         let from = from.filter(|from| super::farthest(from, base, self.needle.length_mm()) > LEAST_PART_MM);
@@ -104,7 +105,7 @@ impl Finite {
             self.settle_within(base, most);
         } else {
             self.log.outcome.converged = false;
-            if found == Found::Nothing {
+            if found == Convergence::Failed {
                 self.put_back();
                 self.needle.move_to(base);
                 self.write_arcs();
@@ -119,7 +120,7 @@ impl Finite {
     }
 
     /// Iterates to consistent forces, states and shape.
-    fn attempt(&mut self, base: &Isometry3<f64>) -> Found {
+    fn attempt(&mut self, base: &Isometry3<f64>) -> Convergence {
         self.take_tip();
         self.take_compliance();
         self.attempt.start.keep(&self.contacts, &self.needle, &self.tip);
@@ -162,9 +163,9 @@ impl Finite {
             }
         }
         match change {
-            _ if change <= self.options.tolerance_mm && holds => Found::Rest,
-            _ if change <= LOST_MM => Found::Near,
-            _ => Found::Nothing,
+            _ if change <= self.options.tolerance_mm && holds => Convergence::Converged,
+            _ if change <= LOST_MM => Convergence::Marginal,
+            _ => Convergence::Failed,
         }
     }
 
@@ -204,8 +205,8 @@ impl Finite {
     /// Takes the compliance of the tissue, and makes room for the forces.
     pub(super) fn take_compliance(&mut self) {
         let (contacts, row, guide) = (&mut self.contacts, self.tip.force.row(), self.needle.guide());
-        let [nodes, fading] = [contacts.nodes.len(), contacts.fading.len()];
-        self.joint.take_compliance(&self.tissue, nodes, row, guide, fading);
+        let [nodes, released] = [contacts.nodes.len(), contacts.released.len()];
+        self.joint.take_compliance(&self.tissue, nodes, row, guide, released);
         let others = [row.is_some(), guide.is_some()];
         contacts.set_others(others, &self.needle.line, || self.tip.cutting(&self.body));
     }

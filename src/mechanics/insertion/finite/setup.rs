@@ -52,7 +52,7 @@ impl Default for Options {
             spacing_mm: 1.0,
             condition_limit: 100.0,
             remesh: crate::mechanics::tissue::remesh::Options {
-                tended: true,
+                deferred: true,
                 ..Default::default()
             },
             columns: 6000,

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Log;
 use super::body::Body;
-use super::contact::friction;
+use super::contact::set_friction_bounds;
 use super::contact::{Slider, State};
 use super::contacts::Contacts;
 use super::location::Place;
@@ -212,7 +212,7 @@ impl Tip {
         // Shaft that has come out on another side has no friction.
         let end = self.end_in_tissue(contacts, line);
         let cut_mm = if self.outside { 0.0 } else { self.cut_mm };
-        friction(body.anatomy.as_ref(), &mut contacts.nodes, end, cut_mm);
+        set_friction_bounds(body.anatomy.as_ref(), &mut contacts.nodes, end, cut_mm);
         let cutting = self.cutting(body);
         match &mut self.force {
             TipForce::Bone(row) => row.slider.set_bounds([f64::INFINITY, 0.0]),
@@ -220,7 +220,7 @@ impl Tip {
             TipForce::Node => {
                 if let Some(last) = contacts.nodes.last_mut() {
                     last.slider.sliding[0] += cutting;
-                    last.slider.holding[0] += cutting;
+                    last.slider.static_limits[0] += cutting;
                 }
             }
             TipForce::None => {}

@@ -93,7 +93,7 @@ impl Tissue {
         let dofs = nodes.flat_map(|node| mesh.dofs().of(node)).map(|dof| dof as usize);
         self.dofs.extend(dofs);
         let dofs = &self.dofs;
-        if let Err(error) = self.adaptation.ask(|_, remesher| remesher.set_contacts(dofs)) {
+        if let Err(error) = self.adaptation.with_fallback(|_, remesher| remesher.set_contacts(dofs)) {
             unreachable!("contacts are free nodes, each once: {error}");
         }
         self.version += 1;
@@ -120,7 +120,7 @@ impl Tissue {
             }
         }
         let remesher = self.adaptation.parts().1;
-        if remesher.carried_forces(forces, &mut self.carried).is_err() {
+        if remesher.equivalent_forces(forces, &mut self.carried).is_err() {
             unreachable!("one force a contact");
         }
         self.nearby.renew();
@@ -223,7 +223,7 @@ impl Tissue {
         let mesh = self.adaptation.mesh();
         into.moved
             .extend(mesh.away().iter().map(|node| (*node, mesh.nodes()[*node as usize])));
-        if self.adaptation.remesher().carries_on_base() {
+        if self.adaptation.remesher().uses_base_compliance() {
             if !matches!(into.field, Field::BaseForces(_)) {
                 into.field = Field::BaseForces(Vec::new());
             }
@@ -238,7 +238,7 @@ impl Tissue {
         let forces = &self.contact_forces;
         if let Err(error) = self
             .adaptation
-            .ask(|_, remesher| remesher.displacement(forces, &mut all))
+            .with_fallback(|_, remesher| remesher.displacement(forces, &mut all))
         {
             unreachable!("one force a contact, one displacement a degree of freedom: {error}");
         }
@@ -344,9 +344,9 @@ impl Nearby {
         let dofs = adaptation.mesh().dofs().of(node);
         // Fixed degrees of freedom keep zeros.
         for (row, dof) in rows.zip(dofs).filter(|(_, dof)| *dof != NONE) {
-            adaptation.ask(|_, remesher| {
+            adaptation.with_fallback(|_, remesher| {
                 let out = MatMut::from_row_major_slice_mut(row, 1, columns);
-                remesher.carrier_into(&[dof as usize], &self.columns, out)
+                remesher.force_compliance_into(&[dof as usize], &self.columns, out)
             })?;
         }
         self.nodes.push(Near {

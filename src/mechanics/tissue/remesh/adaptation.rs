@@ -78,7 +78,7 @@ impl Adaptation {
     ///
     /// # Errors
     /// Those of the request.
-    pub fn ask<T>(
+    pub fn with_fallback<T>(
         &mut self,
         mut request: impl FnMut(&AdaptedMesh, &mut dyn Remesher) -> Result<T, RemeshError>,
     ) -> Result<T, RemeshError> {
@@ -133,9 +133,9 @@ impl Adaptation {
         self.remesher.expect(&self.expected);
     }
 
-    /// Performs deferred work: see [`Remesher::tend`].
-    pub fn tend(&mut self) -> Option<RemeshReport> {
-        self.remesher.tend(&self.mesh)
+    /// Performs deferred work: see [`Remesher::run_deferred`].
+    pub fn run_deferred(&mut self) -> Option<RemeshReport> {
+        self.remesher.run_deferred(&self.mesh)
     }
 
     /// Changes level and precision at run time. Contacts and moves are kept.

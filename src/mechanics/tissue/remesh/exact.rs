@@ -53,10 +53,10 @@ pub struct Exact {
     difference: Difference,
     work: Work,
     step: u64,
-    watch: SampleSchedule,
+    sample_schedule: SampleSchedule,
     /// Whether a due sample of the errors was deferred.
     is_due: bool,
-    ahead: Speculation,
+    speculation: Speculation,
     rebuilds: u64,
 }
 
@@ -95,9 +95,9 @@ impl Exact {
             difference: Difference::default(),
             work: Work::new(size),
             step: mesh.step(),
-            watch: SampleSchedule::new(),
+            sample_schedule: SampleSchedule::new(),
             is_due: false,
-            ahead: Speculation::new(),
+            speculation: Speculation::new(),
             rebuilds: 0,
         };
         exact.refresh(mesh)?;
@@ -206,14 +206,14 @@ impl Remesher for Exact {
         let mut report = self.report(change.support.len(), condition, None);
         if self.held.is_empty() {
             self.contacts.forget_correction();
-            (self.watch, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
+            (self.sample_schedule, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
         } else {
             self.maintain(mesh, &mut report);
         }
         Ok(report)
     }
 
-    fn tend(&mut self, mesh: &AdaptedMesh) -> Option<RemeshReport> {
+    fn run_deferred(&mut self, mesh: &AdaptedMesh) -> Option<RemeshReport> {
         if self.work.left {
             self.complete();
             return None;
@@ -237,7 +237,7 @@ impl Remesher for Exact {
         let mut held = Support::new(mesh.dofs().free());
         held.extend(&mut *self.source, &support, self.contacts.dofs())?;
         let before = std::mem::replace(&mut self.held, held);
-        self.ahead.forget();
+        self.speculation.forget();
         mesh.difference_into(&mut self.difference);
         match self.recompute() {
             Ok(condition) => {
@@ -279,7 +279,7 @@ impl Remesher for Exact {
     }
 
     fn displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
-        self.whole(forces, out).map_err(RemeshError::from)
+        self.full_displacement(forces, out).map_err(RemeshError::from)
     }
 
     fn displacement_refined(
@@ -288,18 +288,24 @@ impl Remesher for Exact {
         forces: &[f64],
         out: &mut [f64],
     ) -> Result<f64, RemeshError> {
-        self.whole_refined(mesh, forces, out).map_err(RemeshError::from)
+        self.full_displacement_refined(mesh, forces, out)
+            .map_err(RemeshError::from)
     }
 
-    fn carried_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError> {
+    fn equivalent_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError> {
         self.carried(forces, out).map_err(RemeshError::from)
     }
 
-    fn carrier_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), RemeshError> {
+    fn force_compliance_into(
+        &mut self,
+        rows: &[usize],
+        columns: &[usize],
+        out: MatMut<'_, f64>,
+    ) -> Result<(), RemeshError> {
         self.source.entries_into(rows, columns, out).map_err(RemeshError::from)
     }
 
-    fn carries_on_base(&self) -> bool {
+    fn uses_base_compliance(&self) -> bool {
         true
     }
 
@@ -308,7 +314,7 @@ impl Remesher for Exact {
     }
 
     fn memory(&self) -> usize {
-        self.source.bytes() + self.held.bytes() + self.work.bytes() + self.ahead.bytes()
+        self.source.bytes() + self.held.bytes() + self.work.bytes() + self.speculation.bytes()
     }
 }
 

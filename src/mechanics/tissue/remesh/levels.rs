@@ -42,11 +42,11 @@ pub use store::{Host, Store, Which};
 
 /// Remesher of the levels I to IV with a dense inverse in CPU memory. It runs on the current rayon pool; the result
 /// does not depend on the number of threads.
-pub type Levels<T> = Following<Host<T>>;
+pub type Levels<T> = DenseInverseRemesher<Host<T>>;
 
 /// Remesher of the levels I to IV with a dense inverse in a [`Store`].
 #[derive(Debug)]
-pub struct Following<S> {
+pub struct DenseInverseRemesher<S> {
     inverse: Inverse<S>,
     level: Level,
     options: Options,
@@ -56,7 +56,7 @@ pub struct Following<S> {
     /// Changes since the inverse was last current.
     stale: u64,
     rebuilds: u64,
-    watch: SampleSchedule,
+    sample_schedule: SampleSchedule,
 }
 
 impl<T: Entry> Levels<T> {
@@ -72,7 +72,7 @@ impl<T: Entry> Levels<T> {
         level: Level,
         options: Options,
     ) -> Result<Levels<T>, RemeshError> {
-        Following::start(mesh, Host::new(base), level, options)
+        DenseInverseRemesher::start(mesh, Host::new(base), level, options)
     }
 
     /// Current inverse.
@@ -82,7 +82,7 @@ impl<T: Entry> Levels<T> {
     }
 }
 
-impl<S: Store> Following<S> {
+impl<S: Store> DenseInverseRemesher<S> {
     /// Creates a remesher at `level`, I to IV, from the current state of `mesh`. `store` must contain the unmodified
     /// inverse of its base.
     ///
@@ -97,7 +97,7 @@ impl<S: Store> Following<S> {
         }
         check_shape("rows of the inverse", store.size(), mesh.dofs().free())?;
         suits(mesh, level, store.precision(), &options)?;
-        let mut levels = Following {
+        let mut levels = DenseInverseRemesher {
             inverse: Inverse::new(store),
             level,
             options,
@@ -106,7 +106,7 @@ impl<S: Store> Following<S> {
             step: mesh.step(),
             stale: 0,
             rebuilds: 0,
-            watch: SampleSchedule::new(),
+            sample_schedule: SampleSchedule::new(),
         };
         if !mesh.away().is_empty() {
             levels.refresh(mesh)?;
@@ -144,7 +144,7 @@ fn rows_of(level: Level, mesh: &AdaptedMesh, change: &Change) -> Option<Vec<usiz
     }
 }
 
-impl<S: Store> Remesher for Following<S> {
+impl<S: Store> Remesher for DenseInverseRemesher<S> {
     fn level(&self) -> Level {
         self.level
     }
@@ -286,19 +286,24 @@ impl<S: Store> Remesher for Following<S> {
         self.inverse.refine(mesh, &self.contacts, forces, out)
     }
 
-    fn carried_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError> {
+    fn equivalent_forces(&mut self, forces: &[f64], out: &mut Vec<(usize, f64)>) -> Result<(), RemeshError> {
         check_shape("forces", forces.len(), self.contacts.len())?;
         out.clear();
         out.extend(self.contacts.iter().copied().zip(forces.iter().copied()));
         Ok(())
     }
 
-    fn carrier_into(&mut self, rows: &[usize], columns: &[usize], mut out: MatMut<'_, f64>) -> Result<(), RemeshError> {
+    fn force_compliance_into(
+        &mut self,
+        rows: &[usize],
+        columns: &[usize],
+        mut out: MatMut<'_, f64>,
+    ) -> Result<(), RemeshError> {
         out.copy_from(&self.compliance(rows, columns)?);
         Ok(())
     }
 
-    fn carries_on_base(&self) -> bool {
+    fn uses_base_compliance(&self) -> bool {
         false
     }
 

@@ -17,9 +17,9 @@ pub struct Options {
     /// Level I in f32: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it.
     pub residual_single: f64,
     /// Exact level: whether to defer work not needed at once, the last product that completes C and due samples of
-    /// errors, to [`Remesher::tend`](super::Remesher::tend), so that no step has to do it all. Work still pending at
+    /// errors, to [`Remesher::run_deferred`](super::Remesher::run_deferred), so that no step has to do it all. Work still pending at
     /// the next change is done then.
-    pub tended: bool,
+    pub deferred: bool,
     /// Largest Poisson's ratio at which levels I to III may use f32.
     pub single_poisson_limit: f64,
 }
@@ -32,7 +32,7 @@ impl Default for Options {
             exact_tolerance: 1e-12,
             residual_double: 1e-9,
             residual_single: 1e-2,
-            tended: false,
+            deferred: false,
             single_poisson_limit: 0.49,
         }
     }

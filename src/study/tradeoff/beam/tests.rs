@@ -1,5 +1,5 @@
 use super::*;
-use crate::study::tradeoff::{Pace, Row, Table};
+use crate::study::tradeoff::{Rates, Row, Table};
 
 fn value(table: &Table, row: &Row, key: &str) -> f64 {
     row.values[table.axis(key).expect("an axis")].expect("a value")
@@ -26,7 +26,7 @@ fn choices_are_measured_against_the_fine_needle() {
         study
             .tables
             .iter()
-            .all(|table| table.in_time(&Pace::default()).is_empty())
+            .all(|table| table.in_time(&Rates::default()).is_empty())
     );
     assert!(needles.advice().iter().all(|advice| {
         let take = advice.take.as_ref();

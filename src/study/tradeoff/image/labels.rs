@@ -15,7 +15,7 @@ use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::StudyError;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
-use crate::study::tradeoff::{Axis, Beat, GREY_LEVELS, Goal, SHIFT_MM};
+use crate::study::tradeoff::{Axis, Deadline, GREY_LEVELS, Goal, SHIFT_MM};
 use crate::tracking::probe::{Probe, ProbeShape};
 
 /// Voxel sizes compared, mm, and the finest, from which the standard of grey levels is sliced.
@@ -175,7 +175,7 @@ pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Tabl
     let factors = [Factor::new("content", "content"), BACKEND, Factor::new("grid", "grid")];
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS)
         .choosing("grid of the beam")
-        .in_every(Beat::Frame, "p95_ms");
+        .in_every(Deadline::Frame, "p95_ms");
     notes.push(QUIET.to_owned());
     let mut table = Table::new("image_grid", title, &factors, &axes)
         .against(format!("{} in double precision", name(finest)))

@@ -11,7 +11,7 @@ use crate::mechanics::needle::{BEVEL_MM, Bevel, Needle, Shaft, Stiffness};
 use crate::mechanics::tissue::material::Material;
 use crate::study::StudyError;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Table};
 
 /// Offsets r of the tip from the centre line, mm.
 const SWEEP_MM: [f64; 5] = [0.0, 0.4, 0.6, 0.8, 1.0];
@@ -243,7 +243,7 @@ pub(super) fn run_pieces(
     .seeking(
         Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
             .choosing(pieces.choosing)
-            .in_every(Beat::Step, "remesh_median_ms")
+            .in_every(Deadline::Step, "remesh_median_ms")
             .beside(&["median_ms", "p99_ms", "force_n"]),
     );
     let course = Course {

@@ -13,7 +13,7 @@ use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::StudyError;
 use crate::study::block;
 use crate::study::tradeoff::remesh::FROZEN;
-use crate::study::tradeoff::{Axis, Beat, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Table};
 
 /// Levels compared; the first is the gold standard.
 const LEVELS: [(Level, &str); 4] = [
@@ -122,7 +122,7 @@ pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> 
             .over(&["probe"])
             .choosing("level of remeshing along an insertion")
             .baseline("level", "IV", FROZEN)
-            .in_every(Beat::Step, "remesh_median_ms")
+            .in_every(Deadline::Step, "remesh_median_ms")
             .beside(&["median_ms", "max_ms", "force_after_n"]),
     );
     let mut spread = Table::trace("levels-remesh", "Time of steps that remesh", &FACTORS, &SPREAD);
@@ -363,7 +363,7 @@ pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> 
     .seeking(
         Goal::new("remesh_median_ms", "force_rms_n", FORCE_N)
             .choosing("mesh of the tissue")
-            .in_every(Beat::Step, "remesh_median_ms")
+            .in_every(Deadline::Step, "remesh_median_ms")
             .beside(&["median_ms", "p99_ms", "tip_mm", "elements"]),
     );
     let inward = course.moved();
@@ -427,7 +427,7 @@ pub(super) fn run_thinning(options: &InsertionOptions, progress: Progress<'_>) -
     .seeking(
         Goal::new("remesh_median_ms", "tip_mm", SHIFT_MM)
             .choosing("candidates of the probe")
-            .in_every(Beat::Step, "remesh_median_ms")
+            .in_every(Deadline::Step, "remesh_median_ms")
             .beside(&["median_ms", "p99_ms", "candidates", "probe_percent", "force_n"]),
     );
     let course = Course {

@@ -10,7 +10,7 @@ use super::{Step, timed};
 use super::{TIMES, UNSETTLED, largest, mean_square, points, times, unsettled};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
-use crate::mechanics::insertion::{Anatomy, Imager, Interaction, Model, Snapshot, Tissue};
+use crate::mechanics::insertion::{Anatomy, Interaction, Model, NodeSolver, Snapshot, Tissue};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::locator::{Locator, NONE};
 use crate::mechanics::tissue::material::Material;
@@ -82,7 +82,7 @@ impl Anatomy for HalfSpace {
 struct Contender {
     choices: Vec<String>,
     model: Box<dyn Model>,
-    imager: Box<dyn Imager>,
+    imager: Box<dyn NodeSolver>,
     /// Locator of the reference nodes.
     locator: Locator<f64>,
 }

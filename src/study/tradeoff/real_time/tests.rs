@@ -17,7 +17,11 @@ fn table(rows: &[(&str, &str, f64, f64)]) -> Table {
     let goal = Goal::new("ms", "error", (5.0, "nobody sees it")).choosing("grid");
     let mut table = Table::new("ways", "Ways", &FACTORS, &AXES)
         .against("the finest")
-        .seeking(goal.each(&["content"]).over(&["load"]).in_every(Beat::Frame, "p95_ms"));
+        .seeking(
+            goal.each(&["content"])
+                .over(&["load"])
+                .in_every(Deadline::Frame, "p95_ms"),
+        );
     for (content, way, ms, error) in rows {
         for (load, times) in [("small", 1.0), ("large", 2.0)] {
             let choices = [content, way, load].map(str::to_owned);
@@ -28,7 +32,7 @@ fn table(rows: &[(&str, &str, f64, f64)]) -> Table {
     table
 }
 
-fn names(table: &Table, pace: &Pace) -> Vec<(String, bool)> {
+fn names(table: &Table, pace: &Rates) -> Vec<(String, bool)> {
     let found = table.in_time(pace).into_iter();
     found.map(|found| (found.take.name, found.met)).collect()
 }
@@ -43,7 +47,7 @@ fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
         ("full", "middle", 10.0, 9.0),
         ("full", "fine", 90.0, 4.0),
     ];
-    let found = table(&rows).in_time(&Pace::default());
+    let found = table(&rows).in_time(&Rates::default());
     assert_eq!(found.len(), 2);
     let (plain, full) = (&found[0], &found[1]);
     assert_eq!(
@@ -57,7 +61,7 @@ fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
         "grid (full): middle: the fastest, but too slow: 40.0 ms, error 9.00 grey levels"
     );
     assert_eq!(full.beyond(), "fine: 360 ms, error 4.00 grey levels");
-    let slow = Pace {
+    let slow = Rates {
         frames: 2.0,
         steps: 1.0,
     };
@@ -69,20 +73,20 @@ fn what_errs_least_in_time_is_taken_though_it_errs_more_than_asked() {
 #[test]
 fn nothing_is_paid_for_an_error_that_is_none() {
     let rows = [("plain", "good", 1.0, 0.4), ("plain", "better", 3.0, 1e-9)];
-    assert_eq!(names(&table(&rows), &Pace::default()), [("good".to_owned(), true)]);
+    assert_eq!(names(&table(&rows), &Rates::default()), [("good".to_owned(), true)]);
     let rows = [("plain", "good", 1.0, 0.6), ("plain", "better", 3.0, 1e-9)];
-    assert_eq!(names(&table(&rows), &Pace::default()), [("better".to_owned(), true)]);
+    assert_eq!(names(&table(&rows), &Rates::default()), [("better".to_owned(), true)]);
 }
 
 #[test]
 fn what_breaks_a_promise_or_knows_no_pace_is_not_taken() {
     let mut wrong = table(&[("plain", "good", 1.0, 0.1), ("plain", "other", 3.0, 1.0)]);
     wrong.rows[0].flag = Some("off".to_owned());
-    assert_eq!(names(&wrong, &Pace::default()), [("other".to_owned(), true)]);
+    assert_eq!(names(&wrong, &Rates::default()), [("other".to_owned(), true)]);
     let goal = wrong.goal.take().unwrap();
     let once = Table {
         goal: Some(Goal { every: None, ..goal }),
         ..wrong
     };
-    assert_eq!(names(&once, &Pace::default()), []);
+    assert_eq!(names(&once, &Rates::default()), []);
 }

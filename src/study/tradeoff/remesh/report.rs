@@ -8,7 +8,7 @@ use crate::base::report::statistics::Spread;
 use crate::gpu::Gpu;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::StudyError;
-use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, SHIFT_MM, Study, Table};
+use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 const FACTORS: [Factor; 4] = [
     Factor::new("nodes", "nodes"),
@@ -152,7 +152,7 @@ impl Report {
                 Goal::new("median_ms", "error_mm", SHIFT_MM)
                     .choosing("level of remeshing by itself")
                     .baseline("level", "IV", FROZEN)
-                    .in_every(Beat::Step, "p95_ms")
+                    .in_every(Deadline::Step, "p95_ms")
                     .each(&["nodes"])
                     .beside(&["p95_ms", "prepare_ms", "held_mb"]),
             ),

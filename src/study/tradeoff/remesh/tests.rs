@@ -252,14 +252,14 @@ fn offset(off: f64) -> Result<Study, StudyError> {
 
 #[test]
 fn a_level_seeded_with_an_offset_is_flagged_in_the_report_of_all_studies() {
-    use crate::study::tradeoff::gather::{Means, gather};
+    use crate::study::tradeoff::gather::{Devices, gather};
     let report = |run| {
         let entry = Entry { run, ..ENTRY };
         gather(
             &[entry],
-            &Means::default(),
+            &Devices::default(),
             Effort::Quick,
-            crate::study::tradeoff::Pace::default(),
+            crate::study::tradeoff::Rates::default(),
             &mut |_, _| {},
         )
     };

@@ -8,7 +8,7 @@ use crate::base::report::machine;
 use crate::base::report::number::significant;
 use crate::base::report::page::{Page, escape};
 use crate::base::report::table::{Cell, Table};
-use crate::study::tradeoff::{Pace, Study};
+use crate::study::tradeoff::{Rates, Study};
 
 /// Number of table rows above which a table is folded.
 const ROWS: usize = 40;
@@ -115,7 +115,7 @@ impl Study {
             self.machine
         );
         page.paragraph("soft", &text);
-        let chapter = Chapter::of(self.name, "", self, &Pace::default(), Duration::ZERO);
+        let chapter = Chapter::of(self.name, "", self, &Rates::default(), Duration::ZERO);
         chapter.body(&mut page)?;
         Ok(page.finish())
     }

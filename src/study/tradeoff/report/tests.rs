@@ -1,7 +1,7 @@
 use super::*;
 use crate::base::report::page::escape;
-use crate::study::tradeoff::gather::{Entry, Means, STUDIES, gather};
-use crate::study::tradeoff::{Axis, Beat, Factor, Figure, Goal, InTime, Pace};
+use crate::study::tradeoff::gather::{Devices, Entry, STUDIES, gather};
+use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, Rates, RealTimeChoice};
 
 const FACTORS: [Factor; 1] = [Factor::new("way", "way")];
 const AXES: [Axis; 4] = [
@@ -14,7 +14,7 @@ const AXES: [Axis; 4] = [
 /// Returns a study with the gold standard, a good variant, one with the error `off`, and a trace of it.
 fn study(off: f64) -> Study {
     let goal = Goal::new("ms", "error_mm", (0.1, "a <reason>")).beside(&["p95_ms"]);
-    let goal = goal.in_every(Beat::Step, "p95_ms");
+    let goal = goal.in_every(Deadline::Step, "p95_ms");
     let mut table = Table::new("ways", "Ways & means", &FACTORS, &AXES)
         .against("the exact way")
         .seeking(goal);
@@ -58,24 +58,24 @@ const fn entry(name: &'static str, run: RunFn) -> Entry {
 }
 
 type RunFn = fn(
-    &Means,
+    &Devices,
     Effort,
     crate::study::tradeoff::gather::Progress<'_>,
-) -> Result<Study, crate::study::tradeoff::gather::Unmeasured>;
+) -> Result<Study, crate::study::tradeoff::gather::StudyFailure>;
 
 const RIGHT: Entry = entry("right", |_, _, _| Ok(study(0.5)));
 const WRONG: Entry = entry("wrong", |_, _, _| Ok(study(7.0)));
 const BROKEN: Entry = entry("broken", |_, _, _| Err("no memory".into()));
 
-/// Pace with 5 ms per step.
-const PACE: Pace = Pace {
+/// Rates with 5 ms per step.
+const PACE: Rates = Rates {
     frames: 60.0,
     steps: 200.0,
 };
 
 fn report(entries: &[Entry]) -> Report {
     let mut told = Vec::new();
-    let report = gather(entries, &Means::default(), Effort::Quick, PACE, &mut |_, share| {
+    let report = gather(entries, &Devices::default(), Effort::Quick, PACE, &mut |_, share| {
         told.push(share)
     });
     assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
@@ -101,7 +101,7 @@ fn a_wrong_way_is_flagged_wherever_it_is_shown_and_never_advised() {
 #[test]
 fn what_keeps_to_the_pace_stands_first() {
     let report = report(&[RIGHT]);
-    let found: Vec<&InTime> = report.in_time().collect();
+    let found: Vec<&RealTimeChoice> = report.in_time().collect();
     assert_eq!(found.len(), 1);
     // 1.5 times 2 ms; the exact variant takes 13.5.
     assert_eq!(

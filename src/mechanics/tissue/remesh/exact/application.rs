@@ -73,20 +73,20 @@ impl Exact {
         Ok(block)
     }
 
-    pub(super) fn whole(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
+    pub(super) fn full_displacement(&mut self, forces: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
         check_shape("displacements", out.len(), self.source.size())?;
         let mut base = vec![0.0; out.len()];
         self.base_forces(forces, &mut base)?;
         self.source.multiply_into(&base, out)
     }
 
-    pub(super) fn whole_refined(
+    pub(super) fn full_displacement_refined(
         &mut self,
         mesh: &AdaptedMesh,
         forces: &[f64],
         out: &mut [f64],
     ) -> Result<f64, LinearError> {
-        self.whole(forces, out)?;
+        self.full_displacement(forces, out)?;
         let mut all = vec![0.0; out.len()];
         for (&dof, force) in self.contacts.dofs().iter().zip(forces) {
             all[dof] = *force;

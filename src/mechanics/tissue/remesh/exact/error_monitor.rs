@@ -20,10 +20,10 @@ impl Exact {
         // A change and its reversal multiply rounding by the square of their condition.
         let amplified = f64::EPSILON / (report.reciprocal_condition * report.reciprocal_condition);
         let is_doubtful = every > 0 && amplified > AMPLIFIED;
-        let is_due = self.watch.is_due(every);
+        let is_due = self.sample_schedule.is_due(every);
         // Deferred to a less busy step, which never came.
         let is_overdue = self.is_due;
-        if is_doubtful || is_overdue || is_due && !self.options.tended {
+        if is_doubtful || is_overdue || is_due && !self.options.deferred {
             self.sample(mesh, report);
         } else {
             self.is_due = is_due;
@@ -40,10 +40,10 @@ impl Exact {
         // NaN fails both comparisons.
         let tolerance = self.options.exact_tolerance;
         if backward <= tolerance && self.contacts_error() <= tolerance {
-            self.watch.relax(self.options.check_every);
+            self.sample_schedule.relax(self.options.check_every);
             return;
         }
-        self.watch = SampleSchedule::new();
+        self.sample_schedule = SampleSchedule::new();
         match self.recompute() {
             Ok(condition) => {
                 self.rebuilds += 1;

@@ -49,8 +49,8 @@ impl Exact {
         work.lu.solve_transpose(next.rb_mut());
         symmetrise(next.rb_mut());
         std::mem::swap(&mut held.c, &mut work.next);
-        (self.watch, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
-        self.ahead.begin_columns();
+        (self.sample_schedule, self.is_due, self.work.left) = (SampleSchedule::new(), false, false);
+        self.speculation.begin_columns();
 
         self.contacts.forget_correction();
         let b = self.held.b.get();

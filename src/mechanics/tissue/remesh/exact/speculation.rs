@@ -52,65 +52,68 @@ impl Speculation {
 impl Exact {
     /// Sets the degrees of freedom of the expected change.
     pub(super) fn await_change(&mut self, support: &[u32]) {
-        if self.options.tended && self.ahead.support != support {
+        if self.options.deferred && self.speculation.support != support {
             self.discard_speculation();
-            self.ahead.support.extend_from_slice(support);
+            self.speculation.support.extend_from_slice(support);
         }
     }
 
     /// Ends the expectation when a change arrives. Returns the size of S without it, and the number of columns of C
     /// G[S, P] already computed.
     pub(super) fn meet(&mut self, support: &[u32]) -> (usize, usize) {
-        if self.ahead.support != support {
+        if self.speculation.support != support {
             self.discard_speculation();
         }
-        let met = (self.ahead.before.unwrap_or(self.held.len()), self.ahead.columns);
-        self.ahead.forget();
+        let met = (
+            self.speculation.before.unwrap_or(self.held.len()),
+            self.speculation.columns,
+        );
+        self.speculation.forget();
         met
     }
 
     /// Removes from S what was only expected.
     fn discard_speculation(&mut self) {
-        if let Some(before) = self.ahead.before {
+        if let Some(before) = self.speculation.before {
             self.held.truncate(before);
         }
-        self.ahead.forget();
+        self.speculation.forget();
     }
 
     /// Performs one task for the expected change; no update of C may be pending.
     pub(super) fn speculate(&mut self) {
         let Exact {
-            ahead,
+            speculation,
             held,
             work,
             source,
             contacts,
             ..
         } = self;
-        let rank = ahead.support.len();
-        if ahead.columns == rank {
+        let rank = speculation.support.len();
+        if speculation.columns == rank {
             return;
         }
-        if ahead.before.is_none() {
+        if speculation.before.is_none() {
             let before = held.len();
             // A failure is reported when the change arrives.
-            match held.extend(&mut **source, &ahead.support, contacts.dofs()) {
-                Ok(()) => ahead.before = Some(before),
-                Err(_) => ahead.forget(),
+            match held.extend(&mut **source, &speculation.support, contacts.dofs()) {
+                Ok(()) => speculation.before = Some(before),
+                Err(_) => speculation.forget(),
             }
             return;
         }
         let len = held.len();
-        let first = ahead.columns;
+        let first = speculation.columns;
         let count = COLUMNS_AT_ONCE.min(rank - first);
         let mut g_sp = work.g_sp.shape(len, rank).subcols_mut(first, count);
-        for (column, dof) in ahead.support[first..first + count].iter().enumerate() {
+        for (column, dof) in speculation.support[first..first + count].iter().enumerate() {
             g_sp.rb_mut()
                 .col_mut(column)
                 .copy_from(held.g.get().col(held.place(*dof)));
         }
         let x = work.v.shape(len, rank).subcols_mut(first, count);
         product(x, Accum::Replace, held.c.get(), g_sp.as_ref(), 1.0);
-        ahead.columns += count;
+        speculation.columns += count;
     }
 }

@@ -10,8 +10,8 @@ use crate::mechanics::tissue::remesh::testing::{
 };
 use crate::mechanics::tissue::testing::value;
 
-mod ahead;
-mod watch;
+mod sample_schedule;
+mod speculation;
 
 /// Creates a remesher at the base of a mesh, with contacts at some nodes.
 fn exact(mesh: &AdaptedMesh, nodes: &[u32], options: Options) -> Exact {

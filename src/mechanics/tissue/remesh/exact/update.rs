@@ -127,7 +127,7 @@ impl Exact {
             x[(at, column)] -= 1.0;
         }
         work.left = true;
-        if !self.options.tended {
+        if !self.options.deferred {
             self.complete();
         }
         Ok(condition)

@@ -3,7 +3,7 @@
 use faer::Side;
 use faer::linalg::solvers::Llt;
 
-use super::{Following, Store};
+use super::{DenseInverseRemesher, Store};
 use crate::base::random::{hash3, seed_words};
 use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
 use crate::mechanics::tissue::remesh::sampling::SampleSchedule;
@@ -16,7 +16,7 @@ const REBUILD_AT: f64 = 0.1;
 /// Sampled residual below which the next sample may wait, relative to the limit: a few updates add less than the rest.
 const CALM: f64 = 1e-2;
 
-impl<S: Store> Following<S> {
+impl<S: Store> DenseInverseRemesher<S> {
     fn residual_limit(&self) -> f64 {
         match self.inverse.store.precision() {
             Precision::Single => self.options.residual_single,
@@ -32,7 +32,7 @@ impl<S: Store> Following<S> {
     /// Whether to sample the residual after a change of this reciprocal condition.
     fn is_sample_due(&mut self, reciprocal_condition: f64) -> bool {
         let every = self.options.check_every;
-        let is_due = self.watch.is_due(every);
+        let is_due = self.sample_schedule.is_due(every);
         // A change and the change back multiply rounding by the square of their condition.
         let rounding = match self.inverse.store.precision() {
             Precision::Single => f64::from(f32::EPSILON),
@@ -76,13 +76,13 @@ impl<S: Store> Following<S> {
             let residual = self.sample(mesh, change)?;
             report.residual = Some(residual);
             let limit = self.residual_limit();
-            let calmer = std::mem::replace(&mut self.watch, SampleSchedule::new());
+            let calmer = std::mem::replace(&mut self.sample_schedule, SampleSchedule::new());
             if residual.is_nan() || residual > REBUILD_AT * limit {
                 return Ok(Some(Rebuilt::Residual(residual)));
             }
             if residual < CALM * limit {
-                self.watch = calmer;
-                self.watch.relax(self.options.check_every);
+                self.sample_schedule = calmer;
+                self.sample_schedule.relax(self.options.check_every);
             }
         }
         let partial = matches!(self.level, Level::II | Level::III);

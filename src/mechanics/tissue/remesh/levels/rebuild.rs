@@ -1,10 +1,10 @@
 //! Rebuild of the inverse from its base, with all moves as one change.
 
-use super::{Following, Store};
+use super::{DenseInverseRemesher, Store};
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
 use crate::mechanics::tissue::remesh::{Rebuilt, RemeshError, RemeshReport};
 
-impl<S: Store> Following<S> {
+impl<S: Store> DenseInverseRemesher<S> {
     /// Rebuilds the inverse; returns the reciprocal condition of I + dK G.
     pub(super) fn rebuild(&mut self, mesh: &AdaptedMesh) -> Result<f64, RemeshError> {
         let limit = self.options.reciprocal_limit;

@@ -1,9 +1,9 @@
 use super::*;
 
 /// Options that defer work not needed at once.
-fn tended() -> Options {
+fn deferred() -> Options {
     Options {
-        tended: true,
+        deferred: true,
         ..Options::default()
     }
 }
@@ -13,7 +13,7 @@ fn expect(mesh: &AdaptedMesh, exact: &mut Exact, node: u32, tends: usize) {
     let support: Vec<u32> = mesh.support_of(node).collect();
     exact.expect(&support);
     for _ in 0..tends {
-        exact.tend(mesh);
+        exact.run_deferred(mesh);
     }
 }
 
@@ -22,7 +22,7 @@ fn a_change_that_was_expected_is_that_of_one_that_was_not() {
     for tends in [0, 1, 2, 3, 40] {
         let mut mesh = adapted(0.45);
         let inner = inner_nodes(&mesh);
-        let mut exact = exact(&mesh, &[inner[0], free_nodes(&mesh)[40]], tended());
+        let mut exact = exact(&mesh, &[inner[0], free_nodes(&mesh)[40]], deferred());
         for (salt, node) in [inner[0], inner[1], inner[0], inner[2], inner[1]]
             .into_iter()
             .enumerate()
@@ -49,7 +49,7 @@ fn a_change_that_was_expected_is_that_of_one_that_was_not() {
 fn the_work_that_is_done_ahead_is_used() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &inner, tended());
+    let mut exact = exact(&mesh, &inner, deferred());
     go(&mut mesh, &mut exact, inner[0], 1);
     expect(&mesh, &mut exact, inner[1], 40);
     // The precomputed columns are used, not computed again.
@@ -68,7 +68,7 @@ fn the_work_that_is_done_ahead_is_used() {
 fn what_was_expected_and_did_not_come_leaves_nothing() {
     let mut mesh = adapted(0.45);
     let inner = inner_nodes(&mesh);
-    let mut exact = exact(&mesh, &inner[..1], tended());
+    let mut exact = exact(&mesh, &inner[..1], deferred());
     let before = exact.condensed().to_owned();
     go(&mut mesh, &mut exact, inner[0], 1);
     expect(&mesh, &mut exact, inner[2], 40);
