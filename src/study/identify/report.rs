@@ -209,7 +209,7 @@ impl Identification {
         let depth = *motion.depths_mm.last()?;
         Some(
             Plot::new(
-                format!("Measured places at a depth of {depth:.1} mm ({})", found.name()),
+                format!("Places in the tissue at a depth of {depth:.1} mm: {}", found.name()),
                 Axis::linear("along the needle, mm"),
                 Axis::linear("across, mm"),
                 vec![
