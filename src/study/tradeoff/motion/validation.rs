@@ -400,10 +400,12 @@ pub fn study(effort: Effort, progress: Progress<'_>) -> Result<Study, StudyError
     study.tables.splice(0..0, [media]);
     study.tables.push(needle);
     study.figures.extend(insertion::figures());
-    study.about.push((
-        "sinusoids",
-        "48 lines of 31 mm at 20 frames a second, one cycle".to_owned(),
-    ));
+    let length_mm = small.samples as f64 * small.acquisition.sample_mm();
+    let swings = format!(
+        "{} lines of {length_mm:.0} mm at {FRAMES_PER_S} frames a second, one cycle",
+        small.lines
+    );
+    study.about.push(("sinusoids", swings));
     study.about.push(("insertion", insertion::ABOUT.to_owned()));
     study.notes = vec![
         "figure 7, the set-up of a moving probe in water, has no counterpart: the medium is moved".to_owned(),
