@@ -269,7 +269,8 @@ fn needles_are_measured_in_ct_and_compared() {
         for pair in pairs {
             let [x, u] = [0, 1].map(|i| pair[i].as_float().expect("a number"));
             let expected = shape.at(x.min(DEPTH_MM))[0];
-            assert!((u - expected).abs() < 0.25, "{at}: {x} {u} {expected}");
+            // A slice of the needle has about three voxels.
+            assert!((u - expected).abs() < 0.5, "{at}: {x} {u} {expected}");
         }
         let bent = bench.run(&format!("beam cases/moved_{at}.toml --json")).json();
         assert!((number(&bent, "tip_mm") - shape.tip_mm()).abs() < 0.4);
