@@ -1,9 +1,7 @@
 //! Straight needle paths to a target in tissue that deforms: candidates, each simulated and aimed again at the displaced target.
 //!
-//! After sections 1 and 2.1 of Y. Kobayashi et al., "Development of an integrated needle insertion system with image guidance and
-//! deformation simulation", Computerized Medical Imaging and Graphics 34, 2010: "a plan for insertion position and orientation that
-//! will allow the manipulator to guide the needle tip to the displaced cancer". Kobayashi et al. state no method for it; the one used here is
-//! that of [`correct`].
+//! Kobayashi et al. 2010 (sections 1 and 2.1) plan position and orientation of a needle so that it meets a target that tissue carries away, and state no
+//! method; the one used here is that of [`correct`].
 
 mod candidates;
 mod correct;
@@ -151,6 +149,7 @@ pub fn plan(
     progress: impl Fn(usize, usize) + Sync,
 ) -> Result<PathPlan, StudyError> {
     options.check()?;
+    scenario.fits_any_path()?;
     let (name, target) = goal(scenario, &options.target)?;
     candidates::permitted(scenario, &name, &target)?;
     let section = options

@@ -26,6 +26,20 @@ const HALF_MM: f64 = 0.5;
 const NONE: f64 = 1e-6;
 
 impl Scenario {
+    /// Checks that the tissue does not depend on the path of the needle.
+    ///
+    /// # Errors
+    /// [`InputError`] for masses and springs.
+    pub(crate) fn fits_any_path(&self) -> Result<(), InputError> {
+        match self.cylinder {
+            Some(_) => {
+                let found = "masses and springs, whose cylinder lies along one path";
+                Err(self.file.wrong_keys("tissue.model", found, "another tissue model"))
+            }
+            None => Ok(()),
+        }
+    }
+
     /// The scenario with tissue of two dimensions: what the image plane at the start cuts, `thickness_mm` thick and without strain
     /// across it. Materials, viscosity and fixed places are those of the scenario; linear tissue stays linear.
     ///
@@ -87,10 +101,6 @@ impl Scenario {
     /// Refuses what a plane has no part for.
     fn fits_a_plane(&self) -> Result<(), InputError> {
         let wrong = |key: &str, found: &str, expected: &str| Err(self.file.wrong_keys(key, found, expected));
-        if self.cylinder.is_some() {
-            let found = "masses and springs, which have no section in the image plane";
-            return wrong("tissue.model", found, "another tissue model");
-        }
         if self.contact.is_some() {
             return wrong(
                 "contact_probe",
