@@ -57,9 +57,10 @@ pub fn workspace(pixels: &[u8], tables: &Tables, reaches: impl Fn([f64; 2]) -> b
         Rgb(REACH.map(|colour| (grey * (1.0 - share) + f64::from(colour) * share).round() as u8))
     });
     let points: Vec<Point> = path.iter().map(|[x, y]| grid.to_pixel(*x, *y)).collect();
-    for pair in points.windows(2) {
-        canvas::line(&mut picture, [pair[0], pair[1]], 3.6, RIM, 0.7);
-        canvas::line(&mut picture, [pair[0], pair[1]], 1.8, PATH, 1.0);
+    for (width, colour, share) in [(3.6, RIM, 0.7), (1.8, PATH, 1.0)] {
+        for pair in points.windows(2) {
+            canvas::line(&mut picture, [pair[0], pair[1]], width, colour, share);
+        }
     }
     if let Some(end) = points.last() {
         canvas::disc(&mut picture, *end, 4.0, RIM);
