@@ -115,7 +115,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
     let effects = study.tables.iter().find(|table| table.key == "image_effects").unwrap();
     let off = |row| effects.value(row, "rms_grey").unwrap();
     assert!(off(&effects.rows[0]) < 0.5);
-    for effect in ["texture", "interfaces", "speckle", "shadow", "automatic gain"] {
+    for effect in ["texture", "interface", "speckle", "shadow", "automatic gain"] {
         let row = effects
             .rows
             .iter()
