@@ -45,7 +45,7 @@ pub enum Failure {
     },
     /// A study that failed; the others were completed.
     #[error("the study `{study}` could not be made: {reason}{}", others(*more))]
-    StudyFailure {
+    Unmeasured {
         /// Name of the study.
         study: String,
         /// Reason of the failure.
@@ -73,7 +73,7 @@ impl Failure {
             Self::Library(error) => error.exit_status(),
             Self::Study(error) if error.is_machine() => MACHINE,
             Self::Usage { .. } | Self::Study(_) => INPUT,
-            Self::Unstable { .. } | Self::StudyFailure { .. } | Self::Output(_) => MACHINE,
+            Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
         }
     }
 }

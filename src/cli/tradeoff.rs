@@ -125,7 +125,7 @@ impl Tradeoff {
         }
         match report.missing.first() {
             None => Ok(()),
-            Some(missing) => Err(Failure::StudyFailure {
+            Some(missing) => Err(Failure::Unmeasured {
                 study: missing.name.to_owned(),
                 reason: missing.reason.clone(),
                 more: report.missing.len() - 1,
