@@ -35,7 +35,7 @@ impl<F: FnMut(&[f64]) -> Result<f64, E>, E> CostFunction for &Problem<F, E> {
 /// a step along each axis. Ends when the standard deviation of the values at the corners is below `tolerance`, or after `most` iterations.
 ///
 /// # Errors
-/// Those of `cost`.
+/// Errors of `cost`.
 pub fn nelder_mead<E>(
     start: &[f64],
     steps: &[f64],

@@ -46,7 +46,7 @@ struct Region {
     margin_mm: f64,
 }
 
-/// What adds up the echoes.
+/// Backend that sums the echoes.
 enum Means {
     /// The CPU in single precision.
     Single,

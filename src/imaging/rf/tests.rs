@@ -253,7 +253,7 @@ const UNIT: f64 = 0.5 * f32::EPSILON as f64;
 /// into 4.5 times that. Rust's exp and division are closer.
 const WEIGHT: f64 = 2.0 * (3.0 + 2.0 * 4.5) + 4.5 * 14.0;
 
-/// How far single precision may be from the exact sum of the pulses: each has the errors of its weight and of two products, and that of the
+/// Bound on the rounding error of the sum of pulses in single precision: each has the errors of its weight and of two products, and that of the
 /// interpolation between two rows of its table, five roundings of the larger one; a sum of n terms adds n units of the sum of their magnitudes.
 fn rounding(scatterers: &[Scatterer], pulse: &Pulse, lines: usize, samples: usize) -> Vec<f64> {
     let mut sums = vec![[0.0; 3]; lines * samples];

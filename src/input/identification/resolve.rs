@@ -25,7 +25,7 @@ pub struct Case {
     pub scenario: Scenario,
     /// Text of the scenario, and the folder of its paths.
     pub text: (String, PathBuf),
-    /// Where the needle's line enters the tissue at rest, mm.
+    /// Entry of the needle's line into the tissue at rest, mm.
     pub entry: Point3<f64>,
     /// Direction of the needle.
     pub direction: Unit<Vector3<f64>>,
@@ -54,7 +54,7 @@ pub struct Crossed {
     pub name: String,
     /// Depth along the line at which it begins, mm.
     pub begins_mm: f64,
-    /// Its material: that of the search's start.
+    /// Material at the start of the search.
     pub material: Material,
     /// Whether Young's modulus is known.
     pub known: bool,
