@@ -1,23 +1,23 @@
-//! Point location in a deforming mesh: preparing the moved elements, and mapping the samples of a frame back.
+//! Point location in a deforming mesh: the search of single points, and the elements in the slab of a frame.
 
 use std::hint::black_box;
 use std::time::Duration;
 
-use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
-use insonify::mechanics::mesh::map::map_lines;
-use insonify::mechanics::mesh::{Displacement, Locator, NONE, TetMesh};
-
-/// Scanlines and samples of a usual frame.
-const FRAME: [usize; 2] = [256, 512];
+use criterion::{Criterion, criterion_group, criterion_main};
+use insonify::imaging::synth::slab::Slab;
+use insonify::imaging::synth::tables::Tables;
+use insonify::mechanics::mesh::{Displacement, Locator, TetMesh};
+use insonify::{DEFAULT_SCENE, FrameState, SceneFile};
 
 /// Nodes of the meshes, about.
 const NODES: [usize; 2] = [5_000, 50_000];
 
-/// A mesh over a box of 200 mm and a press on it.
-fn mesh(nodes: usize) -> (TetMesh, Vec<[f64; 3]>) {
-    let mesh = TetMesh::over_box([0.0; 3], [200.0; 3], nodes).expect("a box");
+/// A mesh over a box of 200 mm about a point and a press on it.
+fn mesh(middle: [f64; 3], nodes: usize) -> (TetMesh, Vec<[f64; 3]>) {
+    let [low, high] = [-100.0, 100.0].map(|by| middle.map(|x| x + by));
+    let mesh = TetMesh::over_box(low, high, nodes).expect("a box");
     let press = Displacement::Indentation {
-        centre_mm: [100.0, 0.0, 100.0],
+        centre_mm: [middle[0], low[1], middle[2]],
         direction: [0.0, 1.0, 0.0],
         depth_mm: 15.0,
         radius_mm: 40.0,
@@ -27,19 +27,10 @@ fn mesh(nodes: usize) -> (TetMesh, Vec<[f64; 3]>) {
     (mesh, current)
 }
 
-/// The samples of a plane through the middle of the box, scanline by scanline.
-fn plane() -> Vec<[f32; 4]> {
-    let [lines, samples] = FRAME;
-    let at = |i: usize, n: usize| 20.0 + 160.0 * i as f32 / n as f32;
-    (0..lines * samples)
-        .map(|i| [at(i / samples, lines), at(i % samples, samples), 101.0, 0.0])
-        .collect()
-}
-
-fn update(criterion: &mut Criterion) {
+fn locator(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("locator/update");
     for nodes in NODES {
-        let (mesh, current) = mesh(nodes);
+        let (mesh, current) = mesh([100.0; 3], nodes);
         let mut locator = Locator::<f32>::new(&mesh);
         group.bench_function(format!("{nodes} nodes"), |bencher| {
             bencher.iter(|| locator.update(black_box(&current)).expect("as many nodes"));
@@ -48,27 +39,25 @@ fn update(criterion: &mut Criterion) {
     group.finish();
 }
 
-fn map(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("locator/map");
-    let positions = plane();
+fn slab(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("slab/update");
+    let scene = SceneFile::parse(DEFAULT_SCENE, "default scene").expect("a scene");
+    let scene = scene.resolve(".".as_ref()).expect("a scene");
+    let pose = *scene.probe_pose(0, 1).probe_to_world();
+    let middle = scene.anatomy.volume.centre_mm();
     for nodes in NODES {
-        let (mesh, current) = mesh(nodes);
-        let reference = Locator::<f32>::new(&mesh);
-        let mut deformed = reference.clone();
-        deformed.update(&current).expect("as many nodes");
-
-        let unknown = vec![NONE; positions.len()];
-        let mut known = unknown.clone();
-        map_lines(&deformed, &reference, FRAME[1], &mut positions.clone(), &mut known);
-        for (start, elements) in [("first frame", unknown), ("next frame", known)] {
-            group.bench_function(format!("{nodes} nodes, {start}"), |bencher| {
-                bencher.iter_batched_ref(
-                    || (positions.clone(), elements.clone()),
-                    |(positions, elements)| map_lines(&deformed, &reference, FRAME[1], positions, elements),
-                    BatchSize::LargeInput,
-                );
-            });
-        }
+        let (mesh, current) = mesh(middle.into(), nodes);
+        let mut anatomy = scene.anatomy.clone();
+        anatomy.mesh = Some(std::sync::Arc::new(mesh));
+        let tables = Tables::new(anatomy, scene.settings.clone()).expect("tables");
+        let mut slab = Slab::<f32>::new(tables.mesh.as_ref().expect("a mesh"));
+        let mut state = FrameState::at(pose);
+        state.nodes = Some(current);
+        slab.update(&tables, &state).expect("as many nodes");
+        let elements = slab.deformed.elements.len();
+        group.bench_function(format!("{nodes} nodes, {elements} elements in the slab"), |bencher| {
+            bencher.iter(|| slab.update(&tables, black_box(&state)).expect("as many nodes"));
+        });
     }
     group.finish();
 }
@@ -79,6 +68,6 @@ criterion_group! {
         .sample_size(10)
         .warm_up_time(Duration::from_millis(500))
         .measurement_time(Duration::from_secs(2));
-    targets = update, map
+    targets = locator, slab
 }
 criterion_main!(benches);

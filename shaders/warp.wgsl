@@ -1,52 +1,38 @@
-// World to reference position of every sample, through the tetrahedron it lies in.
-// The walk, its margins and the tie rule are those of the CPU locator, argued there.
-
-struct Grid {
-    origin: vec3<f32>,
-    per_mm: f32,
-    low: vec3<f32>,
-    starts_at: u32,
-    high: vec3<f32>,
-    lists_at: u32,
-    cells: vec3<u32>,
-    frames_at: u32,
-}
-
-struct WarpParams {
+// World to reference position of every sample, through the tetrahedron it lies in. Twin of src/imaging/effects/warp.rs.
+struct Params {
     lines: u32,
     samples: u32,
     planes: u32,
-    elements: u32,
+    deformed: u32,
+    reference: u32,
+    frames_at: u32,
     carries_at: u32,
-    tangled: u32,
-    deformed: Grid,
-    reference: Grid,
-}
-
-struct Hit {
-    element: u32,
-    folded: bool,
+    unused: u32,
 }
 
 const NONE: u32 = 0xffffffffu;
-const TANGLED: u32 = 0x80000000u;
-const MAX_WALK: u32 = 16u;
+const GROUPS: u32 = 1024u;
 const MAPPED: f32 = 0.0;
 const BACKGROUND: f32 = 1.0;
 const FOLDED: f32 = 2.0;
 const OUTSIDE: f32 = 3.0;
+// Flags of a hit: in an inverted element, in an element of the reference state.
+const INVERTED: u32 = 1u;
+const AT_REST: u32 = 2u;
+const EPSILON: f32 = 1.1920929e-7;
 
-@group(0) @binding(0) var<storage, read> params: WarpParams;
+@group(0) @binding(0) var<storage, read> params: Params;
+@group(0) @binding(2) var<storage, read> frames: array<vec4<f32>>;
+
+// raster
+@group(0) @binding(1) var<storage, read> world: array<vec4<f32>>;
+// Of each sample the complement of the lowest slot, and the flags; cleared before every frame.
+@group(0) @binding(3) var<storage, read_write> hits: array<atomic<u32>>;
+
+// main
 @group(0) @binding(1) var<storage, read_write> positions: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read_write> last_elements: array<u32>;
-@group(0) @binding(3) var<storage, read> frames: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> neighbours: array<vec4<u32>>;
-@group(0) @binding(5) var<storage, read> starts: array<u32>;
-@group(0) @binding(6) var<storage, read> lists: array<u32>;
-
-fn is_finite(p: vec3<f32>) -> bool {
-    return all((bitcast<vec3<u32>>(p) & vec3<u32>(0x7f800000u)) != vec3<u32>(0x7f800000u));
-}
+@group(0) @binding(3) var<storage, read> found: array<vec2<u32>>;
+@group(0) @binding(4) var<storage, read_write> elements: array<u32>;
 
 fn barycentric(frame: u32, p: vec3<f32>) -> vec4<f32> {
     let d = p - frames[frame].xyz;
@@ -63,73 +49,80 @@ fn least(b: vec4<f32>) -> f32 {
     return min(min(b.x, b.y), min(b.z, b.w));
 }
 
-// The first place that holds the least coordinate.
-fn least_place(b: vec4<f32>) -> u32 {
-    let value = least(b);
-    return select(select(select(3u, 2u, b.z == value), 1u, b.y == value), 0u, b.x == value);
+// Share of the way from the first sample of a scanline to its last that lies behind a sample.
+fn along(sample: u32, first: u32, way: vec3<f32>) -> f32 {
+    return dot(world[first + sample].xyz - world[first].xyz, way) / dot(way, way);
 }
 
-fn in_bounds(grid: Grid, p: vec3<f32>) -> bool {
-    return all(p >= grid.low) && all(p <= grid.high);
-}
-
-// Where the start of the list of the cell of p is kept.
-fn cell_at(grid: Grid, p: vec3<f32>) -> u32 {
-    let place = clamp((p - grid.origin) * grid.per_mm, vec3<f32>(0.0), vec3<f32>(grid.cells - vec3<u32>(1u)));
-    let cell = vec3<u32>(place);
-    return grid.starts_at + cell.x + grid.cells.x * (cell.y + grid.cells.y * cell.z);
-}
-
-// The lowest element that holds p, and whether an inverted one does.
-fn scan(grid: Grid, p: vec3<f32>) -> Hit {
-    var hit = Hit(NONE, false);
-    if !in_bounds(grid, p) {
-        return hit;
+// First sample of a scanline that may lie in an element, and the one behind the last: between those where its coordinates change sign.
+fn candidates(frame: u32, first: u32) -> vec2<u32> {
+    let last = params.samples - 1u;
+    let ends = array<vec3<f32>, 2>(world[first].xyz, world[first + last].xyz);
+    let origin = frames[frame].xyz;
+    let steepest = length(frames[frame + 1u].xyz) + length(frames[frame + 2u].xyz) + length(frames[frame + 3u].xyz);
+    let farthest = max(distance(ends[0], origin), distance(ends[1], origin));
+    let allowed = 16.0 * (frames[frame].w + EPSILON * steepest * farthest);
+    let a = barycentric(frame, ends[0]) + allowed;
+    let b = barycentric(frame, ends[1]) + allowed;
+    if any((a < vec4<f32>(0.0)) & (b < vec4<f32>(0.0))) {
+        return vec2<u32>(0u);
     }
-    let at = cell_at(grid, p);
-    let start = starts[at];
-    let tangled = (start & TANGLED) != 0u;
-    let end = starts[at + 1u] & ~TANGLED;
-    for (var i = start & ~TANGLED; i < end; i++) {
-        let element = lists[grid.lists_at + i];
-        let frame = grid.frames_at + 4u * element;
-        if least(barycentric(frame, p)) >= -frames[frame].w {
-            if hit.element == NONE {
-                hit.element = element;
-            }
-            hit.folded = hit.folded || frames[frame + 2u].w != 0.0;
-            if !tangled || hit.folded {
-                break;
+    let crossing = a / (a - b);
+    let from_each = select(vec4<f32>(0.0), crossing, (a < vec4<f32>(0.0)) & (b >= vec4<f32>(0.0)));
+    let to_each = select(vec4<f32>(1.0), crossing, (a >= vec4<f32>(0.0)) & (b < vec4<f32>(0.0)));
+    let start_at = max(max(from_each.x, from_each.y), max(from_each.z, from_each.w));
+    let end_at = least(to_each);
+    if start_at > end_at {
+        return vec2<u32>(0u);
+    }
+    let way = ends[1] - ends[0];
+    var start = u32(start_at * f32(last));
+    while start > 0u && along(start, first, way) >= start_at {
+        start--;
+    }
+    while start < last && along(start + 1u, first, way) < start_at {
+        start++;
+    }
+    var end = min(u32(end_at * f32(last)) + 1u, last);
+    while end < last && along(end, first, way) <= end_at {
+        end++;
+    }
+    while end > start && along(end - 1u, first, way) > end_at {
+        end--;
+    }
+    return vec2<u32>(start, end + 1u);
+}
+
+@compute @workgroup_size(64)
+fn raster(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) own: u32) {
+    for (var at = group.x; at < params.deformed + params.reference; at += GROUPS) {
+        // Deformed elements first: most samples are in one, and then no element of the reference state is tried.
+        let is_deformed = at < params.deformed;
+        let slot = select(at - params.deformed, at, is_deformed);
+        let frame = 4u * slot + select(0u, params.frames_at, is_deformed);
+        let first_line = u32(frames[frame + 1u].w);
+        let lines = u32(frames[frame + 3u].w) - first_line;
+        let inverted = frames[frame + 2u].w != 0.0;
+        for (var i = own; i < lines * params.planes; i += 64u) {
+            let first = ((i / lines) * params.lines + first_line + i % lines) * params.samples;
+            let near = candidates(frame, first);
+            for (var sample = first + near.x; sample < first + near.y; sample++) {
+                if !is_deformed && atomicLoad(&hits[2u * sample]) != 0u {
+                    continue;
+                }
+                if least(barycentric(frame, world[sample].xyz)) >= -frames[frame].w {
+                    if !is_deformed {
+                        atomicOr(&hits[2u * sample + 1u], AT_REST);
+                        continue;
+                    }
+                    atomicMax(&hits[2u * sample], ~slot);
+                    if inverted {
+                        atomicOr(&hits[2u * sample + 1u], INVERTED);
+                    }
+                }
             }
         }
     }
-    return hit;
-}
-
-// An element that holds p and that no other start would change, or NONE.
-fn walk(p: vec3<f32>, start: u32) -> u32 {
-    var element = start;
-    for (var step = 0u; step < MAX_WALK; step++) {
-        if element >= params.elements {
-            return NONE;
-        }
-        let frame = params.deformed.frames_at + 4u * element;
-        let b = barycentric(frame, p);
-        let slack = frames[frame].w;
-        if least(b) >= -abs(slack) {
-            let alone = least(b) > frames[frame + 1u].w && slack > 0.0;
-            if !alone {
-                return NONE;
-            }
-            if params.tangled != 0u && in_bounds(params.deformed, p) &&
-                (starts[cell_at(params.deformed, p)] & TANGLED) != 0u {
-                return NONE;
-            }
-            return element;
-        }
-        element = neighbours[element][least_place(b)];
-    }
-    return NONE;
 }
 
 @compute @workgroup_size(64)
@@ -138,23 +131,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
     if sample >= params.lines * params.samples * params.planes {
         return;
     }
-    let p = positions[sample].xyz;
-    if !is_finite(p) {
-        last_elements[sample] = NONE;
-        positions[sample].w = OUTSIDE;
+    let hit = found[sample];
+    let slot = ~hit.x;
+    elements[sample] = slot;
+    if slot == NONE {
+        positions[sample].w = select(OUTSIDE, BACKGROUND, (hit.y & AT_REST) != 0u);
         return;
     }
-    var hit = Hit(walk(p, last_elements[sample]), false);
-    if hit.element == NONE {
-        hit = scan(params.deformed, p);
-    }
-    last_elements[sample] = hit.element;
-    if hit.element == NONE {
-        positions[sample].w = select(BACKGROUND, OUTSIDE, scan(params.reference, p).element == NONE);
-        return;
-    }
-    let d = p - frames[params.deformed.frames_at + 4u * hit.element].xyz;
-    let carry = params.carries_at + 3u * hit.element;
+    let d = positions[sample].xyz - frames[params.frames_at + 4u * slot].xyz;
+    let carry = params.carries_at + 3u * slot;
     let x = frames[carry];
     let y = frames[carry + 1u];
     let z = frames[carry + 2u];
@@ -162,6 +147,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) g
         x.w + (x.x * d.x + x.y * d.y + x.z * d.z),
         y.w + (y.x * d.x + y.y * d.y + y.z * d.z),
         z.w + (z.x * d.x + z.y * d.y + z.z * d.z),
-        select(MAPPED, FOLDED, hit.folded),
+        select(MAPPED, FOLDED, (hit.y & INVERTED) != 0u),
     );
 }

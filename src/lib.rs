@@ -97,7 +97,7 @@ pub use imaging::sequence::{FrameInfo, SequenceWriter};
 pub use imaging::sidecar::Sidecar;
 pub use imaging::synth::layers::Layer;
 pub use imaging::synth::tables::{Anatomy, ImageSize, Settings};
-pub use imaging::synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer};
+pub use imaging::synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer, Ticket};
 pub use input::InputError;
 pub use input::scenario::record::Record;
 pub use input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};

@@ -1,5 +1,7 @@
 //! `insonify doctor`: rendering devices of this machine.
 
+mod unseen;
+
 use std::fmt;
 
 use crate::base::report::machine::Machine;
@@ -71,6 +73,10 @@ impl Doctor {
                     report.warnings.push(error.to_string());
                 }
             },
+        }
+        if hardware(&report.adapters).is_err() {
+            let variable = |name: &str| std::env::var(name).ok();
+            report.hints.extend(unseen::reasons("/".as_ref(), variable));
         }
         if report.adapters.is_empty() {
             report.hints.push(GpuError::NoAdapter.to_string());

@@ -1,5 +1,6 @@
 //! GPU device whose errors are returned as values, never as panics.
 
+use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Duration;
@@ -46,6 +47,11 @@ impl Needs {
         });
         exceeded.map_or(Ok(limits), Err)
     }
+}
+
+thread_local! {
+    /// Device in whose error scope this thread is ([`Faults::id`]), or 0.
+    static SCOPED: Cell<usize> = const { Cell::new(0) };
 }
 
 /// A device, its queue, and its pending errors. Clones share the device.
@@ -150,16 +156,22 @@ impl Gpu {
         self.faults.take()
     }
 
-    /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in these errors.
-    pub(super) fn scoped<T>(&self, what: &str, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+    /// Runs `work` and returns the errors that wgpu raised in it; `what` names the work in these errors. Within another scope of the same device it
+    /// only runs `work`: a frame has one scope.
+    pub(crate) fn scoped<T, E: From<GpuError>>(&self, what: &str, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
+        let outer = SCOPED.replace(self.faults.id());
+        if outer == self.faults.id() {
+            return work();
+        }
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let result = work();
         let caught = [memory, internal, validation].map(|scope| pollster::block_on(scope.pop()));
+        SCOPED.set(outer);
         self.check()?;
         match caught.into_iter().flatten().next() {
-            Some(error) => Err(GpuError::from_wgpu(what, error)),
+            Some(error) => Err(GpuError::from_wgpu(what, error).into()),
             None => result,
         }
     }
@@ -169,12 +181,12 @@ impl Gpu {
         &self,
         label: &str,
         record: impl FnOnce(&mut Recorder<'_>) -> Result<(), GpuError>,
-    ) -> Result<(), GpuError> {
+    ) -> Result<wgpu::SubmissionIndex, GpuError> {
         self.scoped(label, || {
-            let mut recorder = Recorder::new(self, label);
-            record(&mut recorder)?;
-            self.queue.submit([recorder.finish()]);
-            Ok(())
+            let descriptor = wgpu::CommandEncoderDescriptor { label: Some(label) };
+            let mut encoder = self.device.create_command_encoder(&descriptor);
+            record(&mut Recorder::new(self, &mut encoder))?;
+            Ok(self.queue.submit([encoder.finish()]))
         })
     }
 
@@ -185,19 +197,35 @@ impl Gpu {
 
     /// Waits until all submitted work is complete; `what` names it in errors.
     pub fn wait(&self, what: &str) -> Result<(), GpuError> {
-        let patience = self.patience;
-        let wait = wgpu::PollType::Wait {
-            submission_index: None,
-            timeout: Some(patience),
-        };
+        self.wait_for(what, None)
+    }
+
+    /// Waits until a submission and all before it are complete (`None`: the last one); `what` names the work in errors.
+    pub fn wait_for(&self, what: &str, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
+        let timeout = Some(self.patience);
+        self.poll(
+            what,
+            wgpu::PollType::Wait {
+                submission_index,
+                timeout,
+            },
+        )
+    }
+
+    /// Runs the callbacks of complete work, without waiting.
+    pub fn poll_once(&self) -> Result<(), GpuError> {
+        self.poll("finished work", wgpu::PollType::Poll)
+    }
+
+    fn poll(&self, what: &str, how: wgpu::PollType) -> Result<(), GpuError> {
         // wgpu 30 panics inside `Device::poll`, with its locks released, when the driver reports the device lost there.
-        let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(wait)));
+        let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(how)));
         self.check()?;
         match polled {
             Ok(Ok(_)) => Ok(()),
             Ok(Err(wgpu::PollError::Timeout)) => Err(GpuError::Timeout {
                 what: what.to_owned(),
-                seconds: patience.as_secs_f64(),
+                seconds: self.patience.as_secs_f64(),
             }),
             Ok(Err(error)) => Err(GpuError::Internal {
                 what: what.to_owned(),

@@ -179,6 +179,11 @@ impl Faults {
         self.lock().lost.get_or_insert(lost);
     }
 
+    /// Number of this store while it exists, not 0.
+    pub(super) fn id(&self) -> usize {
+        Arc::as_ptr(&self.0) as usize
+    }
+
     pub(super) fn take(&self) -> Result<(), GpuError> {
         let mut state = self.lock();
         state.lost.clone().or_else(|| state.first.take()).map_or(Ok(()), Err)

@@ -69,43 +69,58 @@ impl Readback {
         if out.is_empty() {
             return gpu.check();
         }
-        let rows = self.check_rows(out.len(), row_bytes, stride)?;
-        let span = whole_words(((rows - 1) * stride + row_bytes) as u64);
+        self.check_rows(out.len(), row_bytes, stride)?;
         gpu.scoped(&self.label, || {
-            let copied = self.map(gpu, span).and_then(|()| {
-                let view = self
-                    .staging
-                    .get_mapped_range(..span)
-                    .map_err(|error| GpuError::Internal {
-                        what: self.label.clone(),
-                        message: error.to_string(),
-                    })?;
-                for (to, from) in out.chunks_exact_mut(row_bytes).zip(view.chunks(stride)) {
-                    to.copy_from_slice(&from[..row_bytes]);
-                }
-                Ok(())
-            });
-            // A refused mapping must also be undone, though there is nothing to unmap: that error is irrelevant.
-            let ignored = gpu.device().push_error_scope(wgpu::ErrorFilter::Validation);
-            self.staging.unmap();
-            drop(ignored);
+            self.request();
+            let waited = gpu.wait(&self.label);
+            let copied = waited.and_then(|()| self.copy_rows(out, row_bytes, stride));
+            self.release(gpu);
             copied
         })
     }
 
-    fn map(&self, gpu: &Gpu, span: u64) -> Result<(), GpuError> {
+    /// Asks for the bytes of a submitted copy; [`Readback::is_ready`] tells when they have come.
+    pub fn request(&self) {
         self.state.store(WAITING, Ordering::Release);
         let state = Arc::clone(&self.state);
-        self.staging.map_async(wgpu::MapMode::Read, ..span, move |result| {
+        self.staging.map_async(wgpu::MapMode::Read, .., move |result| {
             state.store(if result.is_ok() { MAPPED } else { FAILED }, Ordering::Release);
         });
-        gpu.wait(&self.label)?;
-        if self.state.load(Ordering::Acquire) == MAPPED {
-            return Ok(());
+    }
+
+    /// Whether the bytes asked for have come, or have been refused.
+    pub fn is_ready(&self) -> bool {
+        self.state.load(Ordering::Acquire) != WAITING
+    }
+
+    /// Copies rows, as [`Readback::read_rows`] does, of bytes that have come.
+    pub fn copy_rows(&self, out: &mut [u8], row_bytes: usize, stride: usize) -> Result<(), GpuError> {
+        let rows = self.check_rows(out.len(), row_bytes, stride)?;
+        if self.state.load(Ordering::Acquire) != MAPPED {
+            return Err(GpuError::Lost {
+                reason: format!("the read-back of '{}' was refused", self.label),
+            });
         }
-        Err(GpuError::Lost {
-            reason: format!("the read-back of '{}' was refused", self.label),
-        })
+        let span = whole_words(((rows - 1) * stride + row_bytes) as u64);
+        let view = self
+            .staging
+            .get_mapped_range(..span)
+            .map_err(|error| GpuError::Internal {
+                what: self.label.clone(),
+                message: error.to_string(),
+            })?;
+        for (to, from) in out.chunks_exact_mut(row_bytes).zip(view.chunks(stride)) {
+            to.copy_from_slice(&from[..row_bytes]);
+        }
+        Ok(())
+    }
+
+    /// Frees the buffer for the next copy; bytes that have been asked for and have not come are given up.
+    pub fn release(&self, gpu: &Gpu) {
+        // A refused mapping must also be undone, though there is nothing to unmap: that error is irrelevant.
+        let ignored = gpu.device().push_error_scope(wgpu::ErrorFilter::Validation);
+        self.staging.unmap();
+        drop(ignored);
     }
 
     fn check_rows(&self, total: usize, row_bytes: usize, stride: usize) -> Result<usize, GpuError> {

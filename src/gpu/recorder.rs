@@ -21,16 +21,13 @@ pub struct Dispatch<'a> {
 #[derive(Debug)]
 pub struct Recorder<'a> {
     gpu: &'a Gpu,
-    encoder: wgpu::CommandEncoder,
+    encoder: &'a mut wgpu::CommandEncoder,
 }
 
 impl<'a> Recorder<'a> {
-    pub(super) fn new(gpu: &'a Gpu, label: &str) -> Self {
-        let descriptor = wgpu::CommandEncoderDescriptor { label: Some(label) };
-        Self {
-            gpu,
-            encoder: gpu.device().create_command_encoder(&descriptor),
-        }
+    /// Records into an encoder of the same device; its owner submits it.
+    pub fn new(gpu: &'a Gpu, encoder: &'a mut wgpu::CommandEncoder) -> Self {
+        Self { gpu, encoder }
     }
 
     /// Runs dispatches in sequence in one compute pass; each sees the writes of those before it.
@@ -53,7 +50,7 @@ impl<'a> Recorder<'a> {
             count += 1;
         }
         timer.check_count(count)?;
-        timer.resolve(&mut self.encoder);
+        timer.resolve(self.encoder);
         Ok(())
     }
 
@@ -66,7 +63,7 @@ impl<'a> Recorder<'a> {
     ) -> Result<(), GpuError> {
         timer.check_count(1)?;
         self.compute("frame", timer.writes(0), dispatches)?;
-        timer.resolve(&mut self.encoder);
+        timer.resolve(self.encoder);
         Ok(())
     }
 
@@ -85,16 +82,12 @@ impl<'a> Recorder<'a> {
 
     /// Copies a packed grey image into a texture; see [`TextureOut`] for its layout.
     pub fn copy_to_texture(&mut self, pixels: &StorageBuffer, texture: &TextureOut) -> Result<(), GpuError> {
-        texture.copy(&mut self.encoder, pixels)
+        texture.copy(self.encoder, pixels)
     }
 
     /// Command encoder, for operations not offered here.
     pub fn encoder(&mut self) -> &mut wgpu::CommandEncoder {
-        &mut self.encoder
-    }
-
-    pub(super) fn finish(self) -> wgpu::CommandBuffer {
-        self.encoder.finish()
+        self.encoder
     }
 
     fn compute<'d>(

@@ -4,8 +4,11 @@ pub mod cpu;
 pub mod gpu;
 pub mod layers;
 pub mod local_origin;
+pub mod slab;
 pub mod store;
 pub mod tables;
+
+use std::collections::VecDeque;
 
 use local_origin::LocalFrame;
 use nalgebra::{Matrix4, Point3, Vector3};
@@ -42,6 +45,9 @@ pub enum SynthError {
     /// More memory is needed than is available.
     #[error(transparent)]
     Memory(#[from] TooLarge),
+    /// As many frames are in flight as may be: one must be taken first.
+    #[error("{IN_FLIGHT} frames are in flight: take one before the next is submitted")]
+    Busy,
     /// The pose is singular or has numbers that are not finite.
     #[error("the probe pose is not a finite, invertible transform")]
     Pose,
@@ -138,7 +144,29 @@ pub struct Synthesizer {
     plan: Plan,
     executor: Executor,
     local: LocalFrame,
+    /// The last frame taken.
     frame: Frame,
+    /// Submitted frames, in order.
+    in_flight: VecDeque<Flight>,
+    /// Memory of frames that are not in flight.
+    spare: Vec<Frame>,
+    /// Frames submitted so far.
+    submitted: u64,
+}
+
+/// Largest number of frames in flight.
+pub const IN_FLIGHT: usize = 3;
+
+/// A submitted frame. Frames are finished in the order of their submission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Ticket(u64);
+
+/// A frame between its submission and its arrival.
+struct Flight {
+    ticket: Ticket,
+    frame: Frame,
+    /// Its submission, on a GPU.
+    submission: Option<wgpu::SubmissionIndex>,
 }
 
 impl Synthesizer {
@@ -161,19 +189,91 @@ impl Synthesizer {
             plan,
             executor,
             frame,
+            in_flight: VecDeque::with_capacity(IN_FLIGHT),
+            spare: Vec::with_capacity(IN_FLIGHT),
+            submitted: 0,
         })
     }
 
-    /// Renders one frame. In the steady state it allocates nothing.
+    /// Renders one frame. In the steady state it allocates nothing. Frames in flight are dropped.
     pub fn render(&mut self, state: &FrameState) -> Result<&Frame, SynthError> {
-        self.begin(state)?;
+        self.drop_in_flight();
+        let ticket = self.submit(state)?;
+        self.take(ticket)
+    }
+
+    /// Submits a frame: a GPU works on it while the caller goes on, a CPU backend renders it here. At most three frames are in flight.
+    ///
+    /// # Errors
+    /// [`SynthError::Busy`] if three frames are in flight, and those of [`Self::render`].
+    pub fn submit(&mut self, state: &FrameState) -> Result<Ticket, SynthError> {
+        if self.in_flight.len() == IN_FLIGHT {
+            return Err(SynthError::Busy);
+        }
+        let mut frame = self.spare.pop().unwrap_or_default();
+        self.begin(state, &mut frame)?;
         let state = self.local.of(state);
-        match &mut self.executor {
-            Executor::Cpu(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
-            Executor::CpuF64(cpu) => cpu.render(&self.plan, &self.tables, state, &mut self.frame.pixels)?,
-            Executor::Gpu(gpu) => gpu.render(&self.plan, &self.tables, state, Some(&mut self.frame.pixels))?,
+        let ticket = Ticket(self.submitted);
+        let (plan, tables, pixels) = (&self.plan, &self.tables, &mut frame.pixels);
+        let submission = match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
+            Executor::CpuF64(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
+            Executor::Gpu(gpu) => gpu.submit(tables, state, place_of(ticket)).map(Some),
+        };
+        let submission = submission?;
+        self.submitted += 1;
+        self.in_flight.push_back(Flight {
+            ticket,
+            frame,
+            submission,
+        });
+        Ok(ticket)
+    }
+
+    /// The oldest frame in flight with its ticket, if it is finished; never waits.
+    pub fn try_take(&mut self) -> Result<Option<(Ticket, &Frame)>, SynthError> {
+        let Some(oldest) = self.in_flight.front() else {
+            return Ok(None);
+        };
+        let ticket = oldest.ticket;
+        if let Executor::Gpu(gpu) = &self.executor
+            && !gpu.is_ready(place_of(ticket))?
+        {
+            return Ok(None);
+        }
+        self.take(ticket).map(|frame| Some((ticket, frame)))
+    }
+
+    /// Waits for a frame in flight and returns it; frames before it are dropped. A frame that is no longer in flight is answered by the last one
+    /// taken.
+    pub fn take(&mut self, ticket: Ticket) -> Result<&Frame, SynthError> {
+        while let Some(mut flight) = self.in_flight.pop_front_if(|oldest| oldest.ticket <= ticket) {
+            if flight.ticket < ticket {
+                self.recycle(flight);
+                continue;
+            }
+            if let (Executor::Gpu(gpu), Some(submission)) = (&mut self.executor, flight.submission.take()) {
+                let of = (&self.plan, &self.tables);
+                gpu.take(of, submission, place_of(ticket), &mut flight.frame.pixels)?;
+            }
+            std::mem::swap(&mut self.frame, &mut flight.frame);
+            self.spare.push(flight.frame);
+            break;
         }
         Ok(&self.frame)
+    }
+
+    fn recycle(&mut self, flight: Flight) {
+        if let Executor::Gpu(gpu) = &self.executor {
+            gpu.release(place_of(flight.ticket));
+        }
+        self.spare.push(flight.frame);
+    }
+
+    fn drop_in_flight(&mut self) {
+        while let Some(flight) = self.in_flight.pop_front() {
+            self.recycle(flight);
+        }
     }
 
     /// Renders one frame and leaves it on the GPU, in the texture returned by [`Synthesizer::texture`]. On a CPU backend
@@ -182,12 +282,32 @@ impl Synthesizer {
         if !matches!(self.executor, Executor::Gpu(_)) {
             return self.render(state).map(drop);
         }
-        self.begin(state)?;
+        self.with_last(state, |gpu, plan, tables, state| {
+            gpu.render_to_texture(plan, tables, state)
+        })
+    }
+
+    /// Records a frame into an encoder of the host's own, on the device lent as [`Backend::Host`], up to its copy into
+    /// [`Synthesizer::texture`]. The host submits the encoder before it records or renders the next frame. On a CPU backend nothing is recorded.
+    pub fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, state: &FrameState) -> Result<(), SynthError> {
+        self.with_last(state, |gpu, _, tables, state| gpu.encode(encoder, tables, state))
+    }
+
+    /// Has a GPU make a frame that stays there; its place becomes that of the last frame.
+    fn with_last(
+        &mut self,
+        state: &FrameState,
+        make: impl FnOnce(&mut gpu::GpuExecutor, &Plan, &Tables, &FrameState) -> Result<(), SynthError>,
+    ) -> Result<(), SynthError> {
+        let mut frame = std::mem::take(&mut self.frame);
+        let begun = self.begin(state, &mut frame);
+        self.frame = frame;
+        begun?;
         let state = self.local.of(state);
-        if let Executor::Gpu(gpu) = &mut self.executor {
-            gpu.render(&self.plan, &self.tables, state, None)?;
+        match &mut self.executor {
+            Executor::Gpu(gpu) => make(gpu, &self.plan, &self.tables, state),
+            _ => Ok(()),
         }
-        Ok(())
     }
 
     /// Texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; `None` on a CPU backend. The same
@@ -199,7 +319,8 @@ impl Synthesizer {
         }
     }
 
-    fn begin(&mut self, state: &FrameState) -> Result<(), SynthError> {
+    /// Checks a state and takes it over, and prepares the frame for it.
+    fn begin(&mut self, state: &FrameState, frame: &mut Frame) -> Result<(), SynthError> {
         if !state.probe_to_world.iter().all(|x| x.is_finite()) || state.probe_to_world.try_inverse().is_none() {
             return Err(SynthError::Pose);
         }
@@ -208,14 +329,18 @@ impl Synthesizer {
         }
         self.local.take(state);
         let (tables, local) = (&self.tables, self.local.of(state));
-        self.frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
-        self.frame.image_to_world = state.probe_to_world * self.tables.image_grid.image_to_probe();
+        frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
+        frame.image_to_world = state.probe_to_world * tables.image_grid.image_to_probe();
+        (frame.width, frame.height, frame.pixel_mm) = (tables.width(), tables.height(), tables.image_grid.pixel_mm());
+        frame.pixels.resize(frame.width * frame.height, 0);
         Ok(())
     }
 
     /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
     /// the rebuilt buffers are returned. On an invalid setting the synthesizer is left unchanged.
+    /// Frames in flight are dropped.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
+        self.drop_in_flight();
         let previous = self.tables.settings.clone();
         let changed = self.tables.set(settings)?;
         if let Err(refused) = self.fit(&changed) {
@@ -312,10 +437,15 @@ impl Synthesizer {
         self.beam_after(self.plan.passes.len())
     }
 
+    fn begin_alone(&mut self, state: &FrameState) -> Result<(), SynthError> {
+        self.drop_in_flight();
+        self.begin(state, &mut Frame::default())
+    }
+
     /// Runs the passes up to and including `pass` and returns the beam-space results; nothing is displayed. For
     /// inspection of a frame and for tests. All passes run if the plan has none of that name.
     pub fn render_until(&mut self, pass: &str, state: &FrameState) -> Result<layers::Beam, SynthError> {
-        self.begin(state)?;
+        self.begin_alone(state)?;
         let state = self.local.of(state);
         let passes = &self.plan.passes;
         let end = passes
@@ -332,7 +462,7 @@ impl Synthesizer {
 
     /// Runs the passes one by one and returns the beam-space results after each; nothing is displayed.
     pub(crate) fn render_each(&mut self, state: &FrameState) -> Result<Vec<layers::Beam>, SynthError> {
-        self.begin(state)?;
+        self.begin_alone(state)?;
         let mut beams = Vec::with_capacity(self.plan.passes.len());
         for at in 0..self.plan.passes.len() {
             let (state, passes) = (self.local.of(state), &self.plan.passes[..=at]);
@@ -440,8 +570,13 @@ impl FrameState {
     }
 }
 
+/// Place in the ring of a GPU.
+fn place_of(ticket: Ticket) -> usize {
+    (ticket.0 % IN_FLIGHT as u64) as usize
+}
+
 /// A rendered frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     /// Columns.
     pub width: usize,
@@ -456,3 +591,6 @@ pub struct Frame {
     /// Number of segments of needle and seeds not shown because there are too many.
     pub left_out: usize,
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,4 +1,4 @@
-//! Linear tetrahedral meshes: the reference state, its topology, and the two-state map from the world back to it.
+//! Linear tetrahedral meshes: the reference state, its topology, and the location of points in it.
 //!
 //! | module | contents |
 //! |---|---|
@@ -6,10 +6,9 @@
 //! | [`displacement`] | analytic displacement fields |
 //! | [`mod@file`] | mesh files: VTK, legacy and XML, and Gmsh |
 //! | [`generate`] | meshes made from labelled volumes |
+//! | [`element`] | barycentric coordinates of one element |
 //! | [`locator`] | point location in the reference or the deformed state |
 //! | [`outline`] | triangles of a labelled plane |
-//! | [`map`] | map from world to reference, line by line |
-//! | [`pack`] | the same data as the buffers of `shaders/warp.wgsl` |
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
 //! | [`Face`] | surface faces, with their outward normals |
 
@@ -17,15 +16,13 @@ use quality::UnusableMesh;
 
 mod adjacency;
 pub mod displacement;
-mod element;
+pub mod element;
 pub mod file;
 pub mod generate;
 mod grid;
 pub mod lattice;
 pub mod locator;
-pub mod map;
 pub mod outline;
-pub mod pack;
 pub mod quality;
 mod surface;
 

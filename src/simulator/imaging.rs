@@ -60,16 +60,34 @@ impl Imaging {
     /// # Errors
     /// [`SynthError`].
     pub fn frame(&mut self, probe_to_world: &Matrix4<f64>) -> Result<&Frame, SynthError> {
+        self.show(probe_to_world, |synthesizer, state| synthesizer.render(state).map(drop))?;
+        Ok(self.synthesizer.frame())
+    }
+
+    /// Renders as [`Imaging::frame`] does, and leaves the frame on the GPU, in [`Synthesizer::texture`] of the synthesizer: the image thread does
+    /// not wait for it.
+    ///
+    /// # Errors
+    /// [`SynthError`].
+    pub fn frame_to_texture(&mut self, probe_to_world: &Matrix4<f64>) -> Result<(), SynthError> {
+        self.show(probe_to_world, Synthesizer::render_to_texture)
+    }
+
+    fn show(
+        &mut self,
+        probe_to_world: &Matrix4<f64>,
+        render: impl FnOnce(&mut Synthesizer, &FrameState) -> Result<(), SynthError>,
+    ) -> Result<(), SynthError> {
         // Before the first frame there is always a state to take: the initial one of the model.
         if self.latest.take() {
             self.read();
         }
         self.state.probe_to_world = *probe_to_world;
-        self.synthesizer.render(&self.state)?;
+        render(&mut self.synthesizer, &self.state)?;
         self.state.frame += 1;
         // The synthesizer keeps the node positions until it gets others.
         self.take_nodes();
-        Ok(self.synthesizer.frame())
+        Ok(())
     }
 
     /// Writes the state taken last into the frame state.

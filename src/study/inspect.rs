@@ -11,11 +11,11 @@ use crate::imaging::effects::pass::{Access, Pass};
 use crate::imaging::effects::shadow::{UNITS_PER_DB, transmittance};
 use crate::imaging::effects::tone::Tone;
 use crate::imaging::effects::tone::auto_gain::{self, AutoGain};
+use crate::imaging::effects::warp::{BACKGROUND, FOLDED};
 use crate::imaging::synth::layers::{Beam, world_position};
 use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::mechanics::mesh::locator::NONE;
-use crate::mechanics::mesh::map::{BACKGROUND, FOLDED};
 
 pub use report::{
     BlurNeighbour, Corner, LabelReport, MeshReport, PixelReport, SampleReport, ShadowReport, Stage, Taken,

@@ -5,11 +5,10 @@ use std::mem::offset_of;
 use insonify::base::range::Ranges;
 use insonify::imaging::effects::{
     Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
-    shadow, slice, speckle, texture, thickness, tone,
+    shadow, slice, speckle, texture, thickness, tone, warp,
 };
 use insonify::imaging::quality::QualitySpec;
 use insonify::input::scene::ImageSpec;
-use insonify::mechanics::mesh::pack::{GridParams, WarpParams};
 use insonify::mechanics::needle::BendingConstraint;
 use insonify::tracking::TrackingError;
 use insonify::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape, ProbeSpec};
@@ -17,7 +16,7 @@ use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 
-use super::shaders::{block_of, layout, parse, passes};
+use super::shaders::{block_of, parse, passes};
 
 struct Block {
     /// Start of the names of the passes that bind it.
@@ -57,7 +56,15 @@ fn blocks() -> Vec<Block> {
             plane_mm
         ),
         block!(
-            "warp", WarpParams, lines, samples, planes, elements, carries_at, tangled, deformed, reference
+            "warp",
+            warp::Params,
+            lines,
+            samples,
+            planes,
+            deformed,
+            reference,
+            frames_at,
+            carries_at
         ),
         block!(
             "slice",
@@ -186,21 +193,6 @@ fn blocks_have_the_layout_of_their_structs() {
             "{}: members of the shader that Rust does not fill: {members:?}",
             pass.name
         );
-    }
-}
-
-#[test]
-fn the_search_grids_in_the_block_of_the_warp_have_the_layout_of_their_struct() {
-    let pass = passes().into_iter().find(|pass| pass.name == "warp").expect("the warp");
-    let (module, _) = parse(pass);
-    let (members, span) = layout(&module, "Grid").expect("the grid");
-    assert_eq!(span, size_of::<GridParams>());
-    let grid = block!(
-        "warp", GridParams, origin, per_mm, low, starts_at, high, lists_at, cells, frames_at
-    );
-    assert_eq!(members.len(), grid.members.len());
-    for (name, offset) in grid.members {
-        assert_eq!(members.get(name), Some(&offset), "{name}");
     }
 }
 

@@ -92,6 +92,7 @@ pub fn everything() -> Scene {
         },
         &[
             "contact",
+            "warp_raster",
             "warp",
             "texture",
             "thickness",
@@ -304,8 +305,8 @@ pub fn scenes() -> Vec<Scene> {
             "a deforming mesh",
             anatomy::with_mesh(box_of(lossy()), mesh, 60),
             |_| {},
-            &["warp"],
-            &["Element", "ElementMaps", "Adjacency", "CellStarts", "CellElements"],
+            &["warp_raster", "warp"],
+            &["Element", "ElementMaps", "Hits"],
         ),
         scene(
             "blur",
@@ -395,9 +396,10 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 28] = [
+    const ORDER: [&str; 29] = [
         "geometry",
         "contact",
+        "warp_raster",
         "warp",
         "slice",
         "texture",

@@ -201,6 +201,8 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
     let (lines, samples, planes) = (tables.lines() as u64, tables.samples() as u64, tables.planes() as u64);
     match pass.name {
         "geometry" | "contact" | "slice" | "texture" => [samples, lines, planes],
+        // The elements in the slab are shared among the groups.
+        "warp_raster" => [64 * 1024, 1, 1],
         "warp" => [lines * samples * planes, 1, 1],
         "thickness" => [lines * samples, 1, 1],
         "speckle_scatter" | "speckle_specular" | "speckle_axial" => [

@@ -1,8 +1,8 @@
 //! Warp: the reference position of every sample. A twin may choose another element only if the sample provably lies within
 //! rounding of it, and another side of the mesh's surface only within rounding of that surface.
 
+use insonify::imaging::effects::warp::{BACKGROUND, MAPPED};
 use insonify::mechanics::mesh::Displacement;
-use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
 use nalgebra::{Point3, Vector3};
 
 use super::case::{Case, check_all};

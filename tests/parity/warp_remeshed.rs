@@ -1,10 +1,10 @@
 //! Warp between states that both move: tissue moves the current nodes, remeshing the reference nodes.
 
 use insonify::base::random::{hash3, unit};
+use insonify::imaging::effects::warp::{BACKGROUND, MAPPED};
 use insonify::imaging::synth::tables::Anatomy;
 use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify::mechanics::mesh::InvalidMesh;
-use insonify::mechanics::mesh::map::{BACKGROUND, MAPPED};
 use insonify::mechanics::mesh::{Displacement, TetMesh};
 use nalgebra::Vector3;
 

@@ -102,7 +102,10 @@ fn a_lost_device_is_an_error_everywhere_and_a_new_one_can_be_opened() {
     let lost = |result: Result<(), GpuError>| assert!(matches!(result, Err(GpuError::Lost { .. })), "{result:?}");
     lost(gpu.check());
     lost(gpu.check());
-    lost(gpu.submit("after loss", |recorder| recorder.read_back(&values, &readback)));
+    lost(
+        gpu.submit("after loss", |recorder| recorder.read_back(&values, &readback))
+            .map(drop),
+    );
     lost(readback.read(&gpu, &mut [0_u32; 4]));
     lost(values.write(&gpu, 0, &[5_u32]));
     lost(StorageBuffer::zeroed(&gpu, "after loss", 16).map(drop));
@@ -186,7 +189,7 @@ fn a_host_keeps_its_handlers_and_its_loss_shows_at_the_read_back() {
     device.destroy();
     let after = gpu
         .submit("copy", |recorder| recorder.read_back(&values, &readback))
-        .and_then(|()| readback.read(&gpu, &mut out));
+        .and_then(|_| readback.read(&gpu, &mut out));
     assert!(matches!(after, Err(GpuError::Lost { .. })), "{after:?}");
     assert!(
         host_saw.lock().unwrap().is_empty(),

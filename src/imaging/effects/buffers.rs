@@ -8,7 +8,6 @@ use bytemuck::Pod;
 use super::pass::Band;
 use crate::imaging::synth::FrameState;
 use crate::imaging::synth::tables::{LabelRow, Tables};
-use crate::mechanics::mesh::pack::WarpCapacities;
 
 /// Contents of a buffer from the tables; of a per-pixel one, those of a band of rows.
 type Contents = fn(&Tables, Band) -> Vec<u8>;
@@ -131,10 +130,6 @@ fn pixels(tables: &Tables) -> usize {
     tables.width() * tables.height()
 }
 
-fn mesh(tables: &Tables, pick: fn(&WarpCapacities) -> usize) -> usize {
-    tables.warp.as_ref().map_or(0, pick)
-}
-
 /// Fixed-point units of [`LOSS`] per decibel.
 pub const UNITS_PER_DB: f64 = 1_048_576.0;
 
@@ -147,21 +142,17 @@ pub static RAYS: Buffer = Buffer::new(0, "Rays", 16, Tables::lines).of(|tables, 
 /// Per sample and sub-plane: current, then reference position, relative to the local origin, and a flag (`vec4<f32>`).
 pub static POSITION: Buffer = Buffer::new(20, "Position", 16, planes);
 
-/// Per sample and sub-plane: element that contained it in the last frame (`u32`).
-pub static ELEMENT: Buffer =
-    Buffer::new(30, "Element", 4, planes).of(|tables, _| vec![0xff; ELEMENT.bytes(tables) as usize]);
+/// Per sample and sub-plane: slot of the element that contains it among those in the slab (`u32`).
+pub static ELEMENT: Buffer = Buffer::new(30, "Element", 4, planes);
 
-/// Affine maps of the deformed and reference elements (`vec4<f32>`).
-pub static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tables| mesh(tables, |warp| warp.frames));
+/// Affine maps of the elements in the slab: of the reference state four each, of the deformed state four and three (`vec4<f32>`).
+pub static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tables| {
+    11 * tables.mesh.as_ref().map_or(0, |mesh| mesh.elements().len())
+});
 
-/// Neighbours of the elements through their faces (`vec4<u32>`).
-pub static ADJACENCY: Buffer = Buffer::new(50, "Adjacency", 16, |tables| mesh(tables, |warp| warp.neighbours));
-
-/// Starts of the cells of the search grids (`u32`).
-pub static CELL_STARTS: Buffer = Buffer::new(60, "CellStarts", 4, |tables| mesh(tables, |warp| warp.starts));
-
-/// Elements of the cells of the search grids (`u32`).
-pub static CELL_ELEMENTS: Buffer = Buffer::new(70, "CellElements", 4, |tables| mesh(tables, |warp| warp.lists));
+/// Per sample and sub-plane, during the warp on a GPU: complement of the lowest slot that contains it, and flags (`vec2<u32>`); cleared
+/// before every frame.
+pub static HITS: Buffer = Buffer::new(50, "Hits", 8, planes);
 
 /// Label indices of the volume, four to a `u32`.
 pub static VOXELS: Buffer =

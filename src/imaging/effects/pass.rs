@@ -4,9 +4,9 @@ use bytemuck::Pod;
 
 use super::buffers::Buffer;
 pub use crate::gpu::Access;
+use crate::imaging::synth::slab::Slab;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::{FrameState, tables::Tables};
-use crate::mechanics::mesh::pack::WarpParams;
 
 /// Inputs of a pass besides its resources.
 #[derive(Clone, Copy)]
@@ -15,8 +15,8 @@ pub struct View<'a> {
     pub tables: &'a Tables,
     /// State of the frame, relative to the local origin.
     pub state: &'a FrameState,
-    /// Search grids of the mesh as packed for the GPU; `None` on the CPU.
-    pub warp: Option<&'a WarpParams>,
+    /// Elements of the mesh in the slab of the frame, on a GPU; `None` on the CPU, whose store has them.
+    pub slab: Option<&'a Slab<f32>>,
 }
 
 /// Parameter block of a pass: binding 0, at most 256 bytes.

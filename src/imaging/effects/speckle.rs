@@ -31,6 +31,7 @@ use super::{Effect, Parameters, Stage, Verdict, needle};
 use crate::base::random::seed_words;
 use crate::base::range::parameters;
 use crate::imaging::synth::SynthError;
+use crate::imaging::synth::slab::maps_at;
 use crate::imaging::synth::tables::{Inputs, Tables};
 
 parameters! {
@@ -287,7 +288,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
         per_mm: (1.0 / own.lattice_mm) as f32,
         axial_reach: own.axial_reach() as u32,
         lateral_reach: own.lateral.reach as u32,
-        carries_at: view.warp.map_or(0, |warp| warp.carries_at),
+        carries_at: maps_at(tables)[1],
         unused: 0,
     })
 }

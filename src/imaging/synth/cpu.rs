@@ -80,13 +80,13 @@ impl<T: PassScalar> CpuExecutor<T> {
 
     /// Runs a sequence of passes of a plan.
     pub fn run(&mut self, passes: &[PlannedPass], tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
-        if let Some(states) = &mut self.store.states {
-            states.update(state.nodes.as_deref(), state.reference.as_deref())?;
+        if let Some(slab) = &mut self.store.slab {
+            slab.update(tables, state)?;
         }
         let view = View {
             tables,
             state,
-            warp: None,
+            slab: None,
         };
         self.times.clear();
         for planned in passes {

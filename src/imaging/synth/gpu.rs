@@ -5,22 +5,21 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::layers::Beam;
+use super::layers::{Beam, numbered};
+use super::slab::{Slab, maps_at};
 use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
 use crate::base::memory;
 use crate::gpu::{
-    Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, StorageBuffer, TextureOut, Timer,
+    Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut,
+    Timer,
 };
 use crate::imaging::effects::buffers::{
-    ADJACENCY, AMPLITUDE, AMPLITUDE_NEXT, Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT, ELEMENT_MAPS, LABEL, LOSS,
-    NEEDLE_MASK, PIXELS, POSITION, SCAN_MAP,
+    AMPLITUDE, AMPLITUDE_NEXT, Buffer, ELEMENT, ELEMENT_MAPS, HITS, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION,
+    SCAN_MAP,
 };
 use crate::imaging::effects::pass::{Access, Band, Pass, View};
 use crate::imaging::plan::Plan;
-use crate::mechanics::mesh::map::{Moved, States};
-use crate::mechanics::mesh::pack::{self, Piece, WarpBuffer, WarpParams};
-use crate::mechanics::mesh::{InvalidMesh, TetMesh};
 
 /// Device requirements of a plan beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {
@@ -56,9 +55,11 @@ pub struct GpuExecutor {
     bands: Vec<Band>,
     steps: Vec<Step>,
     parameters: Parameters,
-    readbacks: Vec<Readback>,
+    /// Read-backs of the frames in flight, one set a place; a place gets its set when it is first used.
+    ring: Vec<Vec<Readback>>,
     texture: Option<TextureOut>,
-    warp: Option<Warp>,
+    slab: Option<Slab<f32>>,
+
     /// Numbers of a buffer in a frame.
     numbers: Vec<f32>,
     timer: Option<Timer>,
@@ -77,9 +78,9 @@ impl GpuExecutor {
             bands: Vec::new(),
             steps: Vec::new(),
             parameters,
-            readbacks: Vec::new(),
+            ring: Vec::new(),
             texture: None,
-            warp: None,
+            slab: None,
             numbers: Vec::new(),
             timer: None,
             times: Vec::new(),
@@ -107,10 +108,8 @@ impl GpuExecutor {
         self.numbers.clear();
         self.numbers.reserve(most);
         match &tables.mesh {
-            Some(mesh) if plan.uses(&ELEMENT_MAPS) => {
-                self.warp.get_or_insert_with(|| Warp::new(mesh));
-            }
-            _ => self.warp = None,
+            Some(mesh) if plan.uses(&ELEMENT_MAPS) => self.slab.get_or_insert_with(|| Slab::new(mesh)).forget(),
+            _ => self.slab = None,
         }
         for planned in &plan.resources {
             for part in 0..parts(planned.resource, &self.bands) {
@@ -130,13 +129,28 @@ impl GpuExecutor {
     fn fit_outputs(&mut self, tables: &Tables) -> Result<(), GpuError> {
         let row_bytes = tables.words_per_row() as u64 * 4;
         let sizes = self.bands.iter().map(|band| u64::from(band.rows) * row_bytes);
-        if !sizes.clone().eq(self.readbacks.iter().map(Readback::bytes)) {
-            let readbacks = sizes.map(|bytes| Readback::new(&self.gpu, "pixels", bytes));
-            self.readbacks = readbacks.collect::<Result<_, _>>()?;
+        let kept = self
+            .ring
+            .first()
+            .is_some_and(|first| sizes.eq(first.iter().map(Readback::bytes)));
+        if !kept {
+            self.ring.clear();
+            self.reserve_place(tables, 0)?;
         }
         let size = (tables.width() as u32, tables.height() as u32);
         self.texture
             .take_if(|kept| (kept.texture().width(), kept.texture().height()) != size);
+        Ok(())
+    }
+
+    /// Makes read-backs for the places of the ring up to one.
+    fn reserve_place(&mut self, tables: &Tables, place: usize) -> Result<(), GpuError> {
+        let row_bytes = tables.words_per_row() as u64 * 4;
+        while self.ring.len() <= place {
+            let bands = self.bands.iter();
+            let readbacks = bands.map(|band| Readback::new(&self.gpu, "pixels", u64::from(band.rows) * row_bytes));
+            self.ring.push(readbacks.collect::<Result<_, _>>()?);
+        }
         Ok(())
     }
 
@@ -161,9 +175,6 @@ impl GpuExecutor {
         if !fits {
             let made = StorageBuffer::zeroed(&self.gpu, buffer.name, bytes)?;
             self.buffers.insert(key, made);
-            if let Some(warp) = &mut self.warp {
-                warp.buffer_is_new(buffer);
-            }
         }
         match buffer.contents {
             Some(contents) if !fits || changed => {
@@ -242,50 +253,132 @@ impl GpuExecutor {
         Ok(pipeline)
     }
 
-    /// Renders a frame into `pixels`, or, if `None`, into the texture.
-    pub fn render(
+    /// Submits a frame, whose pixels are asked for at a place of the ring.
+    pub fn submit(
         &mut self,
-        plan: &Plan,
         tables: &Tables,
         state: &FrameState,
-        pixels: Option<&mut [u8]>,
+        place: usize,
+    ) -> Result<wgpu::SubmissionIndex, SynthError> {
+        let gpu = self.gpu.clone();
+        gpu.scoped("frame", || {
+            self.reserve_place(tables, place)?;
+            self.upload(tables, state)?;
+            let submission = gpu.submit("frame", |recorder| {
+                self.run_all(recorder)?;
+                for (part, readback) in self.ring[place].iter().enumerate() {
+                    recorder.read_back(&self.buffers[&(&PIXELS, part)], readback)?;
+                }
+                Ok(())
+            })?;
+            self.ring[place].iter().for_each(Readback::request);
+            Ok(submission)
+        })
+    }
+
+    /// Whether the pixels of a place have come; never waits.
+    pub fn is_ready(&self, place: usize) -> Result<bool, SynthError> {
+        self.gpu.poll_once()?;
+        Ok(self.ring[place].iter().all(Readback::is_ready))
+    }
+
+    /// Waits for a submission, and copies the pixels of its place.
+    pub fn take(
+        &mut self,
+        (plan, tables): (&Plan, &Tables),
+        submission: wgpu::SubmissionIndex,
+        place: usize,
+        pixels: &mut [u8],
     ) -> Result<(), SynthError> {
-        if pixels.is_none() && self.texture.is_none() {
+        let gpu = self.gpu.clone();
+        gpu.scoped("pixels", || {
+            let waited = gpu.wait_for("a frame", Some(submission));
+            let (width, stride) = (tables.width(), tables.words_per_row() * 4);
+            let copied = waited.and_then(|()| {
+                self.bands
+                    .iter()
+                    .zip(&self.ring[place])
+                    .try_for_each(|(band, readback)| {
+                        let rows = &mut pixels[band.first_row as usize * width..][..band.rows as usize * width];
+                        readback.copy_rows(rows, width, stride)
+                    })
+            });
+            self.release(place);
+            copied?;
+            self.read_times(plan)
+        })
+    }
+
+    /// Gives up the pixels of a place.
+    pub fn release(&self, place: usize) {
+        for readback in self.ring.get(place).into_iter().flatten() {
+            readback.release(&self.gpu);
+        }
+    }
+
+    /// Renders a frame into the texture.
+    pub fn render_to_texture(&mut self, plan: &Plan, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
+        let gpu = self.gpu.clone();
+        gpu.scoped("frame", || {
+            self.prepare_texture(tables, state)?;
+            gpu.submit("frame", |recorder| self.run_into_texture(recorder))?;
+            self.read_times(plan)
+        })
+    }
+
+    /// Records a frame into a host's encoder, up to its copy into the texture.
+    pub fn encode(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        tables: &Tables,
+        state: &FrameState,
+    ) -> Result<(), SynthError> {
+        let gpu = self.gpu.clone();
+        gpu.scoped("frame", || {
+            self.prepare_texture(tables, state)?;
+            Ok(self.run_into_texture(&mut Recorder::new(&gpu, encoder))?)
+        })
+    }
+
+    fn prepare_texture(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
+        if self.texture.is_none() {
             self.texture = Some(self.make_texture(tables)?);
         }
-        self.upload(tables, state)?;
-        let into_texture = if pixels.is_none() { self.texture.as_ref() } else { None };
-        self.gpu.submit("frame", |recorder| {
-            let dispatches = dispatches(&self.steps, 0..self.steps.len());
-            match &self.timer {
-                Some(timer) => recorder.run_timed(timer, dispatches)?,
-                None => recorder.run("frame", dispatches)?,
-            }
-            match into_texture {
-                Some(texture) => recorder.copy_to_texture(&self.buffers[&(&PIXELS, 0)], texture)?,
-                None => {
-                    for (part, readback) in self.readbacks.iter().enumerate() {
-                        recorder.read_back(&self.buffers[&(&PIXELS, part)], readback)?;
-                    }
-                }
-            }
-            Ok(())
-        })?;
-        if let Some(pixels) = pixels {
-            let width = tables.width();
-            let stride = tables.words_per_row() * 4;
-            for (band, readback) in self.bands.iter().zip(&mut self.readbacks) {
-                let rows = &mut pixels[band.first_row as usize * width..][..band.rows as usize * width];
-                readback.read_rows(&self.gpu, rows, width, stride)?;
-            }
+        self.upload(tables, state)
+    }
+
+    fn run_into_texture(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
+        self.run_all(recorder)?;
+        match &self.texture {
+            Some(texture) => recorder.copy_to_texture(&self.buffers[&(&PIXELS, 0)], texture),
+            None => Ok(()),
         }
-        self.read_times(plan)
+    }
+
+    fn run_all(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
+        self.clear_hits(recorder);
+        let dispatches = dispatches(&self.steps, 0..self.steps.len());
+        match &self.timer {
+            Some(timer) => recorder.run_timed(timer, dispatches),
+            None => recorder.run("frame", dispatches),
+        }
     }
 
     /// Runs the steps up to and including a pass; all of them if there is none of that name.
     pub fn run_until(&mut self, pass: &str, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         self.upload(tables, state)?;
+        self.gpu.submit("clear", |recorder| {
+            self.clear_hits(recorder);
+            Ok(())
+        })?;
         self.run_steps(0, self.end_of(pass))
+    }
+
+    /// Forgets the samples that the warp found in the last frame.
+    fn clear_hits(&self, recorder: &mut Recorder) {
+        if let Some(hits) = self.buffers.get(&(&HITS, 0)) {
+            recorder.clear(hits);
+        }
     }
 
     /// Goes on with the frame that [`Self::run_until`] began: from behind a pass up to and including another.
@@ -300,23 +393,29 @@ impl GpuExecutor {
     }
 
     fn run_steps(&mut self, start: usize, end: usize) -> Result<(), SynthError> {
-        Ok(self.gpu.submit("part of a frame", |recorder| {
+        self.gpu.submit("part of a frame", |recorder| {
             recorder.run("part of a frame", dispatches(&self.steps, start..end))
-        })?)
+        })?;
+        Ok(())
     }
 
     fn upload(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
-        if let Some(warp) = &mut self.warp {
-            warp.update(state)?;
-            for (buffer, piece) in warp.pieces() {
-                self.buffers[&(buffer, 0)].write(&self.gpu, piece.at, piece.bytes)?;
+        if let Some(slab) = &mut self.slab {
+            let moved = slab.update(tables, state)?;
+            let maps = &self.buffers[&(&ELEMENT_MAPS, 0)];
+            let [frames_at, carries_at] = maps_at(tables).map(|at| 16 * u64::from(at));
+            if moved.reference {
+                maps.write(&self.gpu, 0, slab.reference.frames.as_flattened())?;
             }
-            warp.is_uploaded();
+            if moved.deformed {
+                maps.write(&self.gpu, frames_at, slab.deformed.frames.as_flattened())?;
+                maps.write(&self.gpu, carries_at, slab.deformed.carries.as_flattened())?;
+            }
         }
         let view = View {
             tables,
             state,
-            warp: self.warp.as_ref().map(Warp::params),
+            slab: self.slab.as_ref(),
         };
         for (&(buffer, _), made) in &self.buffers {
             if let Some(numbers) = buffer.per_frame {
@@ -389,6 +488,7 @@ impl GpuExecutor {
         let numbers =
             |words: Vec<u32>| -> Vec<f64> { words.into_iter().map(|word| f64::from(f32::from_bits(word))).collect() };
         let mask = numbers(words(&NEEDLE_MASK, 2)?);
+        let elements = self.slab.as_ref().map_or(&[][..], |slab| &slab.deformed.elements);
         Ok(Beam {
             lines: tables.lines(),
             samples: tables.samples(),
@@ -396,7 +496,7 @@ impl GpuExecutor {
                 .chunks_exact(4)
                 .map(|p| [p[0], p[1], p[2], p[3]])
                 .collect(),
-            element: words(&ELEMENT, 1)?,
+            element: numbered(elements, words(&ELEMENT, 1)?),
             label: words(&LABEL, 1)?.into_iter().map(|word| word as u8).collect(),
             amplitude: numbers(words(actual(&AMPLITUDE, flipped), 1)?),
             needle: mask.iter().step_by(2).copied().collect(),
@@ -456,75 +556,5 @@ fn actual(buffer: &'static Buffer, flipped: bool) -> &'static Buffer {
         true if *buffer == AMPLITUDE => &AMPLITUDE_NEXT,
         true if *buffer == AMPLITUDE_NEXT => &AMPLITUDE,
         _ => buffer,
-    }
-}
-
-// Deforming mesh on the GPU: buffers of the warp pass, synchronised with the states of the mesh.
-
-/// The mesh, and the parts that are not yet in the buffers.
-pub(super) struct Warp {
-    states: States<f32>,
-    params: WarpParams,
-    due: Moved,
-    topology_due: bool,
-}
-
-impl Warp {
-    pub fn new(mesh: &TetMesh) -> Self {
-        let states = States::new(mesh);
-        Self {
-            params: pack::params(&states),
-            states,
-            due: Moved {
-                deformed: true,
-                reference: true,
-            },
-            topology_due: true,
-        }
-    }
-
-    /// Marks a buffer as recreated and empty.
-    pub fn buffer_is_new(&mut self, buffer: &Buffer) {
-        self.topology_due |= *buffer == ADJACENCY;
-        if [&ELEMENT_MAPS, &CELL_STARTS, &CELL_ELEMENTS].contains(&buffer) {
-            (self.due.deformed, self.due.reference) = (true, true);
-        }
-    }
-
-    /// Moves the nodes to the state of a frame.
-    pub fn update(&mut self, state: &FrameState) -> Result<(), InvalidMesh> {
-        let moved = self.states.update(state.nodes.as_deref(), state.reference.as_deref())?;
-        self.due.deformed |= moved.deformed;
-        self.due.reference |= moved.reference;
-        if moved.deformed || moved.reference {
-            self.params = pack::params(&self.states);
-        }
-        Ok(())
-    }
-
-    /// Data to be written before the next frame.
-    pub fn pieces(&self) -> impl Iterator<Item = (&'static Buffer, Piece<'_>)> {
-        let topology = self.topology_due.then(|| pack::topology(&self.states));
-        let reference = self.due.reference.then(|| pack::reference(&self.states));
-        let deformed = self.due.deformed.then(|| pack::deformed(&self.states));
-        let pieces = topology.into_iter().chain(reference.into_iter().flatten());
-        pieces.chain(deformed.into_iter().flatten()).map(|piece| {
-            let buffer: &'static Buffer = match piece.buffer {
-                WarpBuffer::Frames => &ELEMENT_MAPS,
-                WarpBuffer::Neighbours => &ADJACENCY,
-                WarpBuffer::Starts => &CELL_STARTS,
-                WarpBuffer::Lists => &CELL_ELEMENTS,
-            };
-            (buffer, piece)
-        })
-    }
-
-    /// Marks all pieces as written.
-    pub fn is_uploaded(&mut self) {
-        (self.due, self.topology_due) = (Moved::default(), false);
-    }
-
-    pub fn params(&self) -> &WarpParams {
-        &self.params
     }
 }

@@ -44,7 +44,10 @@ impl Beam {
             lines: tables.lines(),
             samples: tables.samples(),
             position: store.position.iter().take(count).map(|p| p.map(Real::wide)).collect(),
-            element: store.element.iter().take(count).copied().collect(),
+            element: numbered(
+                store.slab.as_ref().map_or(&[], |slab| &slab.deformed.elements),
+                store.element.iter().take(count).copied().collect(),
+            ),
             label: store.label.iter().take(count).copied().collect(),
             amplitude: wide(&store.amplitude),
             needle: store.needle_mask.iter().map(|mask| mask[0].wide()).collect(),
@@ -52,6 +55,14 @@ impl Beam {
             loss: store.loss.clone(),
         }
     }
+}
+
+/// Replaces slots by the numbers of their elements.
+pub fn numbered(elements: &[u32], mut slots: Vec<u32>) -> Vec<u32> {
+    for slot in &mut slots {
+        *slot = elements.get(*slot as usize).copied().unwrap_or(u32::MAX);
+    }
+    slots
 }
 
 /// Ground-truth layer at the pixels of a frame, for training models.

@@ -1,5 +1,6 @@
 //! Working memory of the CPU backend: one vector per buffer that passes write, empty for those that a plan does not use.
 
+use super::slab::Slab;
 use super::tables::Tables;
 use crate::base::real::Real;
 use crate::imaging::effects::EffectColumns;
@@ -8,7 +9,6 @@ use crate::imaging::effects::buffers::{
     planes,
 };
 use crate::imaging::plan::Plan;
-use crate::mechanics::mesh::map::States;
 
 /// Vectors that passes read and write, scanline by scanline. See their [`Buffer`] for the contents of each.
 #[derive(Debug, Default)]
@@ -17,8 +17,8 @@ pub struct Store<T> {
     pub position: Vec<[T; 4]>,
     /// Data of [`ELEMENT`].
     pub element: Vec<u32>,
-    /// Deformed and reference state of the mesh.
-    pub states: Option<States<T>>,
+    /// Elements of the mesh in the slab of the frame.
+    pub slab: Option<Slab<T>>,
     /// Data of [`LABEL`], one byte each.
     pub label: Vec<u8>,
     /// Data of [`AMPLITUDE`].
@@ -57,10 +57,9 @@ impl<T: Real> Store<T> {
         resize(&mut self.image, count(&IMAGE, pixels), T::zero());
         resize(&mut self.pixels, count(&PIXELS, pixels), 0);
         self.effects.fit(plan, tables);
-        match (&tables.mesh, plan.uses(&ELEMENT)) {
-            (Some(mesh), true) if self.states.is_none() => self.states = Some(States::new(mesh)),
-            (Some(_), true) => {}
-            _ => self.states = None,
+        match &tables.mesh {
+            Some(mesh) if plan.uses(&ELEMENT) => self.slab.get_or_insert_with(|| Slab::new(mesh)).forget(),
+            _ => self.slab = None,
         }
     }
 

@@ -15,7 +15,6 @@ use crate::base::memory;
 use crate::imaging::effects::buffers::{Buffer, LABEL_ROWS, RAYS, SCAN_MAP};
 use crate::imaging::effects::{EffectTables, Effects, REGISTRY};
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::mesh::pack::WarpCapacities;
 use crate::tracking::probe::{BeamGrid, ImageGrid, OUTSIDE, Probe, scan_map};
 
 /// Imaged anatomy in the world: fixed for the life of a synthesizer.
@@ -135,8 +134,6 @@ pub struct Tables {
     pub label_rows: Vec<LabelRow>,
     /// Tables of the effects.
     pub effects: EffectTables,
-    /// Sizes of the buffers of the warp, if a mesh deforms.
-    pub warp: Option<WarpCapacities>,
 }
 
 impl Tables {
@@ -160,7 +157,6 @@ impl Tables {
             rays: rays(&grid),
             label_rows: Vec::new(),
             effects: EffectTables::new(&inputs)?,
-            warp: anatomy.mesh.as_ref().map(|mesh| WarpCapacities::of(mesh)),
             grid,
             image_grid,
             anatomy,

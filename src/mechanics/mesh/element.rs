@@ -11,10 +11,10 @@ use crate::base::real::Real;
 /// others: near the element `d` is small, so nothing cancels however far from the world's origin it lies. `slack` is the
 /// rounding error of the coordinates, -1 in an element that is never hit; `clear` is the margin beyond which no other
 /// element of an unfolded mesh can contain the point; `inverted` is 1 or 0.
-pub(super) type Frame<T> = [[T; 4]; 4];
+pub type Frame<T> = [[T; 4]; 4];
 
 /// Map from world to reference: row `k` holds the gradient of reference coordinate `k` over `d` and the reference corner 0.
-pub(super) type Carry<T> = [[T; 4]; 3];
+pub type Carry<T> = [[T; 4]; 3];
 
 /// Bound on the rounding error of a barycentric coordinate, in machine epsilons per (1 + aspect), where aspect is the
 /// element's diameter over its least height. Rounding a row, `d` and the dot product costs at most 5 half epsilons of `|row|
@@ -26,12 +26,14 @@ const SLACK_EPSILONS: f64 = 16.0;
 const POINT_EPSILONS: f64 = 2.0;
 /// Slack of elements so thin that the bound above is meaningless.
 const SLACK_MAX: f64 = 1.0 / 64.0;
+/// Bound on how far points that test as inside lie outside an element along an axis, in extents of the element along it: see [`prepare`].
+pub const MAX_REACH: f64 = 6.0 * SLACK_MAX;
 /// Flatness in epsilons of its largest coordinate below which an element has no orientation resolved by the scalar.
 const FLAT_EPSILONS: f64 = 4.0;
 
 /// Kind of an element in the current state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Kind {
+pub enum Kind {
     #[default]
     Sound,
     Inverted,
@@ -43,7 +45,7 @@ pub(super) enum Kind {
 
 /// Properties of an element used by the grid and the margins.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Outline<T> {
+pub struct Outline<T> {
     /// Axis-aligned box of all points that can test as inside: low corner, high corner; low above high if it is never hit.
     pub bounds: [[T; 3]; 2],
     /// Maximum distance from the element of points that test as inside, mm.
@@ -54,14 +56,14 @@ pub(super) struct Outline<T> {
 }
 
 /// Returns the edge vectors from corner 0 as columns.
-pub(super) fn edges(corners: &[[f64; 3]; 4]) -> Matrix3<f64> {
+pub fn edges(corners: &[[f64; 3]; 4]) -> Matrix3<f64> {
     let origin = Vector3::from(corners[0]);
     Matrix3::from_columns(&[1, 2, 3].map(|corner: usize| Vector3::from(corners[corner]) - origin))
 }
 
 /// Prepares the element with these corners. The current corners are in the precision of `T`, so that neighbours agree
 /// exactly on their common face.
-pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Frame<T>, Carry<T>, Outline<T>) {
+pub fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Frame<T>, Carry<T>, Outline<T>) {
     let corners = current.map(|corner| corner.map(T::wide));
     if corners.iter().chain(reference).flatten().any(|x| !x.is_finite()) {
         return excluded(Kind::NotFinite);
@@ -134,13 +136,13 @@ pub(super) fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) 
 
 /// Sets the margin of a prepared frame, whose `clear` still holds the inverse of the element's least height, from the reach
 /// of the elements around it (mm).
-pub(super) fn set_clear<T: Real>(frame: &mut Frame<T>, reach: T) {
+pub fn set_clear<T: Real>(frame: &mut Frame<T>, reach: T) {
     frame[1][3] = frame[0][3] + reach * frame[1][3];
 }
 
 /// Returns the barycentric coordinates of `p`.
 #[inline(always)]
-pub(super) fn barycentric<T: Real>(frame: &Frame<T>, p: [T; 3]) -> [T; 4] {
+pub fn barycentric<T: Real>(frame: &Frame<T>, p: [T; 3]) -> [T; 4] {
     let d = [p[0] - frame[0][0], p[1] - frame[0][1], p[2] - frame[0][2]];
     let b1 = frame[1][0] * d[0] + frame[1][1] * d[1] + frame[1][2] * d[2];
     let b2 = frame[2][0] * d[0] + frame[2][1] * d[1] + frame[2][2] * d[2];
@@ -150,7 +152,7 @@ pub(super) fn barycentric<T: Real>(frame: &Frame<T>, p: [T; 3]) -> [T; 4] {
 
 /// Returns the index and value of the least coordinate; of ties the first.
 #[inline(always)]
-pub(super) fn least<T: Real>(coordinates: &[T; 4]) -> (usize, T) {
+pub fn least<T: Real>(coordinates: &[T; 4]) -> (usize, T) {
     let mut place = 0;
     let mut value = coordinates[0];
     for (other, &coordinate) in coordinates.iter().enumerate().skip(1) {
@@ -163,23 +165,30 @@ pub(super) fn least<T: Real>(coordinates: &[T; 4]) -> (usize, T) {
 }
 
 #[inline(always)]
-pub(super) fn slack<T: Real>(frame: &Frame<T>) -> T {
+pub fn slack<T: Real>(frame: &Frame<T>) -> T {
     frame[0][3]
 }
 
 #[inline(always)]
-pub(super) fn clear<T: Real>(frame: &Frame<T>) -> T {
+pub fn clear<T: Real>(frame: &Frame<T>) -> T {
     frame[1][3]
 }
 
 #[inline(always)]
-pub(super) fn is_inverted<T: Real>(frame: &Frame<T>) -> bool {
+pub fn is_inverted<T: Real>(frame: &Frame<T>) -> bool {
     frame[2][3] != T::zero()
+}
+
+/// Whether an element holds a position, whose fourth component does not matter.
+#[inline(always)]
+pub fn holds<T: Real>(frame: &Frame<T>, position: &[T; 4]) -> bool {
+    let [x, y, z, _] = *position;
+    least(&barycentric(frame, [x, y, z])).1 >= -slack(frame)
 }
 
 /// Returns the reference position of `p` under the affine map of one element.
 #[inline(always)]
-pub(super) fn carry_to_reference<T: Real>(frame: &Frame<T>, carry: &Carry<T>, p: [T; 3]) -> [T; 3] {
+pub fn carry_to_reference<T: Real>(frame: &Frame<T>, carry: &Carry<T>, p: [T; 3]) -> [T; 3] {
     let d = [p[0] - frame[0][0], p[1] - frame[0][1], p[2] - frame[0][2]];
     carry.map(|row| row[3] + (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]))
 }

@@ -59,11 +59,6 @@ impl<T: Real> CellGrid<T> {
         }
     }
 
-    /// Returns the maximum numbers of starts and list entries of the grid.
-    pub fn capacities(elements: usize) -> (usize, usize) {
-        (cell_capacity(elements) + 1, entry_capacity(elements))
-    }
-
     /// Rebuilds the grid for elements with these outlines over these nodes.
     pub fn rebuild(&mut self, nodes: &[[T; 3]], outlines: &[Outline<T>]) {
         self.place(nodes, outlines);

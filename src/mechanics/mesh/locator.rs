@@ -66,7 +66,6 @@ pub struct Locator<T> {
     nodes: Vec<[T; 3]>,
     outlines: Vec<Outline<T>>,
     node_reaches: Vec<T>,
-    report: LocatorReport,
 }
 
 impl<T: Real> Locator<T> {
@@ -83,7 +82,6 @@ impl<T: Real> Locator<T> {
             nodes: mesh.nodes().iter().map(|node| node.map(T::of)).collect(),
             outlines: vec![Outline::default(); count],
             node_reaches: vec![T::zero(); mesh.nodes().len()],
-            report: LocatorReport::default(),
         };
         locator.prepare();
         locator
@@ -117,18 +115,7 @@ impl<T: Real> Locator<T> {
         if let Some(reference) = reference {
             self.reference.copy_from_slice(reference);
         }
-        self.prepare();
-        Ok(self.report)
-    }
-
-    /// Returns the nodes of the reference state, mm.
-    pub fn reference(&self) -> &[[f64; 3]] {
-        &self.reference
-    }
-
-    /// Returns the counts of the last update (or of the reference state).
-    pub fn report(&self) -> LocatorReport {
-        self.report
+        Ok(self.prepare())
     }
 
     /// Returns the element that contains `p` (mm), walking from `start` (any element, or [`NONE`] to use the grid at once).
@@ -152,15 +139,6 @@ impl<T: Real> Locator<T> {
     pub fn to_reference(&self, element: u32, p: [T; 3]) -> [T; 3] {
         let index = element as usize;
         element::carry_to_reference(&self.frames[index], &self.carries[index], p)
-    }
-
-    /// Transforms a direction (mm) in this state into the reference state, inside `element`.
-    ///
-    /// # Panics
-    /// If there is no such element.
-    pub fn to_reference_direction(&self, element: u32, direction: [T; 3]) -> [T; 3] {
-        let [x, y, z] = direction;
-        self.carries[element as usize].map(|row| row[0] * x + row[1] * y + row[2] * z)
     }
 
     /// Returns an answer that does not depend on the start, or `None`.
@@ -211,7 +189,8 @@ impl<T: Real> Locator<T> {
         hit
     }
 
-    fn prepare(&mut self) {
+    /// Prepares all elements, and counts the unsound ones.
+    fn prepare(&mut self) -> LocatorReport {
         let (nodes, reference) = (&self.nodes, &self.reference);
         let chunks = (
             self.elements.par_chunks(UPDATE_CHUNK),
@@ -228,21 +207,18 @@ impl<T: Real> Locator<T> {
                         element::prepare(corners.map(|node| nodes[node]), &corners.map(|node| reference[node]));
                 }
             });
-        self.count();
         self.set_margins();
         self.grid.rebuild(&self.nodes, &self.outlines);
-    }
-
-    fn count(&mut self) {
-        self.report = LocatorReport::default();
+        let mut report = LocatorReport::default();
         for outline in &self.outlines {
             match outline.kind {
                 Kind::Sound => {}
-                Kind::Inverted => self.report.inverted += 1,
-                Kind::Flat => self.report.flat += 1,
-                Kind::NotFinite => self.report.not_finite += 1,
+                Kind::Inverted => report.inverted += 1,
+                Kind::Flat => report.flat += 1,
+                Kind::NotFinite => report.not_finite += 1,
             }
         }
+        report
     }
 
     /// Sets the margins of all elements: a point is clear of all others where it is farther from the faces of its own than

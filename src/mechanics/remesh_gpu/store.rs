@@ -336,6 +336,7 @@ impl DeviceStore {
         });
         self.gpu
             .submit("columns", |recorder| recorder.run("columns", dispatches))
+            .map(drop)
     }
 
     /// Fetches a block of the current inverse, row by row.
@@ -424,7 +425,9 @@ impl DeviceStore {
             slot: 0,
             workgroups: [self.blocks(), 1, 1],
         };
-        self.gpu.submit("sum", |recorder| recorder.run("sum", [dispatch]))
+        self.gpu
+            .submit("sum", |recorder| recorder.run("sum", [dispatch]))
+            .map(drop)
     }
 
     /// Multiplies the current inverse by the vector, bank after bank.
@@ -439,6 +442,7 @@ impl DeviceStore {
         });
         self.gpu
             .submit("product", |recorder| recorder.run("product", dispatches))
+            .map(drop)
     }
 
     pub(super) fn fetch_sums(&mut self, out: &mut [f64]) -> Result<(), GpuError> {

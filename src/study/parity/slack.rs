@@ -77,6 +77,8 @@ pub fn carry(pass: &str, step: &Step, slack: &mut Slack) -> Result<(), SynthErro
         // The bound of `geometry` covers both passes.
         "geometry" => geometry::carry(step, slack),
         "contact" => {}
+        // Leaves nothing in the beam.
+        "warp_raster" => {}
         "warp" => warp::carry(step, slack),
         "slice" => slice::carry(step, slack),
         "texture" => texture::carry(step, slack),

@@ -75,7 +75,7 @@ fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, Synth
                     slack.position[index] = geometry::position(&own, index, z);
                 }
             }
-            "contact" => {}
+            "contact" | "warp_raster" => {}
             "warp" => {
                 warp::carry(&own, &mut slack);
                 slack.torn = warp::near_a_surface(&own, &slack);

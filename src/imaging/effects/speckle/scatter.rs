@@ -10,7 +10,8 @@ use crate::base::simd::{Kernel, vectorised};
 use crate::imaging::effects::common::scatterers;
 use crate::imaging::effects::pass::View;
 use crate::imaging::synth::store::Store;
-use crate::mechanics::mesh::{Locator, NONE};
+use crate::mechanics::mesh::NONE;
+use crate::mechanics::mesh::element::Carry;
 
 pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
@@ -27,9 +28,9 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let positions = &store.position[..lines * samples];
     let amplitudes = &store.amplitude[..lines * samples];
     let deformed = store
-        .states
+        .slab
         .as_ref()
-        .map(|states| (states.deformed(), &store.element[..]));
+        .map(|slab| (&slab.deformed.carries[..], &store.element[..]));
     // A fine scanline stores its real parts, then its imaginary parts.
     store
         .effects
@@ -49,7 +50,7 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
                 &positions[next * samples..][..samples],
             );
             let amplitudes = &amplitudes[nearest * samples..][..samples];
-            let deformed = deformed.map(|(locator, elements)| (locator, &elements[nearest * samples..][..samples]));
+            let deformed = deformed.map(|(carries, elements)| (carries, &elements[nearest * samples..][..samples]));
             vectorised(FineScanline {
                 lattice: &lattice,
                 between: [a, b],
@@ -96,8 +97,8 @@ struct FineScanline<'a, T> {
     part: T,
     /// Step from one sub-plane to the next in the world, mm.
     step: [T; 3],
-    /// The deformed mesh, and the element of each sample of the nearest scanline.
-    deformed: Option<(&'a Locator<T>, &'a [u32])>,
+    /// Maps of the deformed elements to the reference state, and the slot of each sample of the nearest scanline.
+    deformed: Option<(&'a [Carry<T>], &'a [u32])>,
     amplitudes: &'a [T],
     echoes: &'a mut [T],
 }
@@ -127,10 +128,16 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
                 }
             }
             let mut steps = step.map(|step| [step; BLOCK]);
-            if let Some((locator, elements)) = deformed {
-                for (i, &element) in elements[start..end].iter().enumerate().filter(|&(_, &e)| e != NONE) {
-                    let step = locator.to_reference_direction(element, step);
-                    (steps[0][i], steps[1][i], steps[2][i]) = (step[0], step[1], step[2]);
+            if let Some((carries, elements)) = deformed {
+                for (i, &slot) in elements[start..end]
+                    .iter()
+                    .enumerate()
+                    .filter(|&(_, &slot)| slot != NONE)
+                {
+                    let [x, y, z] = step;
+                    for (steps, row) in steps.iter_mut().zip(&carries[slot as usize]) {
+                        steps[i] = row[0] * x + row[1] * y + row[2] * z;
+                    }
                 }
             }
             lattice.block(

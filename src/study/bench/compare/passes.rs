@@ -4,10 +4,11 @@ use super::{CPU_MS, Clock, CompareOptions, Factor, GPU_MS, RATIO, Subject, clock
 use crate::base::report::statistics::Spread;
 use crate::gpu::{Gpu, GpuError, Readback, StorageBuffer};
 use crate::imaging::effects::REGISTRY;
-use crate::imaging::effects::buffers::{Buffer, CELL_ELEMENTS, CELL_STARTS, ELEMENT_MAPS, PIXELS};
+use crate::imaging::effects::buffers::PIXELS;
 use crate::imaging::plan::Plan;
+use crate::imaging::synth::slab::Slab;
 use crate::imaging::synth::tables::Tables;
-use crate::imaging::synth::{Backend, Synthesizer};
+use crate::imaging::synth::{Backend, SynthError, Synthesizer};
 use crate::study::StudyError;
 use crate::study::bench::PassSpread;
 use crate::study::tradeoff::{Axis, Table};
@@ -94,7 +95,7 @@ fn all_sizes(
                 }
                 sizes.push(Some(times));
             }
-            Err(StudyError::Synth(error @ crate::imaging::synth::SynthError::Gpu(_))) => {
+            Err(StudyError::Synth(error @ SynthError::Gpu(_))) => {
                 notes.push(format!("{name}: no frame of {} x {}: {error}", grid[0], grid[1]));
                 (stopped, _) = (true, sizes.push(None));
             }
@@ -167,8 +168,17 @@ pub fn passes(subject: &Subject<'_>, options: &CompareOptions, notes: &mut Vec<S
 /// Number of repetitions of each transfer.
 const TIMES: usize = 7;
 
-/// Data sent for a frame with a moving mesh: the element maps and the search grid.
-const MOVED: [&Buffer; 3] = [&ELEMENT_MAPS, &CELL_STARTS, &CELL_ELEMENTS];
+/// Bytes sent for a frame in which the mesh moves and the probe does not: the maps of the deformed elements in the slab.
+fn moved_mesh(subject: &Subject<'_>, tables: &Tables) -> Result<u64, StudyError> {
+    let Some(mesh) = &tables.mesh else { return Ok(0) };
+    let mut slab = Slab::<f32>::new(mesh);
+    slab.update(tables, subject.state).map_err(SynthError::from)?;
+    let maps = [
+        size_of_val(&slab.deformed.frames[..]),
+        size_of_val(&slab.deformed.carries[..]),
+    ];
+    Ok(maps.iter().sum::<usize>() as u64)
+}
 
 pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Option<Table>, StudyError> {
     if options.gpus.is_empty() {
@@ -192,10 +202,8 @@ pub fn transfers(subject: &Subject<'_>, options: &CompareOptions) -> Result<Opti
             let plan = Plan::new(&tables);
             let limit = gpu.limits().max_storage_buffer_binding_size;
             let mut moves: Vec<(&str, u64, Transfer)> = Vec::new();
-            // The mesh is independent of the image grid.
             if at == 0 && plan.has("warp") {
-                let bytes = MOVED.iter().map(|buffer| buffer.bytes(&tables)).sum();
-                moves.push(("up: the moved mesh", bytes, upload));
+                moves.push(("up: the moved mesh", moved_mesh(subject, &tables)?, upload));
             }
             if at == 0 {
                 moves.push(("up: parameters", 256 * plan.passes.len() as u64, upload));

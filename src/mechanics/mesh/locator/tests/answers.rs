@@ -9,7 +9,7 @@ use super::*;
 fn exact_ties<T: Real>(shift: f64) {
     let mesh = lattice(2, shift);
     let locator = Locator::<T>::new(&mesh);
-    sound(locator.report());
+    sound(Locator::<T>::new(&mesh).update(mesh.nodes()).unwrap());
     for index in 0..9usize.pow(3) {
         let p = [index % 9, index / 9 % 9, index / 81].map(|n| shift + n as f64 / 4.0);
         let lowest = (0..mesh.elements().len())

@@ -1,0 +1,110 @@
+use super::*;
+use crate::study::testing;
+
+/// The CPU, and the GPU of the tests, if there is one.
+fn backends() -> Vec<Backend> {
+    let gpu = crate::gpu::testing::open().map(|gpu| Backend::Gpu(Box::new(gpu)));
+    [Backend::Cpu].into_iter().chain(gpu).collect()
+}
+
+/// A synthesizer, and states that differ in pose and noise.
+fn scene(backend: Backend) -> (Synthesizer, Vec<FrameState>) {
+    let (anatomy, settings, state) = testing::scene();
+    let states = (0..5).map(|frame| {
+        let mut state = FrameState { frame, ..state.clone() };
+        state.probe_to_world[(0, 3)] += 0.5 * frame as f64;
+        state
+    });
+    (Synthesizer::new(anatomy, settings, backend).unwrap(), states.collect())
+}
+
+#[test]
+fn frames_in_flight_are_those_rendered_one_by_one() {
+    for backend in backends() {
+        let (mut synth, states) = scene(backend);
+        let expected: Vec<Frame> = states
+            .iter()
+            .map(|state| synth.render(state).unwrap().clone())
+            .collect();
+        assert_ne!(expected[0].pixels, expected[1].pixels);
+        assert!(synth.try_take().unwrap().is_none(), "nothing is in flight");
+        let mut tickets: VecDeque<Ticket> = states[..3].iter().map(|state| synth.submit(state).unwrap()).collect();
+        assert!(matches!(synth.submit(&states[3]), Err(SynthError::Busy)));
+        for (at, expected) in expected.iter().enumerate() {
+            let ticket = tickets.pop_front().unwrap();
+            // The first without waiting, however often that has to be tried.
+            let found = match at {
+                0 => loop {
+                    if let Some((oldest, frame)) = synth.try_take().unwrap() {
+                        assert_eq!(oldest, ticket);
+                        break frame.clone();
+                    }
+                },
+                _ => synth.take(ticket).unwrap().clone(),
+            };
+            assert_eq!(&found, expected, "frame {at}");
+            if let Some(next) = states.get(at + 3) {
+                tickets.push_back(synth.submit(next).unwrap());
+            }
+        }
+    }
+}
+
+#[test]
+fn frames_that_nobody_takes_are_dropped() {
+    for backend in backends() {
+        let (mut synth, states) = scene(backend);
+        let expected: Vec<Frame> = states
+            .iter()
+            .map(|state| synth.render(state).unwrap().clone())
+            .collect();
+        let tickets: Vec<Ticket> = states[..3].iter().map(|state| synth.submit(state).unwrap()).collect();
+        assert_eq!(synth.take(tickets[1]).unwrap(), &expected[1]);
+        assert_eq!(synth.take(tickets[0]).unwrap(), &expected[1], "dropped by then");
+        // One is in flight, and dropped by each of these.
+        assert_eq!(synth.render(&states[4]).unwrap(), &expected[4]);
+        synth.submit(&states[0]).unwrap();
+        let mut settings = synth.settings().clone();
+        settings.image.width *= 2;
+        synth.set(settings).unwrap();
+        assert!(synth.try_take().unwrap().is_none());
+        let ticket = synth.submit(&states[0]).unwrap();
+        assert_eq!(synth.take(ticket).unwrap().width, 2 * expected[0].width);
+        let singular = FrameState::at(Matrix4::zeros());
+        assert!(matches!(synth.submit(&singular), Err(SynthError::Pose)));
+    }
+}
+
+#[test]
+fn a_frame_in_an_encoder_of_the_host_is_the_one_rendered() {
+    let Some(gpu) = crate::gpu::testing::open() else { return };
+    let (mut synth, states) = scene(Backend::Gpu(Box::new(gpu.clone())));
+    let expected = synth.render(&states[1]).unwrap().clone();
+    let mut encoder = gpu.device().create_command_encoder(&Default::default());
+    synth.encode(&mut encoder, &states[1]).unwrap();
+    let texture = synth.texture().expect("a texture");
+    let (width, height) = (texture.width(), texture.height());
+    let stride = crate::gpu::row_stride(width);
+    let buffer = gpu.device().create_buffer(&wgpu::BufferDescriptor {
+        label: None,
+        size: stride * u64::from(height),
+        usage: wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ,
+        mapped_at_creation: false,
+    });
+    let layout = wgpu::TexelCopyBufferLayout {
+        offset: 0,
+        bytes_per_row: Some(stride as u32),
+        rows_per_image: None,
+    };
+    let into = wgpu::TexelCopyBufferInfo {
+        buffer: &buffer,
+        layout,
+    };
+    encoder.copy_texture_to_buffer(texture.as_image_copy(), into, texture.size());
+    gpu.queue().submit([encoder.finish()]);
+    buffer.map_async(wgpu::MapMode::Read, .., |mapped| mapped.unwrap());
+    gpu.wait("the host's frame").unwrap();
+    let bytes = buffer.get_mapped_range(..).unwrap();
+    let rows = bytes.chunks(stride as usize).flat_map(|row| &row[..width as usize]);
+    assert!(rows.eq(&expected.pixels));
+}
