@@ -16,22 +16,26 @@ struct Params {
 @group(0) @binding(4) var<storage, read_write> labels: array<u32>;
 @group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
 
-fn majority(corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
-    var held = corners;
-    var weights: array<f32, 8>;
-    for (var c = 0u; c < 8u; c++) {
-        let upper = vec3<bool>((c & 1u) == 1u, ((c >> 1u) & 1u) == 1u, (c >> 2u) == 1u);
-        let w = select(1.0 - fraction, fraction, upper);
-        weights[c] = w.x * w.y * w.z;
-    }
-    var best = held[0];
+// Label of a corner of a cell, of which eight are packed into two words: local arrays that loops index may end up in memory.
+fn corner(held: vec2<u32>, c: u32) -> u32 {
+    return (select(held.x, held.y, c >= 4u) >> (8u * (c & 3u))) & 0xffu;
+}
+
+fn corner_weight(fraction: vec3<f32>, c: u32) -> f32 {
+    let upper = vec3<bool>((c & 1u) == 1u, ((c >> 1u) & 1u) == 1u, (c >> 2u) == 1u);
+    let w = select(1.0 - fraction, fraction, upper);
+    return w.x * w.y * w.z;
+}
+
+fn majority(held: vec2<u32>, fraction: vec3<f32>) -> u32 {
+    var best = corner(held, 0u);
     var best_share = 0.0;
     for (var c = 0u; c < 8u; c++) {
-        let candidate = held[c];
+        let candidate = corner(held, c);
         var share = 0.0;
         for (var d = 0u; d < 8u; d++) {
-            if held[d] == candidate {
-                share += weights[d];
+            if corner(held, d) == candidate {
+                share += corner_weight(fraction, d);
             }
         }
         if share > best_share || (share == best_share && candidate < best) {
@@ -72,17 +76,16 @@ fn share(base: vec3<i32>, fraction: vec3<f32>, candidate: u32) -> f32 {
 }
 
 // Of the labels of a cell, the one with the largest share, from the nearest corner on.
-fn smooth_label(base: vec3<i32>, corners: array<u32, 8>, fraction: vec3<f32>) -> u32 {
-    var held = corners;
+fn smooth_label(base: vec3<i32>, held: vec2<u32>, fraction: vec3<f32>) -> u32 {
     let near = select(vec3<u32>(0u), vec3<u32>(1u, 2u, 4u), fraction > vec3<f32>(0.5));
     let nearest = near.x + near.y + near.z;
     var best = 0u;
     var best_share = -1.0;
     for (var c = 0u; c < 8u; c++) {
-        let candidate = held[nearest ^ c];
+        let candidate = corner(held, nearest ^ c);
         var seen = false;
         for (var before = 0u; before < c; before++) {
-            seen = seen || held[nearest ^ before] == candidate;
+            seen = seen || corner(held, nearest ^ before) == candidate;
         }
         if seen {
             continue;
@@ -112,20 +115,20 @@ fn label_at(position: vec3<f32>) -> u32 {
     }
     let index = place.shifted - 0.5;
     let base = vec3<i32>(index + 1.0) - 1;
-    var corners: array<u32, 8>;
-    var same = true;
-    for (var c = 0u; c < 8u; c++) {
-        corners[c] = voxel(base + vec3<i32>(vec3<u32>(c & 1u, (c >> 1u) & 1u, c >> 2u)), params.size);
-        same = same && corners[c] == corners[0];
+    var held = vec2<u32>(0u);
+    for (var c = 0u; c < 4u; c++) {
+        let at = base + vec3<i32>(vec3<u32>(c & 1u, c >> 1u, 0u));
+        held |= vec2<u32>(voxel(at, params.size), voxel(at + vec3<i32>(0, 0, 1), params.size)) << vec2<u32>(8u * c);
     }
-    if same {
-        return corners[0];
+    let first = corner(held, 0u);
+    if all(held == vec2<u32>(first * 0x01010101u)) {
+        return first;
     }
     let fraction = index - vec3<f32>(base);
     if params.boundary == 1u {
-        return majority(corners, fraction);
+        return majority(held, fraction);
     }
-    return smooth_label(base, corners, fraction);
+    return smooth_label(base, held, fraction);
 }
 
 @compute @workgroup_size(64)

@@ -167,7 +167,8 @@ fn build(
         entry_point: Some(pass.entry),
         compilation_options: wgpu::PipelineCompilationOptions {
             constants: pass.constants,
-            ..Default::default()
+            // Shaders write their workgroup memory before they read it.
+            zero_initialize_workgroup_memory: false,
         },
         cache: None,
     });

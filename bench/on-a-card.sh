@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# Parity and benchmarks on the graphics card of this machine, in about ten minutes: `bench/on-a-card.sh [FILE]`.
+# Writes one file (default on-a-card.txt): card and driver, the parity tests, GPU against CPU by pass and size, remeshing, and frames written to disk.
+# INSONIFY_ADAPTER picks a card. INSONIFY_BIN and INSONIFY_TESTS name binaries built elsewhere (`insonify`, and the test binary `library`), for a
+# machine without a Rust toolchain.
+set -euo pipefail
+out=$(realpath -m "${1:-on-a-card.txt}")
+cd "$(dirname "$0")/.."
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+if [ -z "${INSONIFY_BIN:-}" ]; then
+    cargo build --release --locked
+    INSONIFY_BIN=$PWD/target/release/insonify
+fi
+tests() {
+    if [ -n "${INSONIFY_TESTS:-}" ]; then "$INSONIFY_TESTS" "$@"; else cargo test --release --locked --test library -- "$@"; fi
+}
+section() { printf '\n== %s (%s)\n' "$1" "$(date -u +%H:%M:%S)"; }
+
+{
+    section "machine, $(date -u +%F)"
+    "$INSONIFY_BIN" doctor
+    if command -v nvidia-smi > /dev/null; then nvidia-smi --query-gpu=name,driver_version,memory.total --format=csv; fi
+
+    section "parity"
+    INSONIFY_REQUIRE_GPU=1 tests parity:: boundaries:: 2>&1 | tail -n 15 || true
+
+    section "frames: the default scene, and one whose mesh moves in every frame"
+    "$INSONIFY_BIN" bench --frames 200 || true
+    "$INSONIFY_BIN" scene > "$work/moving.toml"
+    cat >> "$work/moving.toml" << 'SCENE'
+[deform]
+nodes = 5000
+ramp_s = 3.0
+field = { kind = "indentation", centre_mm = [-68.1, -77.2, -46.3], direction = [0.148, 0.962, 0.229], depth_mm = 12.0, radius_mm = 40.0 }
+SCENE
+    "$INSONIFY_BIN" bench "$work/moving.toml" --frames 200 || true
+
+    section "GPU against CPU: passes, sizes, effects, transfers, remeshing"
+    "$INSONIFY_BIN" bench --compare || true
+
+    section "the dense inverse, 300 moves"
+    "$INSONIFY_BIN" tradeoff remesh --updates 300 --time-limit-s 20 || true
+
+    section "frames written to a folder"
+    time "$INSONIFY_BIN" render --backend gpu --frames 300 -o "$work/frames" || true
+} 2>&1 | tee "$out"
