@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::base::csv::Csv;
 use crate::base::output::{atomic, png};
+use crate::imaging::canvas;
 use crate::imaging::rf::SPEED_M_S;
 use crate::imaging::rf::bmode::{envelope, grey, scan_converted, white};
 use crate::imaging::rf::file::Echoes;
@@ -37,7 +38,7 @@ Examples:
   insonify motion rf.igs.mha -o u.csv --truth truth.csv            errors against the truth
   insonify motion --validate -o study                              accuracy on media and an insertion of known motion, with plots
   insonify motion rf.igs.mha --truth truth.csv --validate -o study the same plots of a sequence
-  insonify motion rf.igs.mha -o u.csv --strain strain.png          axial strain of the last frame in colour over its B-mode
+  insonify motion rf.igs.mha -o u.csv --strain strain.png          axial strain in colour over the B-mode, where tissue moved most
   insonify motion rf.mha -o u.csv --sampling-mhz 40 --pitch-mm 0.15
 
 docs/motion.md has the model, its accuracy and its cost.";
@@ -85,15 +86,18 @@ pub struct Motion {
     /// With --validate and without RF: smaller media and a shorter insertion
     #[arg(long, requires = "validate", conflicts_with = "input")]
     quick: bool,
-    /// Write the axial strain of the last frame in colour over its B-mode
+    /// Write the axial strain of a frame in colour over its B-mode
     #[arg(long, value_name = "FILE.png")]
     strain: Option<PathBuf>,
-    /// Write the axial motion of the last frame in colour over its B-mode
+    /// Write the axial motion of a frame in colour over its B-mode
     #[arg(long, value_name = "FILE.png")]
     displacement: Option<PathBuf>,
+    /// Frame of the pictures, from 1 [default: that of the largest mean motion before windows are lost]
+    #[arg(long, value_name = "N", conflicts_with = "validate")]
+    frame: Option<usize>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `trusted` (share of windows above 0.8), `correlations` (count), `references`, and with --truth `errors`
+    /// Print JSON: `frames`, `lines`, `windows`, `correlation` (mean), `trusted` (share of windows above 0.8), `correlations` (count), `references`, `lost` (frames in which a fifth of the windows stop correlating), and with --truth `errors`
     #[arg(long)]
     json: bool,
 }
@@ -111,6 +115,8 @@ struct Report {
     correlations: u64,
     /// Number of changes of the reference.
     references: usize,
+    /// Frames in which the share of windows that correlate falls to less than [`KEPT`] of that of the best frame before.
+    lost: Vec<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     errors: Option<Errors>,
 }
@@ -135,6 +141,8 @@ struct Spread {
 
 /// Correlation below which an estimate is not compared with the truth.
 const TRUSTED: f64 = 0.8;
+/// Share of the windows that correlate which must be left from one frame to the next: below it tissue moved further than the search reaches.
+const KEPT: f64 = 0.8;
 /// Windows over which strain is a slope.
 const SLOPE: usize = 9;
 /// Opacity of colours over the B-mode.
@@ -152,17 +160,23 @@ impl Motion {
         }
         let (echoes, options) = self.echoes()?;
         let truth = self.known(&echoes)?;
+        if let Some(frame) = self.frame.filter(|frame| !(1..echoes.frames.len()).contains(frame)) {
+            let expected = format!("give a frame from 1 to {}", echoes.frames.len() - 1);
+            return Err(Failure::usage(format!("--frame {frame}"), expected));
+        }
         let depths = options.centres_mm(echoes.samples);
         let mut tracker = Tracker::new(options, echoes.lines, &echoes.frames[0]);
         let bar = terminal::progress(echoes.frames.len() - 1);
-        let (mut correlation, mut trusted) = (0.0, 0);
-        let mut last = Vec::new();
+        let count = (echoes.lines * options.windows) as f64;
+        let (mut correlation, mut trusted) = (0.0, 0.0);
+        let mut losses = Losses::default();
+        let mut shown = Shown::default();
         let mut tally = Tally::default();
         atomic::write(&self.output, |file| {
             writeln!(file, "frame,line,window,depth_mm,axial_um,lateral_um,correlation")?;
             for (frame, values) in echoes.frames.iter().enumerate().skip(1) {
-                last = tracker.next(values);
-                for (at, estimate) in last.iter().enumerate() {
+                let found = tracker.next(values);
+                for (at, estimate) in found.iter().enumerate() {
                     let (line, window) = (at / options.windows, at % options.windows);
                     writeln!(
                         file,
@@ -170,10 +184,18 @@ impl Motion {
                         depths[window], estimate.axial_um, estimate.lateral_um, estimate.correlation
                     )?;
                     correlation += estimate.correlation;
-                    trusted += usize::from(estimate.correlation >= TRUSTED);
                 }
+                let kept = found.iter().filter(|it| it.correlation >= TRUSTED);
+                let share = kept.clone().count() as f64 / count;
+                let mean_um = kept.map(|it| it.axial_um.abs()).sum::<f64>() / (share * count).max(1.0);
+                trusted += share;
+                losses.see(frame, share);
                 if let Some(truth) = &truth {
-                    tally.add(&last, &truth[frame]);
+                    tally.add(&found, &truth[frame]);
+                }
+                let moved_most = shown.frame == 0 || losses.frames.is_empty() && mean_um > shown.mean_um;
+                if self.frame.map_or(moved_most, |asked| asked == frame) {
+                    shown = Shown { frame, mean_um, found };
                 }
                 bar.inc(1);
             }
@@ -182,7 +204,7 @@ impl Motion {
         bar.finish_and_clear();
         for (path, strain) in [(&self.displacement, false), (&self.strain, true)] {
             if let Some(path) = path {
-                let picture = self.picture(&echoes, &depths, &last, strain)?;
+                let picture = self.picture(&echoes, &depths, &shown, strain)?;
                 png::write_rgb(path, picture.width() as usize, picture.height() as usize, &picture)?;
             }
         }
@@ -191,12 +213,14 @@ impl Motion {
             frames: frames + 1,
             lines: echoes.lines,
             windows: options.windows,
-            correlation: correlation / (frames * echoes.lines * options.windows) as f64,
-            trusted: trusted as f64 / (frames * echoes.lines * options.windows) as f64,
+            correlation: correlation / (frames as f64 * count),
+            trusted: trusted / frames as f64,
             correlations: tracker.correlations,
             references: tracker.switches,
+            lost: losses.frames.clone(),
             errors: truth.is_some().then(|| tally.errors()),
         };
+        losses.warning(options.wide_mm).iter().for_each(terminal::warn);
         match self.json {
             true => terminal::emit_json(&report),
             false => terminal::emit(&report.text()),
@@ -306,18 +330,19 @@ impl Motion {
         })
     }
 
-    fn picture(&self, echoes: &Echoes, depths: &[f64], last: &[Estimate], strain: bool) -> Result<RgbImage, Failure> {
+    fn picture(&self, echoes: &Echoes, depths: &[f64], shown: &Shown, strain: bool) -> Result<RgbImage, Failure> {
         let Some(probe) = self.geometry.probe(echoes, self.sampling_mhz)? else {
             let expected = "give --sampling-mhz and --pitch-mm, or --radius-mm and --angle-deg";
             return Err(Failure::usage("a picture needs the geometry of the lines", expected));
         };
         let (beam, image) = laid_out(&probe)?;
-        let envelope = envelope(echoes, echoes.frames.len() - 1);
+        let (frame, found) = (shown.frame, &shown.found);
+        let envelope = envelope(echoes, frame);
         let below = scan_converted(&grey(&envelope, white(&envelope), 60.0), &beam, &image, 0);
         let count = usize::from(self.windows);
         let values: Vec<f64> = match strain {
-            true => last.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
-            false => last
+            true => found.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
+            false => found
                 .iter()
                 .map(|it| {
                     if it.correlation >= TRUSTED {
@@ -332,28 +357,23 @@ impl Motion {
         let mut sizes: Vec<f64> = shown.map(|value| value.abs()).collect();
         if sizes.is_empty() {
             return Err(Failure::usage(
-                "no window of the last frame correlates",
+                format!("no window of frame {frame} correlates"),
                 "leave out --strain and --displacement; the tissue moves too far between frames, or the echoes are noise",
             ));
         }
         sizes.sort_by(f64::total_cmp);
-        let most = sizes[sizes.len() * 98 / 100].max(1e-12);
+        let most = rounded(sizes[sizes.len() * 98 / 100].max(1e-12));
         let unit = if strain { "%" } else { "um" };
         terminal::note(format_args!(
-            "colours from {:.3} {unit} ({}, blue) to {:.3} {unit} ({}, red)",
+            "frame {frame}: colours from {} {unit} ({}, blue) to {most} {unit} ({}, red)",
             -most,
             if strain { "compressed" } else { "towards the probe" },
-            most,
             if strain { "stretched" } else { "away" }
         ));
-        Ok(coloured(
-            &below,
-            &beam,
-            &image,
-            &values,
-            [depths[0], depths[count - 1]],
-            most,
-        ))
+        let ends = [depths[0], depths[count - 1]];
+        let mut picture = coloured(&below, &beam, &image, &values, ends, most);
+        colour_bar(&mut picture, most, unit);
+        Ok(picture)
     }
 }
 
@@ -406,14 +426,46 @@ fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], en
         if value.is_nan() {
             return Rgb([grey as u8; 3]);
         }
-        let level = (value / most).clamp(-1.0, 1.0);
-        let colour = match level < 0.0 {
-            true => [40.0, 90.0, 255.0],
-            false => [255.0, 70.0, 30.0],
-        };
-        let opacity = OPACITY * level.abs().sqrt();
-        Rgb(colour.map(|part: f64| (grey * (1.0 - opacity) + part * opacity).round() as u8))
+        Rgb(tint(grey, value / most))
     })
+}
+
+/// Grey in the colour of a level of -1 (blue) to 1 (red).
+fn tint(grey: f64, level: f64) -> [u8; 3] {
+    let colour = match level < 0.0 {
+        true => [40.0, 90.0, 255.0],
+        false => [255.0, 70.0, 30.0],
+    };
+    let opacity = OPACITY * level.abs().min(1.0).sqrt();
+    colour.map(|part: f64| (grey * (1.0 - opacity) + part * opacity).round() as u8)
+}
+
+/// A number above 0, up to two significant digits.
+fn rounded(number: f64) -> f64 {
+    let unit = 10f64.powf(number.log10().floor() - 1.0);
+    // Powers of ten below 1 are not exact: their reciprocals are.
+    match unit < 1.0 {
+        true => (number / unit).ceil() / unit.recip().round(),
+        false => (number / unit).ceil() * unit,
+    }
+}
+
+/// Bar of the colours of a picture with its ends, in its upper right corner.
+fn colour_bar(picture: &mut RgbImage, most: f64, unit: &str) {
+    let (width, height) = (picture.width(), picture.height());
+    let (left, top, long) = (width.saturating_sub(16), 10, height.saturating_sub(20).min(120));
+    for y in 0..long {
+        let level = 1.0 - 2.0 * f64::from(y) / f64::from(long.max(2) - 1);
+        for x in left..width.saturating_sub(6) {
+            picture.put_pixel(x, top + y, Rgb(tint(110.0, level)));
+        }
+    }
+    for (share, value) in [(0.0, most), (0.5, 0.0), (1.0, -most)] {
+        let name = format!("{value} {unit}");
+        let [wide, high] = canvas::text_size(&name, 1);
+        let y = f64::from(top) + share * f64::from(long) - 0.5 * f64::from(high);
+        canvas::text(picture, [left.saturating_sub(wide + 5), y as u32], &name, 1, [255; 3]);
+    }
 }
 
 /// True axial and lateral motion by frame, in the order of the estimates.
@@ -441,6 +493,53 @@ fn truth(path: &Path, echoes: &Echoes, windows: usize) -> Result<Vec<Vec<[f64; 2
         ))
         .into()),
         false => Ok(all),
+    }
+}
+
+/// Estimates of the frame whose picture is drawn.
+#[derive(Default)]
+struct Shown {
+    frame: usize,
+    /// Mean magnitude of the axial motion of windows that correlate, um.
+    mean_um: f64,
+    found: Vec<Estimate>,
+}
+
+/// Frames in which windows were lost.
+#[derive(Default)]
+struct Losses {
+    frames: Vec<usize>,
+    /// Largest share of windows that correlate of the frames so far.
+    best: f64,
+    /// Share in the first of the frames, and largest before.
+    fall: [f64; 2],
+}
+
+impl Losses {
+    /// Takes the share of the windows of a frame that correlate.
+    fn see(&mut self, frame: usize, share: f64) {
+        if share < KEPT * self.best {
+            if self.frames.is_empty() {
+                self.fall = [share, self.best];
+            }
+            self.frames.push(frame);
+        }
+        self.best = self.best.max(share);
+    }
+
+    /// Warning about the frames, given the reach of the search.
+    fn warning(&self, wide_mm: f64) -> Option<String> {
+        let first = self.frames.first()?;
+        let [after, before] = self.fall.map(|share| 100.0 * share);
+        let others = match self.frames.len() {
+            1 => String::new(),
+            2 => ", and so in a later one".to_owned(),
+            n => format!(", and so in {} later ones", n - 1),
+        };
+        Some(format!(
+            "in frame {first} {after:.0} % of the windows correlate, {before:.0} % before{others}: tissue moved further than the search reaches \
+             ({wide_mm} mm), and motion against the first frame is unreliable from there on, whatever the correlation; record more frames a second"
+        ))
     }
 }
 
@@ -512,5 +611,40 @@ impl Report {
             }
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_that_lose_their_windows_are_told() {
+        let mut losses = Losses::default();
+        for (at, share) in [0.9, 0.97, 0.8, 0.97, 0.58, 0.9, 0.6].into_iter().enumerate() {
+            losses.see(at + 1, share);
+        }
+        assert_eq!((&losses.frames[..], losses.fall), (&[5, 7][..], [0.58, 0.97]));
+        let warning = losses.warning(0.8).expect("a warning");
+        assert!(
+            warning.starts_with("in frame 5 58 % of the windows correlate, 97 % before, and so in a later one"),
+            "{warning}"
+        );
+        assert_eq!(Losses::default().warning(0.8), None);
+    }
+
+    #[test]
+    fn ends_of_colours_have_two_digits_and_hold_the_values() {
+        let cases = [
+            (1724.5, 1800.0),
+            (0.0123, 0.013),
+            (0.1, 0.1),
+            (25.2, 26.0),
+            (3.0, 3.0),
+            (0.00991, 0.01),
+        ];
+        for (number, expected) in cases {
+            assert_eq!(rounded(number), expected, "{number}");
+        }
     }
 }

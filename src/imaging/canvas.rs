@@ -2,7 +2,7 @@
 
 use image::{Rgb, RgbImage};
 
-pub(super) type Colour = [u8; 3];
+pub(crate) type Colour = [u8; 3];
 pub(super) type Point = [f64; 2];
 
 /// Blends `colour` over a pixel with an opacity of 0 to 1.
@@ -105,19 +105,23 @@ fn glyph(letter: char) -> [u8; 7] {
         '7' => [0b11111, 0b00001, 0b00010, 0b00100, 0b01000, 0b01000, 0b01000],
         '8' => [0b01110, 0b10001, 0b10001, 0b01110, 0b10001, 0b10001, 0b01110],
         '9' => [0b01110, 0b10001, 0b10001, 0b01111, 0b00001, 0b00001, 0b01110],
+        'u' => [0b00000, 0b00000, 0b10001, 0b10001, 0b10001, 0b10011, 0b01101],
+        '%' => [0b11001, 0b11010, 0b00010, 0b00100, 0b01000, 0b01011, 0b10011],
+        '-' => [0b00000, 0b00000, 0b00000, 0b11111, 0b00000, 0b00000, 0b00000],
+        '.' => [0b00000, 0b00000, 0b00000, 0b00000, 0b00000, 0b01100, 0b01100],
         'c' => [0b00000, 0b00000, 0b01110, 0b10001, 0b10000, 0b10001, 0b01110],
         _ => [0; 7],
     }
 }
 
 /// Width and height of a text, pixels.
-pub(super) fn text_size(text: &str, dot: u32) -> [u32; 2] {
+pub(crate) fn text_size(text: &str, dot: u32) -> [u32; 2] {
     let letters = text.chars().count() as u32;
     [(letters * 6).saturating_sub(1) * dot, 7 * dot]
 }
 
 /// Draws a text whose upper left dot is at `at`, with dots of `dot` pixels and a dark rim.
-pub(super) fn text(picture: &mut RgbImage, at: [u32; 2], text: &str, dot: u32, colour: Colour) {
+pub(crate) fn text(picture: &mut RgbImage, at: [u32; 2], text: &str, dot: u32, colour: Colour) {
     for (rim, ink) in [(1i64, [0, 0, 0]), (0, colour)] {
         for (place, letter) in text.chars().enumerate() {
             for (row, bits) in glyph(letter).into_iter().enumerate() {

@@ -92,22 +92,37 @@ impl Identification {
         table
     }
 
+    /// The Poisson's ratio whose simulation comes closest to the measured displacements, if there are several.
+    fn closest(&self) -> Option<String> {
+        let error = |found: &Identified| found.motion.map(|of| of.largest_mean_mm.hypot(of.largest_sd_mm));
+        let mut by_error: Vec<_> = self
+            .found
+            .iter()
+            .filter_map(|found| Some((error(found)?, found)))
+            .collect();
+        by_error.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let [(least, best), (next, _), ..] = by_error[..] else {
+            return None;
+        };
+        Some(format!(
+            "{} comes closest to the measured displacements: the next is {:.1} times as far off. Certainty is that of a modulus given the ratio.",
+            best.name(),
+            next / least
+        ))
+    }
+
     /// Cost beside the moduli found; empty where all are known.
     fn beside(&self) -> Table {
         let mut table = Table::new(
             ["", "layer"]
                 .map(Cell::from)
                 .into_iter()
-                .chain(["E changed by", "cost changes by"].map(Cell::number)),
+                .chain(["E changed by", "cost over the least"].map(Cell::number)),
         );
         for found in &self.found {
             for beside in &found.beside {
-                let percent = |factor: f64| Cell::number(format!("{:+.3} %", 100.0 * (factor - 1.0)));
                 let change = Cell::number(format!("{:+.0} %", 100.0 * (beside.factor - 1.0)));
-                let cost = match beside.cost_ratio < 100.0 {
-                    true => percent(beside.cost_ratio),
-                    false => Cell::number(format!("x {}", significant(beside.cost_ratio))),
-                };
+                let cost = Cell::number(significant(beside.cost_ratio));
                 table.row(
                     "",
                     [
@@ -246,6 +261,7 @@ impl Identification {
             "soft",
             "Mean and standard deviation of the error are taken over all measured places at a depth of the tip; the largest over all depths counts (Table III).",
         );
+        self.closest().iter().for_each(|closest| page.paragraph("", closest));
         let beside = self.beside();
         if !beside.is_empty() {
             page.put("<h2>Certainty</h2>");
@@ -367,6 +383,9 @@ impl fmt::Display for Identification {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "{}", self.parameters().text("  ", &[]))?;
         writeln!(f, "{}", self.errors().text("  ", &[]))?;
+        if let Some(closest) = self.closest() {
+            writeln!(f, "  {closest}\n")?;
+        }
         if !self.beside().is_empty() {
             writeln!(f, "{}", self.beside().text("  ", &[]))?;
         }
