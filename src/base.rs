@@ -10,6 +10,7 @@ pub mod range;
 pub mod read;
 pub mod real;
 pub mod report;
+#[cfg(feature = "cli")]
 pub mod search;
 pub mod simd;
 pub mod text;

@@ -1,8 +1,7 @@
 //! Top-level error type, and whether the user or the machine is at fault.
 
-use std::fmt;
-
-use miette::{Diagnostic, LabeledSpan, SourceCode};
+#[cfg(feature = "cli")]
+mod diagnostic;
 
 use crate::anatomy::volume::VolumeError;
 use crate::base::csv::CsvError;
@@ -87,33 +86,12 @@ impl Error {
     }
 }
 
-impl Diagnostic for Error {
-    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        match self {
-            Self::Input(error) => error.help(),
-            _ => None,
-        }
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        match self {
-            Self::Input(error) => error.source_code(),
-            _ => None,
-        }
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        match self {
-            Self::Input(error) => error.labels(),
-            _ => None,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::io;
     use std::path::Path;
+
+    use miette::Diagnostic;
 
     use super::*;
     use crate::input::scene::SceneFile;

@@ -22,10 +22,8 @@
 //! y axial into the body, z = x cross y. Images have columns along x and rows along y (PLUS orientation MF).
 
 #![cfg_attr(not(feature = "internals"), warn(missing_docs))]
-#![cfg_attr(
-    not(feature = "cli"),
-    allow(dead_code, unused_imports, reason = "the command is their only caller")
-)]
+// The command is the only caller of much that is not worth a condition of its own.
+#![cfg_attr(not(feature = "cli"), allow(dead_code, unused_imports))]
 
 // Modules are private; the feature `internals` opens them to this package's tests, benches and examples.
 #[cfg(not(feature = "internals"))]
@@ -60,9 +58,9 @@ pub mod mechanics;
 mod simulator;
 #[cfg(feature = "internals")]
 pub mod simulator;
-#[cfg(not(feature = "internals"))]
+#[cfg(all(feature = "cli", not(feature = "internals")))]
 mod study;
-#[cfg(feature = "internals")]
+#[cfg(all(feature = "cli", feature = "internals"))]
 pub mod study;
 #[cfg(not(feature = "internals"))]
 mod tracking;
@@ -99,6 +97,7 @@ pub use imaging::synth::layers::Layer;
 pub use imaging::synth::tables::{Anatomy, ImageSize, Settings};
 pub use imaging::synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer, Ticket};
 pub use input::InputError;
+#[cfg(feature = "cli")]
 pub use input::scenario::record::Record;
 pub use input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};
 pub use input::scenario::{EXAMPLES as SCENARIOS, Scenario, ScenarioFile, Summary};

@@ -1,5 +1,6 @@
 //! Probe and needle tracking: geometry, poses, trajectories, tracked sequences, calibration.
 
+#[cfg(feature = "cli")]
 pub mod calibrate;
 pub mod calibration;
 mod error;

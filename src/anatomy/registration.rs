@@ -5,6 +5,7 @@
 //! Image and Vision Computing 10, 1992). The map leads from the world to the volume, so that slicing needs no inverse.
 
 pub mod markers;
+#[cfg(feature = "cli")]
 pub mod report;
 mod resample;
 pub mod skin;

@@ -3,6 +3,7 @@
 pub mod atomic;
 mod error;
 pub mod folder;
+#[cfg(feature = "cli")]
 pub mod gif;
 pub mod place;
 pub mod png;

@@ -14,6 +14,7 @@ pub mod machine;
 pub mod number;
 pub mod page;
 pub mod pareto;
+#[cfg(feature = "cli")]
 pub mod plot;
 pub mod statistics;
 pub mod table;

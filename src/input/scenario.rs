@@ -47,11 +47,13 @@ mod plan;
 mod planned;
 pub mod points;
 mod probe;
+#[cfg(feature = "cli")]
 pub mod record;
 mod regions;
 mod resolve;
 pub mod run;
 mod scene;
+#[cfg(feature = "cli")]
 mod section;
 mod stiffened;
 mod summary;

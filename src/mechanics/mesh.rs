@@ -22,6 +22,7 @@ pub mod generate;
 mod grid;
 pub mod lattice;
 pub mod locator;
+#[cfg(feature = "cli")]
 pub mod outline;
 pub mod quality;
 mod surface;

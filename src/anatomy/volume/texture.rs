@@ -2,6 +2,7 @@
 //!
 //! A texture's mean square is 1, so that a tissue's echogenicity is its mean echo power whatever its texture.
 
+#[cfg(feature = "cli")]
 pub mod synthesis;
 
 use bytemuck::{Pod, Zeroable};

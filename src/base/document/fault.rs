@@ -1,17 +1,18 @@
 //! Error of a file with its key and position.
 
+#[cfg(feature = "cli")]
+mod diagnostic;
+
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
-
-use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 use super::Source;
 use crate::base::text::{MESSAGE, clipped, head, printable, tail};
 
 /// An error of a file: its cause, the key concerned and the place in the text.
 ///
-/// As a [`miette::Diagnostic`] it shows the line with a caret; as text it names key, file and line.
+/// As text it names key, file and line; the command shows the line with a caret.
 #[derive(Debug)]
 pub struct Fault<P>(Box<Inner<P>>);
 
@@ -109,22 +110,6 @@ impl<P: std::error::Error> std::error::Error for Fault<P> {
     }
 }
 
-impl<P: std::error::Error> Diagnostic for Fault<P> {
-    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        self.0.help.as_ref().map(|help| Box::new(help) as Box<dyn fmt::Display>)
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.0.place.as_ref().map(|place| place as &dyn SourceCode)
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let span = self.0.place.as_ref()?.span.clone();
-        let label = LabeledSpan::new_primary_with_span(Some("here".to_owned()), span);
-        Some(Box::new(std::iter::once(label)))
-    }
-}
-
 impl Place {
     fn new(source: &Source, span: &Range<usize>) -> Self {
         /// Maximum columns of text before an error, of the error, after it, and of another line.
@@ -156,25 +141,5 @@ impl Place {
             text: shown,
             span,
         }
-    }
-}
-
-impl SourceCode for Place {
-    fn read_span<'a>(
-        &'a self,
-        span: &miette::SourceSpan,
-        before: usize,
-        after: usize,
-    ) -> Result<Box<dyn miette::SpanContents<'a> + 'a>, miette::MietteError> {
-        let inner = self.text.read_span(span, before, after)?;
-        Ok(Box::new(miette::MietteSpanContents::new_named(
-            self.name.clone(),
-            inner.data(),
-            *inner.span(),
-            self.lines_before + inner.line(),
-            // With context lines, the excerpt begins with a line.
-            if before == 0 { self.column } else { 0 },
-            inner.line_count(),
-        )))
     }
 }

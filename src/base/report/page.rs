@@ -8,6 +8,7 @@ use base64::engine::general_purpose::STANDARD;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ImageBuffer, ImageEncoder, ImageError, PixelWithColorType};
 
+#[cfg(feature = "cli")]
 use super::plot::Plot;
 use super::table::Table;
 use crate::base::output::OutputError;
@@ -91,6 +92,7 @@ impl Page {
     ///
     /// # Errors
     /// [`OutputError`] if a plot cannot be drawn.
+    #[cfg(feature = "cli")]
     pub fn plots<'a>(&mut self, plots: impl IntoIterator<Item = &'a Plot>) -> Result<(), OutputError> {
         self.put("<div class=\"figures\">");
         for plot in plots {
