@@ -52,6 +52,7 @@
 //! # Ok::<(), insonify::gpu::GpuError>(())
 //! ```
 
+mod access;
 pub mod adapter;
 pub mod buffer;
 pub mod device;
@@ -64,11 +65,12 @@ pub(crate) mod testing;
 pub mod texture_out;
 pub mod timing;
 
+pub use access::Access;
 pub use adapter::{AdapterChoice, AdapterReport};
 pub use buffer::{Parameters, StorageBuffer};
 pub use device::{Gpu, Needs};
 pub use error::{Faults, GpuError};
-pub use pass::{Access, PassSource, Pipeline};
+pub use pass::{PassSource, Pipeline};
 pub use readback::Readback;
 pub use recorder::{Dispatch, Recorder};
 pub use texture_out::{TextureOut, row_stride};

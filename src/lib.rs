@@ -38,10 +38,13 @@ pub mod base;
 mod error;
 #[cfg(feature = "internals")]
 pub mod error;
-#[cfg(not(feature = "internals"))]
+#[cfg(all(feature = "gpu", not(feature = "internals")))]
 mod gpu;
-#[cfg(feature = "internals")]
+#[cfg(all(feature = "gpu", feature = "internals"))]
 pub mod gpu;
+#[cfg(not(feature = "gpu"))]
+#[path = "gpu/absent.rs"]
+mod gpu;
 #[cfg(not(feature = "internals"))]
 mod imaging;
 #[cfg(feature = "internals")]
@@ -75,7 +78,9 @@ pub use anatomy::volume::{Label, LabelVolume, VolumeError, load as load_volume, 
 pub use base::output::OutputError;
 pub use base::output::png::write_grey as write_png;
 pub use error::Error;
-pub use gpu::{AdapterChoice, Gpu, GpuError, row_stride};
+#[cfg(feature = "gpu")]
+pub use gpu::row_stride;
+pub use gpu::{AdapterChoice, Gpu, GpuError};
 pub use imaging::effects::Effects;
 pub use imaging::effects::blur::Blur;
 pub use imaging::effects::contact::Contact;

@@ -4,5 +4,6 @@ pub mod insertion;
 mod ldl;
 pub mod mesh;
 pub mod needle;
+#[cfg(feature = "gpu")]
 pub mod remesh_gpu;
 pub mod tissue;

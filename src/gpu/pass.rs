@@ -2,16 +2,7 @@
 
 use super::buffer::SLOT_BYTES;
 use super::error::check_limit;
-use super::{Gpu, GpuError, Parameters, StorageBuffer};
-
-/// Access to a storage buffer.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Access {
-    /// Read only: `var<storage, read>`.
-    Read,
-    /// Written, and possibly read: `var<storage, read_write>`.
-    Write,
-}
+use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 
 /// Source and layout of a pass.
 ///

@@ -1,6 +1,10 @@
 //! Synthesizer: created once from a scene and a backend, it renders frame after frame.
 
 pub mod cpu;
+#[cfg(feature = "gpu")]
+pub mod gpu;
+#[cfg(not(feature = "gpu"))]
+#[path = "synth/gpu_absent.rs"]
 pub mod gpu;
 pub mod layers;
 pub mod local_origin;
@@ -65,6 +69,7 @@ pub enum Backend {
     /// A GPU adapter of this machine.
     Adapter(AdapterChoice),
     /// A device and its queue, lent by the host.
+    #[cfg(feature = "gpu")]
     Host(Box<(wgpu::Device, wgpu::Queue)>),
     /// An open GPU.
     Gpu(Box<Gpu>),
@@ -88,6 +93,7 @@ impl Backend {
                 made => made,
             },
             Self::Adapter(choice) => on(Gpu::open(&choice, &needs())?),
+            #[cfg(feature = "gpu")]
             Self::Host(host) => on(Gpu::from_host(host.0, host.1, &needs())?),
             Self::Gpu(gpu) => on(*gpu),
         }
@@ -166,7 +172,7 @@ struct Flight {
     ticket: Ticket,
     frame: Frame,
     /// Its submission, on a GPU.
-    submission: Option<wgpu::SubmissionIndex>,
+    submission: Option<gpu::Submission>,
 }
 
 impl Synthesizer {
@@ -289,6 +295,7 @@ impl Synthesizer {
 
     /// Records a frame into an encoder of the host's own, on the device lent as [`Backend::Host`], up to its copy into
     /// [`Synthesizer::texture`]. The host submits the encoder before it records or renders the next frame. On a CPU backend nothing is recorded.
+    #[cfg(feature = "gpu")]
     pub fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, state: &FrameState) -> Result<(), SynthError> {
         self.with_last(state, |gpu, _, tables, state| gpu.encode(encoder, tables, state))
     }
@@ -312,6 +319,7 @@ impl Synthesizer {
 
     /// Texture (R8Unorm) that holds the last frame of [`Synthesizer::render_to_texture`]; `None` on a CPU backend. The same
     /// texture is reused as long as the image size does not change.
+    #[cfg(feature = "gpu")]
     pub fn texture(&self) -> Option<&wgpu::Texture> {
         match &self.executor {
             Executor::Gpu(gpu) => gpu.texture(),

@@ -38,6 +38,9 @@ pub fn needs(plan: &Plan) -> Needs {
     }
 }
 
+/// A submission of a frame.
+pub type Submission = wgpu::SubmissionIndex;
+
 /// A dispatch of a frame.
 struct Step {
     pass: &'static Pass,
@@ -254,12 +257,7 @@ impl GpuExecutor {
     }
 
     /// Submits a frame, whose pixels are asked for at a place of the ring.
-    pub fn submit(
-        &mut self,
-        tables: &Tables,
-        state: &FrameState,
-        place: usize,
-    ) -> Result<wgpu::SubmissionIndex, SynthError> {
+    pub fn submit(&mut self, tables: &Tables, state: &FrameState, place: usize) -> Result<Submission, SynthError> {
         let gpu = self.gpu.clone();
         gpu.scoped("frame", || {
             self.reserve_place(tables, place)?;
@@ -286,7 +284,7 @@ impl GpuExecutor {
     pub fn take(
         &mut self,
         (plan, tables): (&Plan, &Tables),
-        submission: wgpu::SubmissionIndex,
+        submission: Submission,
         place: usize,
         pixels: &mut [u8],
     ) -> Result<(), SynthError> {

@@ -13,6 +13,7 @@ use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};
 use crate::mechanics::needle::{Constrained, Flexible, Needle, Rigid, Shaft, Stiffness};
+#[cfg(feature = "gpu")]
 use crate::mechanics::remesh_gpu::maker;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::remesh::{Level, RemeshError};
@@ -66,7 +67,10 @@ impl Scenario {
             },
         };
         let finite = match &self.gpu {
+            #[cfg(feature = "gpu")]
             Some(gpu) => Finite::with_maker(setup, maker(gpu), progress),
+            #[cfg(not(feature = "gpu"))]
+            Some(gpu) => match *gpu {},
             None => Finite::new(setup, progress),
         };
         let mut finite = finite.map_err(|error| self.blame(error))?;

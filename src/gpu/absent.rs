@@ -1,0 +1,77 @@
+//! Stand-in for the GPU in a library built without the feature `gpu`: there is no device, and to open one is an error.
+
+#[path = "access.rs"]
+mod access;
+
+pub use access::Access;
+
+/// A device, of which there is none.
+#[derive(Debug, Clone)]
+pub enum Gpu {}
+
+impl Gpu {
+    /// Opens no device.
+    ///
+    /// # Errors
+    /// Always [`GpuError::Absent`].
+    pub fn open(_: &AdapterChoice, _: &Needs) -> Result<Self, GpuError> {
+        Err(GpuError::Absent)
+    }
+
+    /// Report of the adapter.
+    pub fn report(&self) -> &AdapterReport {
+        match *self {}
+    }
+}
+
+/// Requirements of a device.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Needs;
+
+/// Properties of an adapter.
+#[derive(Debug, Clone)]
+pub struct AdapterReport {
+    /// Name given by the driver.
+    pub name: String,
+}
+
+/// Adapter to open.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct AdapterChoice;
+
+impl AdapterChoice {
+    /// The adapter named by a command-line flag, else the best.
+    pub fn from_flag(_: Option<&str>) -> Self {
+        Self
+    }
+}
+
+/// Reason why there is no GPU.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum GpuError {
+    /// The library has no GPU support.
+    #[error("this build has no GPU support; build it with the feature `gpu`")]
+    Absent,
+}
+
+impl GpuError {
+    /// Whether the machine is at fault (`true`) or the user's request (`false`).
+    pub fn is_machine(&self) -> bool {
+        true
+    }
+}
+
+/// Adapters of the machine.
+pub mod adapter {
+    use super::AdapterReport;
+
+    /// No adapter.
+    pub fn list() -> Vec<AdapterReport> {
+        Vec::new()
+    }
+
+    /// The reason to use the CPU.
+    pub fn hardware(_: &[AdapterReport]) -> Result<&AdapterReport, String> {
+        Err(super::GpuError::Absent.to_string())
+    }
+}

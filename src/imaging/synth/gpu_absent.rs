@@ -1,0 +1,54 @@
+//! Stand-in for the GPU executor in a library built without the feature `gpu`: none can be made.
+
+use super::layers::Beam;
+use super::tables::Tables;
+use super::{FrameState, PassTime, SynthError};
+use crate::gpu::{Gpu, Needs};
+use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::plan::Plan;
+
+/// Device requirements of a plan.
+pub fn needs(_: &Plan) -> Needs {
+    Needs
+}
+
+/// A submission, of which there is none.
+pub enum Submission {}
+
+/// An executor, of which there is none.
+pub enum GpuExecutor {}
+
+/// Methods of the executor, which cannot be called.
+macro_rules! methods {
+    ($($name:ident($($of:ty),*) -> $result:ty;)+) => {
+        impl GpuExecutor {
+            /// Makes no executor: there is no GPU.
+            pub fn new(gpu: Gpu, _: &Plan, _: &Tables) -> Result<Self, SynthError> {
+                match gpu {}
+            }
+
+            $(
+                pub fn $name(&self, $(_: $of),*) -> $result {
+                    match *self {}
+                }
+            )+
+        }
+    };
+}
+methods! {
+    fit(&Plan, &Tables, &[&'static Buffer]) -> Result<(), SynthError>;
+    submit(&Tables, &FrameState, usize) -> Result<Submission, SynthError>;
+    is_ready(usize) -> Result<bool, SynthError>;
+    take((&Plan, &Tables), Submission, usize, &mut [u8]) -> Result<(), SynthError>;
+    release(usize) -> ();
+    render_to_texture(&Plan, &Tables, &FrameState) -> Result<(), SynthError>;
+    run_until(&str, &Tables, &FrameState) -> Result<(), SynthError>;
+    run_on(&str, &str) -> Result<(), SynthError>;
+    time_passes(bool, &Plan) -> Result<(), SynthError>;
+    beam(bool, &Tables) -> Result<Beam, SynthError>;
+    gpu() -> &Gpu;
+    times() -> &[PassTime];
+    frame_ms() -> Option<f64>;
+    pipelines() -> std::iter::Empty<&'static str>;
+    bytes() -> u64;
+}
