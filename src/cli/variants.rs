@@ -29,7 +29,15 @@ pub fn variants<T>() -> impl TypedValueParser<Value = T>
 where
     T: JsonSchema + DeserializeOwned + Clone + Send + Sync + 'static,
 {
-    PossibleValuesParser::new(names::<T>()).try_map(|name| serde_json::from_value(name.into()))
+    PossibleValuesParser::new(names::<T>()).try_map(|given| {
+        // Where case is ignored, clap passes on what was given.
+        let names = names::<T>();
+        let name = names
+            .iter()
+            .map(PossibleValue::get_name)
+            .find(|name| name.eq_ignore_ascii_case(&given));
+        serde_json::from_value(name.unwrap_or(&given).into())
+    })
 }
 
 /// Parses a number within a range; `expected` describes the range in the error.

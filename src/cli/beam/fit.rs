@@ -9,12 +9,13 @@ use crate::input::beam_case::points;
 use crate::mechanics::needle::beam::Compression;
 use crate::mechanics::needle::beam::fit::{self, PARTED, Sample};
 use crate::mechanics::needle::beam::material::Law;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use serde_json::{Map, Value, json};
 
 use crate::cli::failure::Failure;
 use crate::cli::output::{self, Force};
 use crate::cli::terminal;
+use crate::cli::variants::variants;
 
 /// Number of points of a curve.
 const FINE: usize = 120;
@@ -45,8 +46,8 @@ pub struct Fit {
     #[arg(value_name = "POINTS.csv")]
     points: PathBuf,
     /// Compression of the sample, and the stress measure
-    #[arg(long, value_enum, ignore_case = true, default_value = "UEng")]
-    compression: CompressionArg,
+    #[arg(long, value_parser = variants::<Compression>(), ignore_case = true, default_value = "UEng")]
+    compression: Compression,
     /// Print one JSON object: `compression`, `stretch`, `models` (model, parameters, `r_squared`, `rms_kpa`, `parts_below`), `warnings`
     #[arg(long)]
     json: bool,
@@ -57,32 +58,14 @@ pub struct Fit {
     force: Force,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum CompressionArg {
-    /// Unconstrained, engineering stress
-    #[value(name = "UEng")]
-    UEng,
-    /// Unconstrained, true stress
-    #[value(name = "UTru")]
-    UTru,
-    /// Constrained along one side, true stress
-    #[value(name = "CTru")]
-    CTru,
-}
-
 impl Fit {
     pub fn run(&self) -> Result<(), Failure> {
         if let Some(output) = &self.output {
             self.force
                 .check_ending(output, "svg", "plots", std::slice::from_ref(&self.points))?;
         }
-        let compression = match self.compression {
-            CompressionArg::UEng => Compression::UEng,
-            CompressionArg::UTru => Compression::UTru,
-            CompressionArg::CTru => Compression::CTru,
-        };
         let samples = points::read(&self.points)?;
-        let fit = fit::Fit::new(&samples, compression).map_err(|cause| CsvError::Contents {
+        let fit = fit::Fit::new(&samples, self.compression).map_err(|cause| CsvError::Contents {
             path: self.points.clone(),
             text: cause.to_string(),
         })?;

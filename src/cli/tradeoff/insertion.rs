@@ -1,10 +1,11 @@
 //! `insonify tradeoff insertion`: options of needle insertions.
 
 use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use crate::cli::failure::Failure;
 use crate::cli::study::Printed;
+use crate::cli::variants::variants;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -21,8 +22,8 @@ a best choice; one that breaks what it promises is marked WRONG.";
 #[command(after_help = EXAMPLES)]
 pub struct Insertion {
     /// What to compare [default: everything]
-    #[arg(long, value_name = "PART,...", value_delimiter = ',')]
-    only: Vec<PartName>,
+    #[arg(long, value_name = "PART,...", value_delimiter = ',', value_parser = variants::<Part>())]
+    only: Vec<Part>,
     /// Nodes of the block of tissue [default: 3300; with --quick 500]
     #[arg(long, value_name = "N", value_parser = super::remesh::node_count)]
     nodes: Option<usize>,
@@ -42,25 +43,6 @@ pub struct Insertion {
     printed: Printed,
 }
 
-/// Available comparisons.
-#[derive(Clone, Copy, ValueEnum)]
-enum PartName {
-    /// Levels of remeshing, a probe moved sideways midway
-    Levels,
-    /// Bevels and meshes in a block of PVC; with --quick a single length and mesh
-    Bevel,
-    /// Masses and springs against finite elements
-    Masses,
-    /// Every n-th candidate of the probe
-    Thinning,
-    /// Length of the needle's links
-    Links,
-    /// Element length of a needle modelled as a beam
-    Elements,
-    /// Nodes of the mesh
-    Mesh,
-}
-
 impl Insertion {
     pub fn run(&self) -> Result<(), Failure> {
         let options = self.options();
@@ -69,15 +51,6 @@ impl Insertion {
 
     fn options(&self) -> InsertionOptions {
         let usual = InsertionOptions::of(super::effort(self.quick));
-        let part = |name: &PartName| match name {
-            PartName::Levels => Part::Levels,
-            PartName::Bevel => Part::Bevel,
-            PartName::Masses => Part::Masses,
-            PartName::Thinning => Part::Thinning,
-            PartName::Links => Part::Links,
-            PartName::Elements => Part::Elements,
-            PartName::Mesh => Part::Mesh,
-        };
         InsertionOptions {
             nodes: self.nodes.unwrap_or(usual.nodes),
             depth_mm: self.depth_mm.unwrap_or(usual.depth_mm),
@@ -86,7 +59,7 @@ impl Insertion {
             passes: self.passes.unwrap_or(usual.passes),
             parts: match self.only.is_empty() {
                 true => usual.parts,
-                false => self.only.iter().map(part).collect(),
+                false => self.only.clone(),
             },
         }
     }

@@ -18,6 +18,8 @@ mod masses;
 use std::time::Instant;
 
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
 use super::gather::Entry;
 use super::{Axis, Figure, Study, Table};
@@ -35,21 +37,22 @@ use crate::study::stability::Effort;
 pub use crate::study::stability::record::largest;
 
 /// Part of the study.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
 pub enum Part {
-    /// Remeshing levels.
+    /// Levels of remeshing, a probe moved sideways midway.
     Levels,
-    /// Bevels.
+    /// Bevels and meshes in a block of PVC; with --quick a single length and mesh.
     Bevel,
     /// Masses and springs against finite elements.
     Masses,
-    /// Thinning of the probe candidates.
+    /// Every n-th candidate of the probe.
     Thinning,
-    /// Link length of an angular-spring needle.
+    /// Length of the needle's links.
     Links,
-    /// Element length of a beam needle.
+    /// Element length of a needle modelled as a beam.
     Elements,
-    /// Number of mesh nodes.
+    /// Nodes of the mesh.
     Mesh,
 }
 
