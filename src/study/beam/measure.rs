@@ -86,7 +86,7 @@ pub struct Thresholds {
     pub needle: f32,
 }
 
-/// What one volume shows.
+/// Placements of the bodies and the needle in one volume.
 #[derive(Clone, Debug)]
 pub struct Scan {
     /// Placements of the container and of the stage in the volume.
