@@ -200,7 +200,7 @@ fn settled(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize
 }
 
 /// Rigid transform from the design to the world by paired markers; `None` if they lie on a line.
-fn fitted(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Isometry3<f64>> {
+pub fn fitted(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Isometry3<f64>> {
     let landmark = |(a, i): &(usize, usize)| Landmark {
         name: String::new(),
         volume_mm: found[*i],

@@ -148,10 +148,10 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 
     /// Returns the depth of the tissue that is now at the tip, in the reference state, mm. A held needle takes along the mean of the tissue at its
-    /// shaft, so that tissue at its tip may pass it.
+    /// shaft: the tissue at its tip may pass it, or lag behind.
     pub fn tip_depth_mm(&self) -> f64 {
         match self.at.phase {
-            Phase::Held => self.depth_at(self.at.travel_mm, [0.0, self.at.cut_mm]),
+            Phase::Held => self.depth_at(self.at.travel_mm, [0.0, self.line.length()]),
             _ => self.at.depth_mm,
         }
     }

@@ -48,7 +48,7 @@ pub const GROUP: Group = Group {
         Case {
             name: "forces with noise",
             criterion: "a force of four regions, the narrowest 3 % of the way, with noise of 0 to 2 % of the largest force: slopes and widths \
-                        within 12 %, exact within 1e-4 without noise; noise alone, a line and a falling force are doubted",
+                        within 24 % (three standard deviations of the narrowest), exact within 1e-4 without noise; noise alone, a line and a falling force are doubted",
             covers: &["cpu f64"],
             seed: 134,
             run: noisy_forces,
@@ -265,7 +265,7 @@ fn noisy_forces(record: &mut Record<'_>) -> Result<(), Unexpected> {
         (1..=290).map(|at| [depth(at), of(depth(at)) + noise(at)]).collect()
     };
     let draws = record.effort().pick(2, 8);
-    for (share, within) in [(0.0, 1e-4), (0.005, 0.06), (0.02, 0.12)] {
+    for (share, within) in [(0.0, 1e-4), (0.005, 0.06), (0.02, 0.24)] {
         let mut off = 0.0;
         for row in 0..draws {
             let curve = noisy(share, row, &|depth| exact.at(depth));
