@@ -93,7 +93,7 @@ fn targets_and_conditions_that_leave_no_path_are_told() {
     );
     fails("--target 0,-5,0", &["outside the body"]);
     fails(
-        "--target -4,45,0 --angles=-10,10 --clearance-mm 5",
+        "--target -4,45,0 --angles=-28,-20 --clearance-mm 5",
         &["no path to the target: of 4 lines", "too near to bone"],
     );
     fails(

@@ -282,6 +282,17 @@ mod tests {
         }
     }
 
+    /// Of two markers of the design beside the only one found the nearer has it.
+    #[test]
+    fn a_marker_is_matched_once() {
+        let mut design = design();
+        let found = found(&design);
+        design.insert(0, design[0] + Vector3::new(0.7, 0.0, 0.0));
+        let placement = place(&design, &found).expect("a placement");
+        assert_eq!((placement.count(), placement.matched[0]), (7, None));
+        assert!(placement.rms_mm < 1e-9, "{}", placement.rms_mm);
+    }
+
     /// Neither a mirror image nor half of the markers is taken for the design.
     #[test]
     fn what_does_not_match_is_refused() {

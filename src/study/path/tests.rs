@@ -64,6 +64,10 @@ fn the_middle_of_the_vein_is_met() {
         let path = best(&two);
         assert!(path.miss_mm < 0.1 && path.miss_before_mm > 0.3, "{path:?}");
         assert!(path.punctures >= 1);
+        // A line that misses by more than the tolerance ranks behind one that does not.
+        let mut worse = two.lines[0].clone();
+        worse.path.as_mut().unwrap().miss_mm = 0.5;
+        assert_eq!(rank(&worse, &two.lines[1], 0.1), Ordering::Greater);
         if section_mm.is_some() {
             let one = on(1);
             assert_eq!(
@@ -172,10 +176,10 @@ const LINEAR: [(&str, &str); 6] = [
 /// A needle that bends, and one whose bevel takes it aside by millimetres, are turned until they meet the target; so is one that does both.
 #[test]
 fn needles_that_bend_meet_the_target() {
-    for (needle, aside_mm) in [
-        ("model = \"springs\"\nkappa_nmm_per_deg = 2.0\n", 0.1),
-        ("bevel = { r_mm = 0.6 }\n", 1.0),
-        ("model = \"beam\"\nbevel = { r_mm = 0.6 }\n", 1.0),
+    for (needle, turn_deg) in [
+        ("model = \"springs\"\nkappa_nmm_per_deg = 2.0\n", 0.5),
+        ("bevel = { r_mm = 0.6 }\n", 0.5),
+        ("model = \"beam\"\nbevel = { r_mm = 0.6 }\n", 0.5),
     ] {
         let needle = format!("[needle]\n{needle}");
         let changes = [&LINEAR[..], &[("[needle]\n", needle.as_str())]].concat();
@@ -187,13 +191,15 @@ fn needles_that_bend_meet_the_target() {
         let plan = plan(&liver(&changes), &options, |_, _| ()).unwrap();
         let path = best(&plan);
         assert!(
-            path.miss_before_mm > aside_mm && path.miss_mm < 0.1 && path.turn_deg > 0.0,
+            path.miss_before_mm > 1.0 && path.miss_mm < 0.1 && path.turn_deg > turn_deg,
             "{needle}: {} then {} mm, turned by {} degrees in {} runs",
             path.miss_before_mm,
             path.miss_mm,
             path.turn_deg,
             path.runs
         );
+        // By Gauss-Newton: two runs for its derivatives, and few steps.
+        assert!(path.runs <= 10, "{needle}: {} runs", path.runs);
         assert!(plan.warnings.is_empty(), "{:?}", plan.warnings);
     }
 }

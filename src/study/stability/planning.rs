@@ -107,7 +107,7 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
     }
     let found = plan(&scenario, &grazing, |_, _| ())?;
     let (mut off, mut simulated, mut excluded) = (Vec::new(), 0, 0);
-    let (mut near, mut far) = (0, 0);
+    let (mut near, mut far, mut late) = (0, 0, 0);
     for line in &found.lines {
         let Some(entry) = line.entry_mm else { continue };
         let exact = vein_mm(&entry.into(), &target.into());
@@ -121,12 +121,18 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
             None => {
                 excluded += 1;
+                // Not only once it has been simulated.
+                late += usize::from(exact < asked - VOXEL_MM && line.excluded != Some("too near to bone"));
                 far += usize::from(exact > asked + VOXEL_MM && line.excluded == Some("too near to bone"));
             }
         }
     }
     record.zero("lines nearer than asked that are planned", near as f64);
     record.zero("lines farther than asked that are excluded", far as f64);
+    record.zero(
+        "lines nearer than asked that are simulated, or excluded for another reason",
+        late as f64,
+    );
     record.under("clearance beyond that of the ellipse, mm", largest(off), VOXEL_MM);
     // One of each at least, or nothing grazes.
     let missing = u8::from(simulated == 0) + u8::from(excluded == 0);

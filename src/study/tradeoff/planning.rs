@@ -72,7 +72,7 @@ pub fn study(effort: Effort, progress: &mut (dyn FnMut(&str, f64) + Send)) -> Re
             ),
         ],
         notes: vec![
-            "a coarse mesh is too stiff: moduli found with it are too low where displacements count most".to_owned(),
+            "a coarse mesh is too stiff, and its layers are not those of the labels: it finds other moduli than those that made the measurement".to_owned(),
         ],
     })
 }
@@ -209,7 +209,7 @@ mod tests {
     use super::*;
 
     /// The path planned in a mesh meets the target there and misses it in another; the mesh that made a measurement finds its moduli, a coarser one
-    /// a lower one around the needle.
+    /// others.
     #[test]
     fn plans_and_moduli_are_those_of_their_mesh() {
         let study = study(Effort::Quick, &mut |_, _| {}).unwrap();
@@ -226,7 +226,6 @@ mod tests {
             assert!(miss > own, "{row}: {miss}");
         }
         assert!(value(1, "400 nodes", "off_percent") < 5.0, "{:?}", study.tables[1].rows);
-        let soft = value(1, "150 nodes", "surrounding_kpa");
-        assert!(soft < 9.5, "{soft}");
+        assert!(value(1, "150 nodes", "off_percent") > 20.0);
     }
 }
