@@ -150,7 +150,7 @@ pub struct FitArgs {
     /// Order k for creep, above 0 and below 1 [default: that of the sweep, else of the creep]
     #[arg(long, value_name = "K", value_parser = order)]
     order: Option<f64>,
-    /// What the stiffness multiplies: with `rate` the result is corrected for what equation 2 neglects
+    /// Quantity that the stiffness multiplies: with `rate` the result is corrected for what equation 2 neglects
     #[arg(long, value_enum, default_value = "load-integral")]
     memory: MemoryArg,
     /// Print one JSON object: `dynamic` (`order`, `modulus_kpa`, `loss_tangent`, ...), `creep` (`modulus_kpa`, `knee_shear`, `stiffening`, ...), `warnings`

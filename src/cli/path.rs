@@ -46,7 +46,7 @@ pub struct PathArgs {
     /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a tissue
     #[arg(long, value_name = "X,Y,Z|NAME", allow_hyphen_values = true)]
     target: String,
-    /// Where the needle may enter: `plane` (in the image plane), a box as two corners in mm, or a label or tissue of the skin
+    /// Entries of the needle: `plane` (in the image plane), a box as two corners in mm, or a label or tissue of the skin
     #[arg(
         long,
         value_name = "plane|X,Y,Z,X,Y,Z|NAME",

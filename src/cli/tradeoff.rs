@@ -5,6 +5,7 @@ mod history;
 mod image;
 mod insertion;
 mod motion;
+mod planning;
 mod remesh;
 mod tissue;
 
@@ -73,6 +74,7 @@ enum Study {
     Tissue(tissue::Tissue),
     Image(image::Image),
     Motion(motion::Motion),
+    Planning(planning::Planning),
 }
 
 impl Tradeoff {
@@ -85,6 +87,7 @@ impl Tradeoff {
             Some(Study::Tissue(tissue)) => tissue.run(),
             Some(Study::Image(image)) => image.run(),
             Some(Study::Motion(motion)) => motion.run(),
+            Some(Study::Planning(planning)) => planning.run(),
             None => self.gather(),
         }
     }

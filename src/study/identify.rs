@@ -5,7 +5,7 @@
 //! Nelder and Mead's method seeks the moduli whose displacements are nearest to the measured ones.
 
 mod data;
-mod force;
+pub(super) mod force;
 mod report;
 mod simulate;
 #[cfg(test)]
@@ -13,12 +13,13 @@ mod tests;
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::base::report::statistics;
 use crate::base::search::nelder_mead;
-use crate::input::identification::{Case, Cost};
+use crate::input::identification::{Case, Cost, Crossed};
 use crate::study::StudyError;
 use data::{Data, Motion, thinned};
 use force::Piecewise;
@@ -71,7 +72,7 @@ pub struct Identified {
     pub beside: Vec<Beside>,
     /// Number of simulated insertions.
     pub insertions: usize,
-    /// What limits the result, in words.
+    /// Limits of the result, in words.
     pub notes: Vec<String>,
     #[serde(skip)]
     course: Course,
@@ -135,6 +136,48 @@ pub fn identify(case: Case, progress: impl Fn(f64) + Sync) -> Result<Identificat
     })
 }
 
+/// Identifies layers with the mesh of `case` from an insertion simulated in that of `made` with the parameters of its scenario: force, and
+/// displacements of `points` along directions, at every twentieth of the depth.
+///
+/// # Errors
+/// [`StudyError`] as [`identify`].
+pub(super) fn returned(
+    made: &Case,
+    case: &Case,
+    points: Vec<(Point3<f64>, Vector3<f64>)>,
+) -> Result<Identified, StudyError> {
+    let layer = |layer: &Crossed| {
+        let own = made.scenario.anatomy.interaction(layer.region);
+        let mut elements = made.scenario.mesh.regions().iter().zip(&made.scenario.materials);
+        let material = elements.find(|(region, _)| **region == layer.region);
+        let material = material.map_or(layer.material, |(_, own)| *own);
+        Layer {
+            region: layer.region,
+            region_name: layer.name.clone(),
+            young_kpa: material.young_kpa(),
+            young_known: true,
+            poisson: material.poisson(),
+            peak_n_per_mm: own.peak.map_or(0.0, |peak| peak.density_n_per_mm),
+            shaft_n_per_mm: own.friction_n_per_mm,
+            width_mm: own.peak.map_or(LEAST[1], |peak| peak.width_mm),
+        }
+    };
+    let layers: Vec<Layer> = made.layers.iter().map(layer).collect();
+    let mut motion = Motion {
+        points,
+        depths_mm: (1..=20).map(|at| made.deepest_mm * f64::from(at) / 20.0).collect(),
+        measured_mm: Vec::new(),
+    };
+    let course = Simulator::new(made, Some(&motion), made.deepest_mm).run(&layers, true)?;
+    motion.measured_mm = course.moved_mm;
+    let data = Data {
+        force: thinned(&course.force),
+        motion: Some(motion),
+    };
+    let model = data.model(case)?;
+    Search::new(case, &data, &model, None, &|| ()).find()
+}
+
 struct Search<'a> {
     case: &'a Case,
     data: &'a Data,
@@ -170,7 +213,7 @@ impl<'a> Search<'a> {
     fn start(&self) -> Vec<Layer> {
         let layers = self.case.layers.iter().enumerate();
         let slope = |region: usize| self.model.slopes_n_per_mm[region].max(LEAST[0]);
-        let layer = |(at, layer): (usize, &crate::input::identification::Crossed)| Layer {
+        let layer = |(at, layer): (usize, &Crossed)| Layer {
             region: layer.region,
             region_name: layer.name.clone(),
             young_kpa: layer.material.young_kpa(),

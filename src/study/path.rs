@@ -12,6 +12,7 @@ mod tests;
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering as Memory};
 
 use nalgebra::{Point3, Vector3};
@@ -20,14 +21,15 @@ use serde::Serialize;
 
 use crate::base::range::check;
 use crate::base::text::some_of;
-use crate::input::scenario::Scenario;
 use crate::input::scenario::aim::middle;
+use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use crate::study::StudyError;
 use candidates::Entries;
 use correct::Corrected;
+use insertion::{Course, Until};
 pub use report::FILES;
 
-/// Where the needle is to go.
+/// Target of the needle.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
     /// A point in the anatomy at rest (LPS), mm.
@@ -36,7 +38,7 @@ pub enum Goal {
     Named(String),
 }
 
-/// Where needles may enter.
+/// Domain of entries.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
     /// In the image plane, at angles to the beam's axis from the first to the last, degrees.
@@ -50,9 +52,9 @@ pub enum Entry {
 /// Conditions of a plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PathOptions {
-    /// Where the needle is to go.
+    /// Target of the needle.
     pub target: Goal,
-    /// Where it may enter.
+    /// Domain of its entries.
     pub entry: Entry,
     /// Number of lines (1 to 1000).
     pub lines: usize,
@@ -64,7 +66,7 @@ pub struct PathOptions {
     pub section_mm: Option<f64>,
 }
 
-/// A line to the target, and what became of it.
+/// A line to the target, with its result or the reason of its exclusion.
 #[derive(Clone, Debug, Serialize)]
 pub struct Candidate {
     /// Number of the line, from 1.
@@ -75,7 +77,7 @@ pub struct Candidate {
     pub entry_mm: Option<[f64; 3]>,
     /// Distance from the entry to the target at rest, mm.
     pub depth_mm: Option<f64>,
-    /// Why the line is excluded, if it is.
+    /// Reason of its exclusion; `None` for a line that was simulated.
     pub excluded: Option<&'static str>,
     /// Direction of the needle before any correction.
     #[serde(skip)]
@@ -106,7 +108,7 @@ pub struct PathPlan {
     pub excluded: BTreeMap<&'static str, usize>,
     /// All lines: the simulated ones first, the best of them first.
     pub lines: Vec<Candidate>,
-    /// What the user should know.
+    /// Warnings for the user.
     pub warnings: Vec<String>,
 }
 
@@ -208,6 +210,32 @@ pub fn plan(
         lines,
         warnings,
     })
+}
+
+/// The built-in scenario `liver-puncture` with `nodes` nodes and parts of its text replaced.
+///
+/// # Errors
+/// [`StudyError`] if the changed scenario is not valid.
+pub(super) fn liver(nodes: usize, changes: &[(&str, &str)]) -> Result<Scenario, StudyError> {
+    let text = EXAMPLES.iter().find(|(name, _)| *name == "liver-puncture");
+    let text = text.map_or(String::new(), |(_, text)| {
+        text.replace("nodes = 3300", &format!("nodes = {nodes}"))
+    });
+    let text = changes.iter().fold(text, |text, (from, to)| text.replace(from, to));
+    Ok(ScenarioFile::parse(&text, "liver-puncture")?.resolve(Path::new(""), |_| ())?)
+}
+
+/// Distance of the tip from a target at the end of a motion in some tissue, mm; `None` where the needle meets bone before.
+///
+/// # Errors
+/// [`StudyError`] if the motion cannot be simulated.
+pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>) -> Result<Option<f64>, StudyError> {
+    let trial = course.run(scenario, target, Until::End)?;
+    Ok(trial
+        .samples
+        .last()
+        .filter(|_| !trial.bone)
+        .map(|last| last.miss().norm()))
 }
 
 /// Name and place of the target.

@@ -15,12 +15,14 @@
 //! | `memory` | fading memory, stiffening at a knee |
 //! | `images` | image synthesis |
 //! | `motion` | motion from radio-frequency echoes |
+//! | `planning` | paths, a driven guide, measured and identified needles |
 
 mod contact;
 pub mod fixtures;
 mod images;
 mod memory;
 mod motion;
+mod planning;
 pub mod record;
 mod remeshing;
 pub mod report;
@@ -42,6 +44,7 @@ pub const GROUPS: &[Group] = &[
     memory::GROUP,
     images::GROUP,
     motion::GROUP,
+    planning::GROUP,
 ];
 
 /// Returns the cases whose name or group name contains `only`, ignoring case, each with its group's name; all cases if `None`.

@@ -15,6 +15,7 @@
 //! | [`tissue`] | schemes and models of tissue that stiffens and creeps |
 //! | [`image`] | grids, labels, sampling, grain and backends of images |
 //! | [`motion`] | estimates of motion from radio-frequency echoes |
+//! | [`planning`] | paths in two and three dimensions, moduli by mesh |
 
 mod advice;
 pub mod beam;
@@ -23,6 +24,7 @@ pub mod history;
 pub mod image;
 pub mod insertion;
 pub mod motion;
+pub mod planning;
 mod real_time;
 pub mod remesh;
 mod render;

@@ -21,6 +21,7 @@ mod material;
 mod mesh_make;
 mod meshes;
 mod outputs;
+mod path;
 mod quality;
 mod realism;
 mod reports;

@@ -48,6 +48,11 @@ fn motion_from_echoes_holds() {
 }
 
 #[test]
+fn paths_drives_and_measured_needles_hold() {
+    check("Paths, drives, measured needles");
+}
+
+#[test]
 fn every_group_is_tested() {
     let names: Vec<&str> = GROUPS.iter().map(|group| group.name).collect();
     assert_eq!(
@@ -58,7 +63,8 @@ fn every_group_is_tested() {
             "Contact, needle, time",
             "Fading memory",
             "Images",
-            "Motion from echoes"
+            "Motion from echoes",
+            "Paths, drives, measured needles"
         ],
         "a test for each, please"
     );

@@ -200,7 +200,7 @@ fn settled(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize
 }
 
 /// Rigid transform from the design to the world by paired markers; `None` if they lie on a line.
-fn fitted(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Isometry3<f64>> {
+pub fn fitted(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize)]) -> Option<Isometry3<f64>> {
     let landmark = |(a, i): &(usize, usize)| Landmark {
         name: String::new(),
         volume_mm: found[*i],
@@ -280,6 +280,17 @@ mod tests {
                 assert!((found[*matched] - pose() * design[at]).norm() < 1e-9);
             }
         }
+    }
+
+    /// Of two markers of the design beside the only one found the nearer has it.
+    #[test]
+    fn a_marker_is_matched_once() {
+        let mut design = design();
+        let found = found(&design);
+        design.insert(0, design[0] + Vector3::new(0.7, 0.0, 0.0));
+        let placement = place(&design, &found).expect("a placement");
+        assert_eq!((placement.count(), placement.matched[0]), (7, None));
+        assert!(placement.rms_mm < 1e-9, "{}", placement.rms_mm);
     }
 
     /// Neither a mirror image nor half of the markers is taken for the design.

@@ -84,12 +84,13 @@ impl Axis {
                 0.999 * 10_f64.powf(down)..1.001 * 10_f64.powf(up)
             };
         }
-        let margin = if high > low {
-            0.06 * (high - low)
+        // An axis of non-negative values starts at zero.
+        let from = if low >= 0.0 { 0.0 } else { low };
+        let margin = if high > from {
+            0.06 * (high - from)
         } else {
             0.5 * high.abs().max(1.0)
         };
-        // An axis of non-negative values starts at zero.
         let start = if low >= 0.0 { 0.0 } else { low - margin };
         start..high + margin
     }

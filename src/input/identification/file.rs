@@ -25,7 +25,7 @@ pub struct CaseFile {
     /// Poisson's ratios (0 to below 0.5): an identification for each, with all layers of that ratio. Default: one, with those of the scenario.
     #[serde(default)]
     pub poisson: Vec<f64>,
-    /// What is minimised. Default `points`.
+    /// Quantity that is minimised. Default `points`.
     #[serde(default)]
     pub cost: Cost,
     /// Weight W of the displacements measured in each region of the force, two regions a layer (0 or more, not all 0). Default 1 while a layer

@@ -255,7 +255,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
     /// Fills in the results known at the end of a step.
     fn conclude(&mut self, instruments: &Instruments, was_crushed: bool) {
         let tip = self.line.tip();
-        let depth = self.needle.depth_mm();
+        let depth = self.needle.tip_depth_mm();
         let inside = self.axis.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
         let at_rest = inside.map(|axis| axis.entry + depth * axis.direction.into_inner());
         if let Some(place) = at_rest.filter(|_| instruments.deposit) {

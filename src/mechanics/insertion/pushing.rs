@@ -147,6 +147,15 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         self.at.depth_mm
     }
 
+    /// Returns the depth of the tissue that is now at the tip, in the reference state, mm. A held needle takes along the mean of the tissue at its
+    /// shaft: the tissue at its tip may pass it, or lag behind.
+    pub fn tip_depth_mm(&self) -> f64 {
+        match self.at.phase {
+            Phase::Held => self.depth_at(self.at.travel_mm, [0.0, self.line.length()]),
+            _ => self.at.depth_mm,
+        }
+    }
+
     /// Returns whether the needle is outside and touches no tissue.
     pub fn is_outside(&self) -> bool {
         self.at.phase == Phase::Free && self.at.depth_mm == 0.0

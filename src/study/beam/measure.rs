@@ -23,6 +23,8 @@ const OFF_SIZE: f64 = 1.5;
 const LEAST_NEEDLE_MM: f64 = 10.0;
 /// Largest deflection of a needle that counts as unmoved: its centres of motion are noise, mm.
 const MOVED_MM: f64 = 0.5;
+/// 95th percentile of the F distribution with 6 and 30 degrees of freedom, those of twelve markers.
+const SIGNIFICANT: f64 = 2.42;
 
 /// Markers of the container and of the stage in their own frames.
 #[derive(Clone, Debug, PartialEq)]
@@ -86,13 +88,15 @@ pub struct Thresholds {
     pub needle: f32,
 }
 
-/// What one volume shows.
+/// Placements of the bodies and the needle in one volume.
 #[derive(Clone, Debug)]
 pub struct Scan {
     /// Placements of the container and of the stage in the volume.
     pub placed: [Placement; 2],
     /// Transform from the stage to the container, mm.
     stage: Isometry3<f64>,
+    /// Centres of the markers of the container in the volume, in the order of the design, mm; `None` for one that is missing.
+    container_mm: Vec<Option<Point3<f64>>>,
     /// Centroids of the needle by slice across x, in the frame of the container, mm, along x.
     needle_mm: Vec<Point3<f64>>,
     /// Depth of the tip, mm.
@@ -111,9 +115,16 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
         let alike = |body: &&Body| off(body, own) < OFF_SIZE.ln() && off(body, own) < off(body, other);
         let centres: Vec<_> = found.iter().filter(alike).map(|body| body.centre_mm).collect();
         let named = |error| VolumeError::new(format!("markers of the {}: {error}", BODIES[at]));
-        markers::place(&design.centres_mm[at], &centres).map_err(named)
+        let placed = markers::place(&design.centres_mm[at], &centres).map_err(named)?;
+        let matched = placed
+            .matched
+            .iter()
+            .map(|found| found.map(|found| centres[found]))
+            .collect();
+        Ok::<(Placement, Vec<Option<Point3<f64>>>), VolumeError>((placed, matched))
     };
-    let placed = [place(0)?, place(1)?];
+    let [(container, container_mm), (stage, _)] = [place(0)?, place(1)?];
+    let placed = [container, stage];
     let to_container = placed[0].pose.inverse();
     let bright = match thresholds.needle == thresholds.marker {
         true => found,
@@ -123,6 +134,7 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
     Ok(Scan {
         stage: to_container * placed[1].pose,
         placed,
+        container_mm,
         needle_mm,
         tip_mm,
     })
@@ -210,13 +222,37 @@ pub struct Measured {
     pub shape_mm: Vec<[f64; 2]>,
 }
 
-/// Compares a moved needle with itself at rest.
+/// Whether the container lies in two volumes alike: its markers of the one placed rigidly on those of the other are not nearer to them than chance
+/// allows (F test, 95 %).
+fn lies_still(rest: &Scan, moved: &Scan) -> bool {
+    let pairs = rest.container_mm.iter().zip(&moved.container_mm);
+    let (from, to): (Vec<_>, Vec<_>) = pairs.filter_map(|(from, to)| from.zip(*to)).unzip();
+    let count = from.len();
+    let same: Vec<(usize, usize)> = (0..count).map(|at| (at, at)).collect();
+    let Some(pose) = markers::fitted(&from, &to, &same).filter(|_| count > 2) else {
+        return false;
+    };
+    let apart = |pose: &Isometry3<f64>| -> f64 {
+        let pairs = from.iter().zip(&to);
+        pairs.map(|(from, to)| (pose * from - to).norm_squared()).sum()
+    };
+    let left = apart(&pose) / (3 * count - 6) as f64;
+    (apart(&Isometry3::identity()) - apart(&pose)) / 6.0 <= SIGNIFICANT * left
+}
+
+/// Compares a moved needle with itself at rest. Where the container lies in both volumes alike, its place at rest counts for both, so that the
+/// errors of its markers cancel in the motion of the base.
 ///
 /// # Errors
 /// [`VolumeError`] if base and tip do not lie on either side of the entry.
 pub fn measure(rest: &Scan, moved: &Scan) -> Result<Measured, VolumeError> {
-    let shift = moved.stage.translation.vector - rest.stage.translation.vector;
-    let turn = (moved.stage.rotation * rest.stage.rotation.inverse()).to_rotation_matrix();
+    let to_rest = match lies_still(rest, moved) {
+        true => rest.placed[0].pose.inverse() * moved.placed[0].pose,
+        false => Isometry3::identity(),
+    };
+    let stage = to_rest * moved.stage;
+    let shift = stage.translation.vector - rest.stage.translation.vector;
+    let turn = (stage.rotation * rest.stage.rotation.inverse()).to_rotation_matrix();
     let slope_of_base = turn[(1, 0)] / turn[(0, 0)];
     let control_distance_mm = -rest.stage.translation.x;
     let inserted_mm = rest.tip_mm;
@@ -226,18 +262,19 @@ pub fn measure(rest: &Scan, moved: &Scan) -> Result<Measured, VolumeError> {
              expected one on either side"
         )));
     }
-    let inside = |needle: &[Point3<f64>]| -> Vec<[f64; 2]> {
-        let own = needle.iter().filter(|point| point.x >= -control_distance_mm);
+    let inside = |needle: &[Point3<f64>], to_rest: &Isometry3<f64>| -> Vec<[f64; 2]> {
+        let own = needle.iter().map(|point| to_rest * point);
+        let own = own.filter(|point| point.x >= -control_distance_mm);
         own.map(|point| [point.x, point.y]).collect()
     };
-    let line = inside(&rest.needle_mm);
+    let line = inside(&rest.needle_mm, &Isometry3::identity());
     let [xs, ys] = [0, 1].map(|axis| line.iter().map(|point| point[axis]).collect::<Vec<_>>());
     let rest_slope = slope(&xs, &ys);
     let (x0, y0) = (mean(&xs), mean(&ys));
     let at_rest = |x: f64| y0 + rest_slope * (x - x0);
     let off = xs.iter().zip(&ys).map(|(x, y)| (y - at_rest(*x)).powi(2));
     let rest_rms_mm = mean(&off.collect::<Vec<_>>()).sqrt();
-    let shape_mm: Vec<[f64; 2]> = inside(&moved.needle_mm)
+    let shape_mm: Vec<[f64; 2]> = inside(&moved.needle_mm, &to_rest)
         .into_iter()
         .map(|[x, y]| [x, y - at_rest(x)])
         .collect();

@@ -227,7 +227,7 @@ impl<'a> Entries<'a> {
         Err(TOO_SHORT)
     }
 
-    /// Why a line from `entry` is excluded before any simulation, if it is.
+    /// Reason to exclude a line from `entry` before any simulation, if there is one.
     fn excluded(&self, around: &Surroundings<'_>, entry: &Point3<f64>) -> Option<&'static str> {
         let outward = (entry - self.target).normalize();
         if self.meets_probe(entry, &outward) {

@@ -64,7 +64,7 @@ pub struct Corrected {
 }
 
 impl Corrected {
-    /// What the user should know of the best path.
+    /// Warnings about the best path.
     pub(super) fn warnings(&self, tolerance_mm: f64) -> Vec<String> {
         let mut warnings = Vec::new();
         if self.miss_mm > tolerance_mm {
@@ -83,7 +83,7 @@ impl Corrected {
     }
 }
 
-/// Where the tip meets the target on a run that goes on beyond it.
+/// Meeting of tip and target on a run that goes on beyond it.
 struct Meeting {
     depth_mm: f64,
     back_mm: f64,

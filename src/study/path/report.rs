@@ -146,7 +146,7 @@ impl PathPlan {
         text
     }
 
-    /// Where tip and target are while the needle of the best line goes in, uncorrected and corrected.
+    /// Places of tip and target while the needle of the best line goes in, uncorrected and corrected.
     pub fn series(&self) -> String {
         let mut text =
             "run,time_s,travel_mm,tip_x_mm,tip_y_mm,tip_z_mm,target_x_mm,target_y_mm,target_z_mm,target_along_mm,\

@@ -7,7 +7,7 @@ use std::error::Error;
 use std::time::Instant;
 
 use super::report::{Chapter, Missing, Report};
-use super::{Rates, Study, beam, history, image, insertion, motion, remesh, tissue};
+use super::{Rates, Study, beam, history, image, insertion, motion, planning, remesh, tissue};
 use crate::base::report::machine::{self, Machine};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use crate::study::stability::Effort;
@@ -40,6 +40,7 @@ pub const STUDIES: &[Entry] = &[
     beam::ENTRY,
     history::ENTRY,
     motion::ENTRY,
+    planning::ENTRY,
 ];
 
 /// Devices available for measurements.

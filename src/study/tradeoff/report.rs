@@ -61,7 +61,7 @@ pub struct Chapter {
     pub about: Vec<(&'static str, String)>,
     /// Tables, except long traces, which are only plotted.
     pub sections: Vec<Section>,
-    /// What was left out, and why.
+    /// Omissions and their reasons.
     pub notes: Vec<String>,
     #[serde(skip)]
     drawings: Vec<Drawing>,

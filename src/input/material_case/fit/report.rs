@@ -54,7 +54,7 @@ impl Fit {
         let strains = (0..=FINE).map(|at| largest * at as f64 / FINE as f64);
         let law = strains.map(|strain| [strain, fit.modulus_kpa.value * knee.factor(strain)]);
         let series = vec![
-            Series::points("measured", 0, Marker::Ring, fit.points.clone()),
+            Series::points("measured", 0, Marker::Cross, fit.points.clone()),
             Series::line("fitted law", 1, law.collect()),
         ];
         let title = "Stiffness from creep against strain";

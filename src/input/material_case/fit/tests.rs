@@ -16,7 +16,7 @@ fn fitted(tables: &[&str], order: Option<f64>, memory: Structure) -> Result<Fit,
     Fit::new(&measured, order, memory)
 }
 
-/// What the virtual rheometer measures of the example under a memory.
+/// Measurements of the virtual rheometer on the example under a memory.
 fn rheometer(memory: &str) -> [String; 2] {
     let text = EXAMPLE.replace("memory = \"rate\"", &format!("memory = \"{memory}\""));
     let case = CaseFile::parse(&text, "e.toml").unwrap().resolve().unwrap();

@@ -155,7 +155,8 @@ fn forces_along_the_needle_are_those_of_the_tissue() {
         cut += usize::from((tip.force_n.z + 0.5).abs() < 1e-9);
         for load in shaft.iter().filter(|load| load.length_mm() > 1.0) {
             let density = load.force_n.z / load.length_mm();
-            assert!(density.abs() < 0.02 + AFTER_REMESH, "{density}");
+            let most = if outcome.remeshes > 0 { AFTER_REMESH } else { SAME };
+            assert!(density.abs() < 0.02 + most, "{step}: {density}");
             slid += usize::from((density + 0.02).abs() < SAME);
         }
     }

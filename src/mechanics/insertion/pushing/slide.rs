@@ -81,7 +81,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 
     /// Returns the depth whose tissue is at the tip, between two.
-    fn depth_at(&self, travel_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
+    pub(super) fn depth_at(&self, travel_mm: f64, [mut low, mut high]: [f64; 2]) -> f64 {
         for _ in 0..HALVINGS {
             let middle = 0.5 * (low + high);
             if self.place(middle) < travel_mm {
@@ -174,6 +174,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             next.outward = false;
         } else if force <= -most {
             (next.phase, next.outward) = (Phase::Free, true);
+            next.depth_mm = self.depth_at(next.travel_mm, [0.0, next.depth_mm]);
         }
     }
 }

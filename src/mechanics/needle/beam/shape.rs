@@ -32,7 +32,7 @@ pub struct Point {
 pub struct LayerLoad {
     /// Index of the layer, from 0.
     pub layer: usize,
-    /// Where the layer begins, and where it or the needle ends, mm from the entry.
+    /// Beginning of the layer, and end of it or of the needle, mm from the entry.
     pub depths_mm: [f64; 2],
     /// Least compression ratio of the tissue at the points.
     pub least_ratio: f64,

@@ -12,7 +12,7 @@ use crate::study::error::StudyError;
 use crate::study::stability::Effort;
 use crate::study::tradeoff::{Axis, Factor, Figure, Table};
 
-/// What is inserted, in words.
+/// Description of the insertion, in words.
 pub const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of the plane, in to 40 mm, half out and in again, out; 75 mm, 10 frames a \
                          second";
 
