@@ -1,5 +1,6 @@
 //! Synthesizer: created once from a scene and a backend, it renders frame after frame.
 
+mod batch;
 pub mod cpu;
 pub mod gpu;
 pub mod layers;
@@ -7,6 +8,9 @@ pub mod local_origin;
 pub mod store;
 pub mod tables;
 
+use std::sync::Arc;
+
+use batch::Team;
 use local_origin::LocalFrame;
 use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};
@@ -134,17 +138,25 @@ pub struct PassTime {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Synthesizer {
-    tables: Tables,
+    tables: Arc<Tables>,
     plan: Plan,
     executor: Executor,
     local: LocalFrame,
     frame: Frame,
+    /// Threads of the last batch.
+    team: Option<Team>,
+    /// Whether frames have moved nodes of the mesh since the team last had the same ones.
+    moved: bool,
 }
 
 impl Synthesizer {
     /// Prepares tables, plan, and the memory or GPU objects that the plan needs, and nothing else.
     pub fn new(anatomy: Anatomy, settings: Settings, backend: Backend) -> Result<Self, SynthError> {
-        let tables = Tables::new(anatomy, settings)?;
+        Self::of(Arc::new(Tables::new(anatomy, settings)?), backend)
+    }
+
+    /// A synthesizer with tables that others may share.
+    fn of(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
         let plan = Plan::new(&tables);
         let executor = backend.executor(&plan, &tables)?;
         let frame = Frame {
@@ -161,6 +173,8 @@ impl Synthesizer {
             plan,
             executor,
             frame,
+            team: None,
+            moved: false,
         })
     }
 
@@ -206,6 +220,7 @@ impl Synthesizer {
         if let Some(mesh) = &self.tables.mesh {
             check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
+        self.moved |= state.nodes.is_some() || state.reference.is_some();
         self.local.take(state);
         let (tables, local) = (&self.tables, self.local.of(state));
         self.frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
@@ -216,10 +231,12 @@ impl Synthesizer {
     /// Changes settings between frames: gain, depth, focus, effects. Only what depends on a changed setting is rebuilt, and
     /// the rebuilt buffers are returned. On an invalid setting the synthesizer is left unchanged.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
+        // Without a team nobody shares the tables, and nothing is copied here.
+        self.team = None;
         let previous = self.tables.settings.clone();
-        let changed = self.tables.set(settings)?;
+        let changed = Arc::make_mut(&mut self.tables).set(settings)?;
         if let Err(refused) = self.fit(&changed) {
-            let changed = self.tables.set(previous)?;
+            let changed = Arc::make_mut(&mut self.tables).set(previous)?;
             self.fit(&changed)?;
             return Err(refused);
         }
