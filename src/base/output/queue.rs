@@ -168,18 +168,20 @@ mod tests {
     fn a_queue_that_is_dropped_gives_up_its_jobs() {
         let queue = Queue::new(1);
         let (go, wait) = channel::<()>();
+        let (start, started) = channel();
         let (done, seen) = channel();
         let first = done.clone();
-        queue
-            .put(Box::new(move || {
-                // Ends when the sender below is dropped.
-                let _ = wait.recv();
-                first.send(0).map_err(|_| wrong("nobody listens"))
-            }))
-            .unwrap();
+        let waiting = move || {
+            start.send(()).map_err(|_| wrong("nobody waits"))?;
+            // Ends when the sender is dropped.
+            let _ = wait.recv();
+            first.send(0).map_err(|_| wrong("nobody listens"))
+        };
+        queue.put(Box::new(waiting)).unwrap();
         queue
             .put(Box::new(move || done.send(1).map_err(|_| wrong("nobody listens"))))
             .unwrap();
+        started.recv().unwrap();
         *lock(&queue.outcome) = Err(None);
         drop(go);
         drop(queue);
