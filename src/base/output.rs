@@ -7,6 +7,7 @@ pub mod folder;
 pub mod gif;
 pub mod place;
 pub mod png;
+pub mod queue;
 pub(crate) mod staged;
 
 pub use error::OutputError;

@@ -205,10 +205,12 @@ impl Insert {
             sidecar,
             overview,
             overlay,
+            uncompressed,
             ..
         } = self.extras;
         let beside = sidecar || overview || overlay || !self.extras.layers().is_empty();
-        self.images.or(beside.then_some(Images::Png))
+        let implied = beside.then_some(Images::Png);
+        self.images.or(implied).or(uncompressed.then_some(Images::Mha))
     }
 
     /// Returns the scenario as written, or the one for a label file.

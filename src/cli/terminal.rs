@@ -1,12 +1,12 @@
 //! Terminal output: results on standard output, everything else on standard error.
 
 use std::borrow::Cow;
-use std::fmt::Display;
+use std::fmt::{self, Display};
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::base::text::{MESSAGE, clipped, printable};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{ProgressBar, ProgressState, ProgressStyle};
 use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, SourceCode};
 use serde::Serialize;
 
@@ -149,13 +149,18 @@ pub fn progress(frames: usize) -> ProgressBar {
     // Hides itself where standard error is not a terminal.
     styled(
         ProgressBar::new(frames as u64),
-        "{bar:40} {pos}/{len} frames, {eta} left",
+        "{bar:40} {pos}/{len} frames, {rate} a second, {eta} left",
     )
+}
+
+/// Steps a second, as a whole number.
+fn rate(state: &ProgressState, text: &mut dyn fmt::Write) {
+    let _ = write!(text, "{:.0}", state.per_sec());
 }
 
 fn styled(bar: ProgressBar, template: &str) -> ProgressBar {
     match ProgressStyle::with_template(template) {
-        Ok(style) => bar.with_style(style),
+        Ok(style) => bar.with_style(style.with_key("rate", rate)),
         Err(_) => bar,
     }
 }

@@ -1,5 +1,5 @@
 //! Image sequences with one pose per frame, in the convention of PLUS: `.mha` and `.nrrd`, uint8 (layers uint16), orientation
-//! MF.
+//! MF; and NumPy arrays (`.npy`), of pixels alone.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -57,6 +57,8 @@ fn wrong_size(path: &Path, frame: usize, found: usize, [width, height]: [usize; 
 enum Format {
     MetaImage,
     Nrrd,
+    /// Version 1.0 of NumPy's format, in C order: frames, rows, columns.
+    Npy,
 }
 
 /// Contents of the pixels.
@@ -81,10 +83,12 @@ impl Pixels {
 enum Packer {
     Zlib(ZlibEncoder<BufWriter<File>>),
     Gzip(GzEncoder<BufWriter<File>>),
+    Raw(BufWriter<File>),
 }
 
-/// Writer of a sequence, frame by frame. Compressed pixels go to a temporary file, so memory use is independent of
-/// their number; the sequence appears under its name when [`SequenceWriter::finish`] returns, and not at all if it is
+/// Writer of a sequence, frame by frame: `.mha` and `.nrrd` with the transforms and times of the frames, compressed unless
+/// [`SequenceWriter::uncompressed`]; `.npy` with the pixels alone, never compressed. Pixels go to a temporary file, so memory use is
+/// independent of their number; the sequence appears under its name when [`SequenceWriter::finish`] returns, and not at all if it is
 /// dropped before.
 pub struct SequenceWriter {
     path: PathBuf,
@@ -109,21 +113,21 @@ impl SequenceWriter {
         let format = match ending.as_deref() {
             Some("mha") => Format::MetaImage,
             Some("nrrd") => Format::Nrrd,
+            Some("npy") => Format::Npy,
             other => {
                 let found = other.unwrap_or_default();
-                let text = format!("found the ending {found:?}, expected .mha or .nrrd");
+                let text = format!("found the ending {found:?}, expected .mha, .nrrd or .npy");
                 return Err(OutputError::contents(path, text));
             }
         };
         if width == 0 || height == 0 {
             return Err(wrong_size(path, 0, 0, [width, height]));
         }
-        // Beside the target and unnamed, so that a full or forbidden folder is detected at once.
-        let file = tempfile::tempfile_in(folder_of(path)).map_err(|cause| OutputError::write(path, cause))?;
-        let file = BufWriter::new(file);
+        let file = pixel_file(path)?;
         let packer = match format {
             Format::MetaImage => Packer::Zlib(ZlibEncoder::new(file, Compression::default())),
             Format::Nrrd => Packer::Gzip(GzEncoder::new(file, Compression::default())),
+            Format::Npy => Packer::Raw(file),
         };
         Ok(Self {
             path: path.to_owned(),
@@ -162,7 +166,18 @@ impl SequenceWriter {
         })
     }
 
-    /// Sets a field of the sequence, such as `WorldAxes`, before the first frame. Names consist of letters, and values of one line.
+    /// Leaves out the compression, which takes most of the time of writing, before the first frame.
+    ///
+    /// # Errors
+    /// [`OutputError::Write`].
+    pub fn uncompressed(self) -> Result<Self, OutputError> {
+        debug_assert!(self.frames == 0);
+        let packer = Packer::Raw(pixel_file(&self.path)?);
+        Ok(Self { packer, ..self })
+    }
+
+    /// Sets a field of the sequence, such as `WorldAxes`, before the first frame; `.npy` has none. Names consist of letters, and values of
+    /// one line.
     pub fn field(&mut self, name: &str, value: &str) {
         debug_assert!(self.frames == 0 && name.chars().all(|c| c.is_ascii_alphabetic()) && !value.contains('\n'));
         let is = self.assignment();
@@ -193,9 +208,12 @@ impl SequenceWriter {
         match &mut self.packer {
             Packer::Zlib(packer) => packer.write_all(pixels),
             Packer::Gzip(packer) => packer.write_all(pixels),
+            Packer::Raw(packer) => packer.write_all(pixels),
         }
         .map_err(|cause| OutputError::write(&self.path, cause))?;
-        self.push_keys(info);
+        if self.format != Format::Npy {
+            self.push_keys(info);
+        }
         self.frames += 1;
         Ok(())
     }
@@ -209,7 +227,7 @@ impl SequenceWriter {
     fn assignment(&self) -> &'static str {
         match self.format {
             Format::MetaImage => " = ",
-            Format::Nrrd => ":=",
+            Format::Nrrd | Format::Npy => ":=",
         }
     }
 
@@ -226,7 +244,7 @@ impl SequenceWriter {
         // PLUS's own NRRD sequences shorten this key.
         let image_status = match self.format {
             Format::MetaImage => "ImageStatus",
-            Format::Nrrd => "Status",
+            Format::Nrrd | Format::Npy => "Status",
         };
         self.key(image_status, status(info.image_valid));
     }
@@ -235,71 +253,99 @@ impl SequenceWriter {
     ///
     /// # Errors
     /// [`OutputError::Contents`] without frames, [`OutputError::Write`].
-    pub fn finish(self) -> Result<(), OutputError> {
+    pub fn finish(mut self) -> Result<(), OutputError> {
         if self.frames == 0 {
             let text = "found no frames, expected at least one".to_owned();
             return Err(OutputError::contents(&self.path, text));
         }
-        let (head, tail) = match self.format {
-            Format::MetaImage => self.metaimage_header(),
-            Format::Nrrd => self.nrrd_header(),
+        let Self { path, packer, .. } = &mut self;
+        let packed = match packer {
+            Packer::Zlib(packer) => packer.try_finish().map(|()| packer.get_mut()),
+            Packer::Gzip(packer) => packer.try_finish().map(|()| packer.get_mut()),
+            Packer::Raw(packer) => Ok(packer),
         };
-        let path = self.path;
-        let packed = match self.packer {
-            Packer::Zlib(packer) => packer.finish(),
-            Packer::Gzip(packer) => packer.finish(),
-        };
-        let fail = |cause| OutputError::write(&path, cause);
-        let mut packed = packed
-            .and_then(|buffer| buffer.into_inner().map_err(io::IntoInnerError::into_error))
-            .map_err(fail)?;
+        let fail = |cause| OutputError::write(path, cause);
+        let packed = packed.and_then(|buffer| buffer.flush().map(|()| buffer.get_mut()));
+        let mut packed = packed.and_then(|packed| packed.try_clone()).map_err(fail)?;
         let length = packed.stream_position().map_err(fail)?;
         packed.seek(SeekFrom::Start(0)).map_err(fail)?;
-        atomic::write(&path, |file| {
-            file.write_all(head.as_bytes())?;
-            if self.format == Format::MetaImage {
-                writeln!(file, "CompressedDataSize = {length}")?;
-            }
-            file.write_all(self.keys.as_bytes())?;
-            file.write_all(tail.as_bytes())?;
+        let head = self.header(length);
+        atomic::write(&self.path, |file| {
+            file.write_all(&head)?;
             io::copy(&mut packed, file).map(drop)
-        })?;
-        Ok(())
+        })
     }
 
-    fn metaimage_header(&self) -> (String, &'static str) {
-        let (element, kind, orientation) = match self.pixels {
-            Pixels::Grey => ("MET_UCHAR", "BRIGHTNESS", "MF"),
-            Pixels::Layer => ("MET_USHORT", "BRIGHTNESS", "MF"),
-            Pixels::Echoes => ("MET_SHORT", "RF_REAL", "FM"),
-            Pixels::FloatEchoes => ("MET_FLOAT", "RF_REAL", "FM"),
+    /// What comes before the pixels, which take `length` bytes as they are packed.
+    fn header(&self, length: u64) -> Vec<u8> {
+        let Self {
+            width,
+            height,
+            frames,
+            keys,
+            ..
+        } = self;
+        let packed = !matches!(self.packer, Packer::Raw(_));
+        let (kind, orientation) = match self.pixels {
+            Pixels::Grey | Pixels::Layer => ("BRIGHTNESS", "MF"),
+            Pixels::Echoes | Pixels::FloatEchoes => ("RF_REAL", "FM"),
         };
-        let head = format!(
-            "ObjectType = Image\nNDims = 3\nAnatomicalOrientation = RAI\nBinaryData = True\n\
-             BinaryDataByteOrderMSB = False\nCenterOfRotation = 0 0 0\nCompressedData = True\n\
-             DimSize = {} {} {}\nElementNumberOfChannels = 1\nElementSpacing = 1 1 1\nElementType = {element}\n\
-             Kinds = domain domain list\nOffset = 0 0 0\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
-             UltrasoundImageOrientation = {orientation}\nUltrasoundImageType = {kind}\n",
-            self.width, self.height, self.frames
-        );
-        (head, "ElementDataFile = LOCAL\n")
+        let element = self.element();
+        match self.format {
+            Format::MetaImage => {
+                let compressed = if packed { "True" } else { "False" };
+                let size = if packed {
+                    format!("CompressedDataSize = {length}\n")
+                } else {
+                    String::new()
+                };
+                format!(
+                    "ObjectType = Image\nNDims = 3\nAnatomicalOrientation = RAI\nBinaryData = True\n\
+                     BinaryDataByteOrderMSB = False\nCenterOfRotation = 0 0 0\nCompressedData = {compressed}\n\
+                     DimSize = {width} {height} {frames}\nElementNumberOfChannels = 1\nElementSpacing = 1 1 1\nElementType = {element}\n\
+                     Kinds = domain domain list\nOffset = 0 0 0\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n\
+                     UltrasoundImageOrientation = {orientation}\nUltrasoundImageType = {kind}\n{size}{keys}ElementDataFile = LOCAL\n"
+                )
+                .into()
+            }
+            Format::Nrrd => {
+                let encoding = if packed { "gzip" } else { "raw" };
+                format!(
+                    "NRRD0004\ntype: {element}\ndimension: 3\nspace dimension: 2\nsizes: {width} {height} {frames}\n\
+                     space directions: (1,0) (0,1) none\nkinds: domain domain list\nendian: little\nencoding: {encoding}\n\
+                     space origin: (0,0)\nultrasound image orientation:={orientation}\nultrasound image type:={kind}\n{keys}\n"
+                )
+                .into()
+            }
+            Format::Npy => {
+                let shape = format!("({frames}, {height}, {width})");
+                let text = format!("{{'descr': '{element}', 'fortran_order': False, 'shape': {shape}, }}");
+                // Magic, version, length of the text, then the text, a multiple of 64 bytes with the end of its line.
+                let length = (text.len() + 11).next_multiple_of(64) - 10;
+                let mut head = b"\x93NUMPY\x01\x00".to_vec();
+                head.extend((length as u16).to_le_bytes());
+                head.extend(format!("{text:<0$}\n", length - 1).bytes());
+                head
+            }
+        }
     }
 
-    fn nrrd_header(&self) -> (String, &'static str) {
-        let (element, kind, orientation) = match self.pixels {
-            Pixels::Grey => ("uint8", "BRIGHTNESS", "MF"),
-            Pixels::Layer => ("uint16", "BRIGHTNESS", "MF"),
-            Pixels::Echoes => ("int16", "RF_REAL", "FM"),
-            Pixels::FloatEchoes => ("float", "RF_REAL", "FM"),
+    /// Name of the type of a pixel.
+    fn element(&self) -> &'static str {
+        let names = match self.pixels {
+            Pixels::Grey => ["MET_UCHAR", "uint8", "|u1"],
+            Pixels::Layer => ["MET_USHORT", "uint16", "<u2"],
+            Pixels::Echoes => ["MET_SHORT", "int16", "<i2"],
+            Pixels::FloatEchoes => ["MET_FLOAT", "float", "<f4"],
         };
-        let head = format!(
-            "NRRD0004\ntype: {element}\ndimension: 3\nspace dimension: 2\nsizes: {} {} {}\n\
-             space directions: (1,0) (0,1) none\nkinds: domain domain list\nendian: little\nencoding: gzip\n\
-             space origin: (0,0)\nultrasound image orientation:={orientation}\nultrasound image type:={kind}\n",
-            self.width, self.height, self.frames
-        );
-        (head, "\n")
+        names[self.format as usize]
     }
+}
+
+/// A file for pixels, beside the target and unnamed, so that a full or forbidden folder is detected at once.
+fn pixel_file(path: &Path) -> Result<BufWriter<File>, OutputError> {
+    let file = tempfile::tempfile_in(folder_of(path)).map_err(|cause| OutputError::write(path, cause))?;
+    Ok(BufWriter::new(file))
 }
 
 #[cfg(test)]
@@ -377,6 +423,66 @@ mod tests {
             [names(None), names(Some(&cropped))],
             ["ImageToWorld", "CroppedImageToWorld"]
         );
+    }
+
+    #[test]
+    fn without_compression_the_pixels_end_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let pixels: Vec<u8> = (0..18).collect();
+        for name in ["a.mha", "a.nrrd", "a.npy"] {
+            let path = folder.path().join(name);
+            let mut writer = SequenceWriter::create(&path, 3, 2).unwrap().uncompressed().unwrap();
+            writer.field("WorldAxes", "LPS");
+            let transforms = [("ProbeToTracker", Matrix4::identity(), true)];
+            let info = FrameInfo {
+                timestamp: 0.5,
+                transforms: &transforms,
+                image_valid: true,
+            };
+            for frame in pixels.chunks(6) {
+                writer.push(frame, &info).unwrap();
+            }
+            writer.finish().unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            assert!(bytes.ends_with(&pixels), "{name}");
+            if name != "a.npy" {
+                let read = Sequence::read(&path).unwrap();
+                assert_eq!((read.frames.len(), read.warnings.len()), (3, 0), "{name}");
+                assert_eq!(read.image(2).unwrap().pixels, pixels[12..], "{name}");
+                assert_eq!(read.frames[1].timestamp, Some(0.5));
+            }
+        }
+    }
+
+    /// NumPy's format, version 1.0, from its specification (NEP 1).
+    #[test]
+    fn arrays_have_the_header_of_numpy() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.npy");
+        let mut layers = SequenceWriter::create_layer(&path, 3, 2).unwrap();
+        let pixels: Vec<u8> = (1..=6u16).flat_map(|value| (1000 * value).to_le_bytes()).collect();
+        for _ in 0..12 {
+            layers.push(&pixels, &FrameInfo::default()).unwrap();
+        }
+        let other = layers.push(&pixels[2..], &FrameInfo::default()).unwrap_err();
+        assert!(
+            other.to_string().contains("found 5 pixels in frame 12, expected 3 x 2"),
+            "{other}"
+        );
+        layers.finish().unwrap();
+        let bytes = std::fs::read(&path).unwrap();
+        let (magic, rest) = bytes.split_at(8);
+        assert_eq!(magic, b"\x93NUMPY\x01\x00");
+        let length = usize::from(u16::from_le_bytes([rest[0], rest[1]]));
+        assert_eq!((10 + length) % 64, 0);
+        let (text, data) = rest[2..].split_at(length);
+        let text = std::str::from_utf8(text).unwrap();
+        assert_eq!(
+            text.trim_end(),
+            "{'descr': '<u2', 'fortran_order': False, 'shape': (12, 2, 3), }"
+        );
+        assert!(text.ends_with('\n') && text.is_ascii());
+        assert_eq!(data, pixels.repeat(12));
     }
 
     #[test]

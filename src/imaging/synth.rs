@@ -1,5 +1,6 @@
 //! Synthesizer: created once from a scene and a backend, it renders frame after frame.
 
+mod batch;
 pub mod cpu;
 #[cfg(feature = "gpu")]
 pub mod gpu;
@@ -13,7 +14,9 @@ pub mod store;
 pub mod tables;
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
+use batch::Team;
 use local_origin::LocalFrame;
 use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};
@@ -146,7 +149,7 @@ pub struct PassTime {
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Synthesizer {
-    tables: Tables,
+    tables: Arc<Tables>,
     plan: Plan,
     executor: Executor,
     local: LocalFrame,
@@ -158,6 +161,10 @@ pub struct Synthesizer {
     spare: Vec<Frame>,
     /// Frames submitted so far.
     submitted: u64,
+    /// Threads of the last batch.
+    team: Option<Team>,
+    /// Whether frames have moved nodes of the mesh since the team last had the same ones.
+    moved: bool,
 }
 
 /// Largest number of frames in flight.
@@ -178,7 +185,11 @@ struct Flight {
 impl Synthesizer {
     /// Prepares tables, plan, and the memory or GPU objects that the plan needs, and nothing else.
     pub fn new(anatomy: Anatomy, settings: Settings, backend: Backend) -> Result<Self, SynthError> {
-        let tables = Tables::new(anatomy, settings)?;
+        Self::of(Arc::new(Tables::new(anatomy, settings)?), backend)
+    }
+
+    /// A synthesizer with tables that others may share.
+    fn of(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
         let plan = Plan::new(&tables);
         let executor = backend.executor(&plan, &tables)?;
         let frame = Frame {
@@ -198,6 +209,8 @@ impl Synthesizer {
             in_flight: VecDeque::with_capacity(IN_FLIGHT),
             spare: Vec::with_capacity(IN_FLIGHT),
             submitted: 0,
+            team: None,
+            moved: false,
         })
     }
 
@@ -259,7 +272,7 @@ impl Synthesizer {
                 continue;
             }
             if let (Executor::Gpu(gpu), Some(submission)) = (&mut self.executor, flight.submission.take()) {
-                let of = (&self.plan, &self.tables);
+                let of = (&self.plan, &*self.tables);
                 gpu.take(of, submission, place_of(ticket), &mut flight.frame.pixels)?;
             }
             std::mem::swap(&mut self.frame, &mut flight.frame);
@@ -335,6 +348,7 @@ impl Synthesizer {
         if let Some(mesh) = &self.tables.mesh {
             check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
+        self.moved |= state.nodes.is_some() || state.reference.is_some();
         self.local.take(state);
         let (tables, local) = (&self.tables, self.local.of(state));
         frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
@@ -349,10 +363,12 @@ impl Synthesizer {
     /// Frames in flight are dropped.
     pub fn set(&mut self, settings: Settings) -> Result<Vec<&'static Buffer>, SynthError> {
         self.drop_in_flight();
+        // Without a team nobody shares the tables, and nothing is copied here.
+        self.team = None;
         let previous = self.tables.settings.clone();
-        let changed = self.tables.set(settings)?;
+        let changed = Arc::make_mut(&mut self.tables).set(settings)?;
         if let Err(refused) = self.fit(&changed) {
-            let changed = self.tables.set(previous)?;
+            let changed = Arc::make_mut(&mut self.tables).set(previous)?;
             self.fit(&changed)?;
             return Err(refused);
         }

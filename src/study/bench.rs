@@ -8,14 +8,19 @@
 pub mod compare;
 mod report;
 
+use std::num::NonZero;
+use std::thread::available_parallelism;
 use std::time::{Duration, Instant};
 
+use crate::base::output::folder::Folder;
+use crate::base::output::png::{self, Compression};
+use crate::base::output::queue::Queue;
 use crate::imaging::effects::LISTED;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 pub use crate::base::report::statistics::Spread;
-pub use report::{BackendReport, BenchReport, PassSpread, Rung};
+pub use report::{BackendReport, BatchRates, BenchReport, PassSpread, Rung};
 
 /// Duration of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,6 +65,7 @@ pub fn bench(
         _ => None,
     };
     let (passes, gpu_time) = clock.passes(&mut synth)?;
+    let batch = clock.batches(&mut synth, frame)?;
     Ok(BackendReport {
         backend: synth.backend(),
         adapter: synth.gpu().map(|gpu| gpu.report().name.clone()),
@@ -68,6 +74,7 @@ pub fn bench(
         frame_left_on_gpu,
         gpu_time,
         passes,
+        batch,
         memory_bytes: synth.memory_bytes(),
         ladder: clock.ladder(anatomy.clone(), synth, backend, frame)?,
     })
@@ -133,6 +140,43 @@ impl Clock<'_> {
             passes.filter_map(|(index, pass)| spread(index, pass.name)).collect(),
             Spread::of(frames.iter().filter_map(|&(_, whole)| whole).collect()),
         ))
+    }
+
+    /// Frames a second of batches, whose first frames are not counted, in memory and as a folder of PNG files.
+    fn batches(&self, synth: &mut Synthesizer, frame: Spread) -> Result<BatchRates, SynthError> {
+        let within = (self.options.patience.as_secs_f64() * frame.fps) as usize;
+        let count = self.options.frames.min(within).max(LEAST_FRAMES);
+        let states: Vec<FrameState> = self.states.iter().cycle().take(count).cloned().collect();
+        let rate = |start: Instant| count as f64 / start.elapsed().as_secs_f64();
+        // Starts the threads.
+        synth.render_batch(&states[..LEAST_FRAMES], |_, _| Ok::<_, SynthError>(()))?;
+        let start = Instant::now();
+        synth.render_batch(&states, |_, _| Ok::<_, SynthError>(()))?;
+        let fps = rate(start);
+        let made = tempfile::tempdir().ok().and_then(|place| {
+            let folder = Folder::open(place.path(), "bench", &[], &[], false).ok()?;
+            Some((place, folder))
+        });
+        let Some((_place, folder)) = made else {
+            return Ok(BatchRates { fps, png_fps: None });
+        };
+        let writers = Queue::new(available_parallelism().map_or(1, NonZero::get));
+        let mut written = Ok(());
+        let start = Instant::now();
+        synth.render_batch(&states, |at, frame| {
+            let path = png::frame_path(folder.path(), at, count);
+            let (size, pixels) = ([frame.width, frame.height], frame.pixels.clone());
+            let job = move || png::write_grey_with(Compression::Fast, &path, size, &pixels);
+            if written.is_ok() {
+                written = writers.put(Box::new(job));
+            }
+            Ok::<_, SynthError>(())
+        })?;
+        let written = written.and_then(|()| writers.finish());
+        Ok(BatchRates {
+            fps,
+            png_fps: written.is_ok().then(|| rate(start)),
+        })
     }
 
     fn ladder(

@@ -6,7 +6,7 @@ use insonify::tracking::sequence::Sequence;
 use serde_json::Value;
 
 use crate::insert::BLOCK;
-use crate::support::{Bench, Run, SCENE, grey16};
+use crate::support::{Bench, Run, SCENE, grey, grey16};
 
 const SWEEP: &str = "[motion]
 keyframes = [
@@ -184,6 +184,27 @@ fn layers_of_a_sequence_are_sequences_with_its_poses() {
             format!("../x_label-value.{ending}")
         );
     }
+    // Arrays have the pixels of the pictures, one after another; nothing is compressed on request.
+    for plain in ["x.npy", "plain.mha --uncompressed"] {
+        let run = format!("render sweep.toml --backend cpu --frames 3 {layers} -o {plain}");
+        let report = bench.run(&format!("{run} --json")).json();
+        assert!(report["frames_per_second"].as_f64().is_some_and(|rate| rate > 0.0));
+        let file = plain.split(' ').next().expect("a file");
+        let bytes = |file: &str| fs::read(bench.path(file)).expect("a file");
+        let picture = |name: &str| bench.path(&format!("pictures/frame_{name}.png"));
+        let pixels: Vec<u8> = (0..3).flat_map(|at| grey(&picture(&format!("{at:04}"))).1).collect();
+        assert!(bytes(file).ends_with(&pixels), "{file}");
+        let layer = (0..3).flat_map(|at| grey16(&picture(&format!("{at:04}_label-value"))).1);
+        let layer: Vec<u8> = layer.flat_map(u16::to_le_bytes).collect();
+        let (stem, ending) = file.split_once('.').expect("an ending");
+        assert!(
+            bytes(&format!("{stem}_label-value.{ending}")).ends_with(&layer),
+            "{file}"
+        );
+    }
+    bench
+        .run("render sweep.toml --backend cpu --frames 2 -o pictures --uncompressed")
+        .fails(2, &["--uncompressed", ".mha"]);
     // What frames share is written once.
     let shared = bench.read::<Value>("pictures/parameters.json");
     assert!(shared["labels"].as_array().is_some_and(|labels| !labels.is_empty()));

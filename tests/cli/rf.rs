@@ -168,7 +168,7 @@ fn bad_echoes_and_options_are_refused() {
     bench.run("rf scene.toml -o one.igs.mha --frames 1").text();
     bench.write("short.csv", "frame,line,window,axial_um,lateral_um\n0,0,0,1,1\n");
     for (arguments, words) in [
-        ("rf scene.toml -o rf.png", &["rf.png", ".mha or .nrrd"][..]),
+        ("rf scene.toml -o rf.png", &["rf.png", ".mha, .nrrd or .npy"][..]),
         ("rf scene.toml -o rf.mha --sampling-mhz 9", &["`sampling_mhz`", "9"]),
         ("rf scene.toml -o rf.mha --bandwidth 3", &["`bandwidth`"]),
         (

@@ -1,6 +1,7 @@
 //! The same frame has the same bytes on every run and at any number of threads.
 
-use insonify::imaging::synth::Backend;
+use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
+use insonify::mechanics::mesh::TetMesh;
 
 use super::synthesizer;
 use crate::support::scene::{everything, frame_of};
@@ -51,5 +52,108 @@ fn a_frame_does_not_remember_the_frames_before_it() {
             let found = used.render(&frame_of(&anatomy, at)).expect("a frame").pixels.clone();
             assert_eq!(found, fresh(at), "frame {at}");
         }
+    }
+}
+
+fn pool(threads: usize) -> rayon::ThreadPool {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.expect("a pool")
+}
+
+/// States in batches and alone: tissue that moves and rests, nodes of the reference state that remeshing moves once, and nodes that only the
+/// first frame of a batch gives.
+fn rounds(mesh: &TetMesh, at: impl Fn(u64) -> FrameState) -> [Vec<FrameState>; 4] {
+    let mut states: Vec<FrameState> = (0..26).map(at).collect();
+    for (frame, state) in states.iter_mut().enumerate() {
+        if frame % 4 == 2 || frame > 13 && frame != 17 {
+            state.nodes = None;
+        }
+    }
+    let mut remeshed = mesh.nodes().to_vec();
+    for node in &mut remeshed[100..110] {
+        node[0] += 0.2;
+    }
+    states[5].reference = Some(remeshed);
+    let last = states.split_off(17);
+    let third = states.split_off(14);
+    let second = states.split_off(13);
+    [states, second, third, last]
+}
+
+#[test]
+fn batches_have_the_bytes_of_single_frames() {
+    let (anatomy, settings, _) = everything();
+    let rounds = rounds(anatomy.mesh.as_ref().expect("a mesh"), |at| frame_of(&anatomy, at));
+    for precision in [|| Backend::Cpu, || Backend::CpuF64] {
+        let mut single = synthesizer(&anatomy, &settings, precision());
+        let expected = rounds.iter().flatten();
+        let expected: Vec<_> = expected
+            .map(|state| single.render(state).expect("a frame").clone())
+            .collect();
+        let beam = single.beam().expect("a beam");
+        for threads in [1, 2, 7] {
+            pool(threads).install(|| {
+                let mut batches = synthesizer(&anatomy, &settings, precision());
+                let mut found = Vec::new();
+                for states in &rounds {
+                    let before = found.len();
+                    let sunk = batches.render_batch(states, |at, frame| {
+                        assert_eq!(before + at, found.len(), "in order");
+                        found.push(frame.clone());
+                        Ok::<_, SynthError>(())
+                    });
+                    sunk.expect("a batch");
+                    assert_eq!(batches.frame(), &found[found.len() - 1]);
+                }
+                let differ = found
+                    .iter()
+                    .zip(&expected)
+                    .position(|(found, expected)| found != expected);
+                assert_eq!((differ, found.len()), (None, expected.len()), "{threads} threads");
+                assert_eq!(batches.beam().expect("a beam"), beam, "{threads} threads");
+                // The mesh stays as the last frame left it, and settings change for all threads.
+                let mut more = settings.clone();
+                more.effects.tone.get_or_insert_default().gain_db += 3.0;
+                batches.set(more.clone()).expect("settings");
+                let rest = &rounds[3][1..];
+                let mut brighter = Vec::new();
+                let sunk = batches.render_batch(rest, |_, frame| {
+                    brighter.push(frame.pixels.clone());
+                    Ok::<_, SynthError>(())
+                });
+                sunk.expect("a batch");
+                let mut single = synthesizer(&anatomy, &more, precision());
+                rounds.iter().flatten().for_each(|state| drop(single.render(state)));
+                let expected = rest
+                    .iter()
+                    .map(|state| single.render(state).expect("a frame").pixels.clone());
+                assert!(brighter.into_iter().eq(expected), "{threads} threads, other settings");
+            });
+        }
+    }
+}
+
+#[test]
+fn a_batch_ends_with_the_first_error() {
+    let (anatomy, settings, _) = everything();
+    let mut states: Vec<FrameState> = (0..12).map(|at| frame_of(&anatomy, at)).collect();
+    let run = |synth: &mut Synthesizer, states: &[FrameState], stop: usize| {
+        let mut seen = Vec::new();
+        let result = synth.render_batch(states, |at, _| {
+            seen.push(at);
+            if at == stop { Err(SynthError::Pose) } else { Ok(()) }
+        });
+        (seen, result.is_err())
+    };
+    for threads in [1, 3] {
+        pool(threads).install(|| {
+            let mut synth = synthesizer(&anatomy, &settings, Backend::Cpu);
+            assert_eq!(run(&mut synth, &states, 5), ((0..6).collect(), true), "the sink's");
+            states[7].nodes = Some(vec![[0.0; 3]; 2]);
+            assert_eq!(run(&mut synth, &states, 99), ((0..7).collect(), true), "a frame's");
+            states[7] = frame_of(&anatomy, 7);
+            assert_eq!(run(&mut synth, &states, 99), ((0..12).collect(), false), "usable again");
+            assert_eq!(run(&mut synth, &[], 99), (Vec::new(), false), "no frames");
+        });
     }
 }

@@ -73,6 +73,7 @@ fn is_same_kind(path: &Path) -> io::Result<bool> {
     let marks: &[&[u8]] = match ending.as_ref().and_then(|ending| ending.to_str()) {
         Some("mha") => &[b"ObjectType", b"NDims"],
         Some("nrrd") => &[b"NRRD"],
+        Some("npy") => &[b"\x93NUMPY"],
         Some("nii") => &[b"n+1\0"],
         Some("gz") => &[&[0x1f, 0x8b]],
         Some("vtu") => &[b"<VTKFile"],

@@ -8,31 +8,62 @@ use image::{ExtendedColorType, ImageEncoder, ImageError};
 
 use super::{OutputError, atomic, numbered};
 
+/// Compression of a PNG file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Compression {
+    /// Deflate at its usual level, for single files.
+    Usual,
+    /// The compressor of the crate `fdeflate`, for folders of frames: about 20 times as fast; grey frames are 5 % larger, layers 1.2 to 3 times as
+    /// large.
+    Fast,
+}
+
 /// Writes a grey picture, one byte per pixel, row by row. The write is atomic.
 pub fn write_grey(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), OutputError> {
-    write(path, width, height, pixels, ExtendedColorType::L8)
+    write_grey_with(Compression::Usual, path, [width, height], pixels)
+}
+
+/// As [`write_grey`], with the compression of choice.
+pub fn write_grey_with(
+    compression: Compression,
+    path: &Path,
+    size: [usize; 2],
+    pixels: &[u8],
+) -> Result<(), OutputError> {
+    write(compression, path, size, pixels, ExtendedColorType::L8)
 }
 
 /// Writes a colour picture, three bytes (sRGB) per pixel, row by row. The write is atomic.
 pub fn write_rgb(path: &Path, width: usize, height: usize, pixels: &[u8]) -> Result<(), OutputError> {
-    write(path, width, height, pixels, ExtendedColorType::Rgb8)
+    write(
+        Compression::Usual,
+        path,
+        [width, height],
+        pixels,
+        ExtendedColorType::Rgb8,
+    )
 }
 
 /// Writes a layer of 16-bit numbers, row by row. The write is atomic.
-pub fn write_grey16(path: &Path, width: usize, height: usize, pixels: &[u16]) -> Result<(), OutputError> {
+pub fn write_grey16(
+    compression: Compression,
+    path: &Path,
+    size: [usize; 2],
+    pixels: &[u16],
+) -> Result<(), OutputError> {
     write(
+        compression,
         path,
-        width,
-        height,
+        size,
         bytemuck::cast_slice(pixels),
         ExtendedColorType::L16,
     )
 }
 
 fn write(
+    compression: Compression,
     path: &Path,
-    width: usize,
-    height: usize,
+    [width, height]: [usize; 2],
     pixels: &[u8],
     colour: ExtendedColorType,
 ) -> Result<(), OutputError> {
@@ -45,8 +76,12 @@ fn write(
         let text = format!("{found} bytes of pixels for {expected}");
         return Err(OutputError::contents(path, text));
     };
+    let compression = match compression {
+        Compression::Usual => CompressionType::Default,
+        Compression::Fast => CompressionType::Fast,
+    };
     atomic::write(path, |file| {
-        PngEncoder::new_with_quality(&mut *file, CompressionType::Default, FilterType::Adaptive)
+        PngEncoder::new_with_quality(&mut *file, compression, FilterType::Adaptive)
             .write_image(pixels, columns, rows, colour)
             .map_err(|error| match error {
                 ImageError::IoError(error) => error,
@@ -103,23 +138,29 @@ mod tests {
         let folder = tempfile::tempdir().expect("folder");
         let values: Vec<u16> = (0..12).map(|i| i * 5461 + 3).collect();
         let path = folder.path().join("depth.png");
-        write_grey16(&path, 4, 3, &values).expect("written");
-        let image = image::open(&path).expect("png");
-        let image = image.as_luma16().expect("16 bits");
-        assert_eq!((image.dimensions(), image.as_raw()), ((4, 3), &values));
-        assert!(write_grey16(&path, 4, 4, &values).is_err());
+        for compression in [Compression::Usual, Compression::Fast] {
+            write_grey16(compression, &path, [4, 3], &values).expect("written");
+            let image = image::open(&path).expect("png");
+            let image = image.as_luma16().expect("16 bits");
+            assert_eq!((image.dimensions(), image.as_raw()), ((4, 3), &values));
+            assert!(write_grey16(compression, &path, [4, 4], &values).is_err());
+        }
     }
 
     #[test]
     fn the_same_pixels_make_the_same_bytes() {
         let folder = tempfile::tempdir().expect("folder");
         let pixels: Vec<u8> = (0..64 * 64).map(|i| (i % 251) as u8).collect();
-        let bytes = ["a.png", "b.png"].map(|name| {
-            let path = folder.path().join(name);
-            write_grey(&path, 64, 64, &pixels).expect("written");
-            std::fs::read(path).expect("read")
-        });
-        assert_eq!(bytes[0], bytes[1]);
+        for compression in [Compression::Usual, Compression::Fast] {
+            let bytes = ["a.png", "b.png"].map(|name| {
+                let path = folder.path().join(name);
+                write_grey_with(compression, &path, [64, 64], &pixels).expect("written");
+                let image = image::open(&path).expect("png").into_luma8();
+                assert_eq!(image.as_raw(), &pixels);
+                std::fs::read(path).expect("read")
+            });
+            assert_eq!(bytes[0], bytes[1]);
+        }
     }
 
     #[test]

@@ -273,7 +273,7 @@ impl Observer for Writer<'_> {
         };
         let frame = frames.chosen.synth.render(moment.state)?;
         self.record.frame(moment, frame);
-        if let Some(output) = &mut frames.output {
+        if let Some(output) = &frames.output {
             let hit = moment.clearance_mm == Some(0.0);
             let warnings: Vec<String> = hit
                 .then(|| "the tip is in a critical structure".to_owned())
@@ -286,7 +286,7 @@ impl Observer for Writer<'_> {
                 clearance_mm: moment.clearance_mm,
                 warnings: &warnings,
             };
-            output.write(&frames.chosen.synth, &shot)?;
+            output.write(output.take(&frames.chosen.synth, &shot)?)?;
         }
         if let Some(preview) = &mut frames.preview {
             preview.push(&frames.chosen.synth.frame().pixels)?;

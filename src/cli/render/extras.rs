@@ -1,8 +1,5 @@
 //! Optional companion files of a frame: ground-truth layers, a sidecar, an overview.
 
-use std::path::Path;
-
-use crate::base::output::png;
 use crate::imaging::overview::overview;
 use crate::imaging::synth::Synthesizer;
 use crate::imaging::synth::layers::Layer;
@@ -11,6 +8,7 @@ use crate::tracking::needle::NeedlePose;
 use crate::tracking::pose::Pose;
 use clap::Args;
 use clap::builder::{PossibleValue, PossibleValuesParser};
+use image::RgbImage;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
@@ -35,6 +33,9 @@ pub struct Extras {
     /// Draw a depth scale, a grey bar, the probe's mark and the focus into the pictures, for human readers
     #[arg(long, conflicts_with = "layers")]
     pub overlay: bool,
+    /// Write image sequences (.mha, .nrrd) without compression: faster, and larger
+    #[arg(long)]
+    pub uncompressed: bool,
 }
 
 fn layer_names() -> PossibleValuesParser {
@@ -76,19 +77,12 @@ impl Extras {
 }
 
 /// Draws the overview of the probe pose.
-pub fn write_overview(
-    path: &Path,
-    synth: &Synthesizer,
-    pose: &Pose,
-    needle: Option<&NeedlePose>,
-) -> Result<(), Failure> {
+pub fn overview_of(synth: &Synthesizer, pose: &Pose, needle: Option<&NeedlePose>) -> RgbImage {
     let tables = synth.tables();
     let anatomy = &tables.anatomy;
     let labels = 0..anatomy.volume.labels().len();
     let colours: Vec<[u8; 3]> = labels.map(|label| anatomy.tissues.of(label as u8).colour).collect();
-    let image = overview(&anatomy.volume, &colours, pose, &tables.grid, needle);
-    let (width, height) = (image.width() as usize, image.height() as usize);
-    Ok(png::write_rgb(path, width, height, image.as_raw())?)
+    overview(&anatomy.volume, &colours, pose, &tables.grid, needle)
 }
 
 /// Parameters of the rendered scene, and the meaning of the indices and values of label layers.

@@ -1,12 +1,18 @@
 //! Writing of frames with their requested companion files.
 
-use std::borrow::Cow;
 use std::fs;
 use std::io::Write;
+use std::num::NonZero;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::available_parallelism;
+
+use nalgebra::Matrix4;
 
 use crate::base::matrix::Rows;
-use crate::base::output::png;
+use crate::base::output::png::{self, Compression};
+use crate::base::output::queue::{Job, Queue};
 use crate::base::output::{OutputError, atomic};
 use crate::imaging::overlay;
 use crate::imaging::sequence::{FrameInfo, SequenceWriter, transforms};
@@ -24,7 +30,10 @@ use crate::cli::failure::Failure;
 /// File of the parameters shared by many frames.
 pub const PARAMETERS: &str = "parameters.json";
 
-/// Writer of frames.
+/// Largest number of threads that write pictures.
+const MOST_WRITERS: usize = 16;
+
+/// Writer of frames. Files are compressed and written on other threads.
 pub struct Output<'a> {
     target: Target,
     extras: Extras,
@@ -32,11 +41,27 @@ pub struct Output<'a> {
     scene: &'a Scene,
     /// Number of expected frames.
     frames: usize,
-    images: Option<SequenceWriter>,
-    /// One writer per layer, for image sequences.
-    masks: Vec<SequenceWriter>,
+    /// Compression of pictures.
+    compression: Compression,
+    pictures: Queue,
+    /// That of the frames, then one for each layer, if they go to sequences.
+    sequences: Vec<Stream>,
     /// Whether the shared parameters have been written.
-    shared: bool,
+    shared: AtomicBool,
+}
+
+/// A sequence and the thread that writes it; `None` once it is finished.
+struct Stream {
+    writer: Arc<Mutex<Option<SequenceWriter>>>,
+    queue: Queue,
+}
+
+/// All that is to be written of a frame.
+pub struct Taken {
+    path: PathBuf,
+    /// Parts of the sequences, in their order.
+    parts: Vec<Job>,
+    pictures: Vec<Job>,
 }
 
 /// The last rendered frame.
@@ -65,6 +90,12 @@ impl<'a> Output<'a> {
                 "write PNG files, or leave out --overlay",
             ));
         }
+        if !matches!(target, Target::Sequence(..)) && extras.uncompressed {
+            return Err(Failure::usage(
+                "--uncompressed is for image sequences, and the frames go to PNG files",
+                "write .mha or .nrrd, or leave out --uncompressed",
+            ));
+        }
         let size = scene.settings.image;
         let layers = extras.layers();
         let folder = match &target {
@@ -75,133 +106,184 @@ impl<'a> Output<'a> {
         if let Some(folder) = folder {
             fs::create_dir_all(folder).map_err(|cause| OutputError::write(folder, cause))?;
         }
-        let (mut images, mut masks) = (None, Vec::new());
+        let mut sequences = Vec::new();
         if let Target::Sequence(path, _) = &target {
-            images = Some(SequenceWriter::create(path, size.width, size.height)?);
+            sequences.push(SequenceWriter::create(path, size.width, size.height)?);
             for layer in &layers {
                 let path = png::layer_path(path, layer.name());
-                masks.push(SequenceWriter::create_layer(&path, size.width, size.height)?);
+                sequences.push(SequenceWriter::create_layer(&path, size.width, size.height)?);
             }
         }
         let synthetic = format!("insonify {} seed {}", env!("CARGO_PKG_VERSION"), scene.settings.seed);
-        for sequence in images.iter_mut().chain(&mut masks) {
-            sequence.field("WorldAxes", &scene.motion_world().to_string());
-            sequence.field("Simulated", &synthetic);
-        }
+        let stream = |mut writer: SequenceWriter| {
+            if extras.uncompressed {
+                writer = writer.uncompressed()?;
+            }
+            writer.field("WorldAxes", &scene.motion_world().to_string());
+            writer.field("Simulated", &synthetic);
+            Ok::<_, OutputError>(Stream {
+                writer: Arc::new(Mutex::new(Some(writer))),
+                queue: Queue::new(1),
+            })
+        };
+        let (compression, writers) = match &target {
+            Target::File(_) => (Compression::Usual, 0),
+            _ => {
+                let cores = available_parallelism().map_or(1, NonZero::get);
+                (Compression::Fast, cores.min(MOST_WRITERS))
+            }
+        };
         Ok(Self {
             target,
             extras: extras.clone(),
             layers,
             scene,
             frames,
-            images,
-            masks,
-            shared: false,
+            compression,
+            pictures: Queue::new(writers),
+            sequences: sequences.into_iter().map(stream).collect::<Result<_, _>>()?,
+            shared: AtomicBool::new(false),
         })
     }
 
-    /// Writes a frame and its companion files; returns the path of the frame.
-    pub fn write(&mut self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<PathBuf, Failure> {
+    /// Takes what is to be written of the last frame of a synthesizer, on any thread.
+    pub fn take(&self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<Taken, Failure> {
         let frame = synth.frame();
-        let world = self.scene.motion_world();
-        let places = [frame.image_to_world, shot.state.probe_to_world].map(|place| world.transform(place));
-        let transforms = transforms(places, self.scene.recorded(shot.number, self.frames));
-        let info = FrameInfo {
-            timestamp: shot.time_s,
-            transforms: &transforms,
-            image_valid: true,
-        };
         let picture = self.target.picture(shot.number, self.frames);
-        let path = match &mut self.images {
-            Some(images) => {
-                images.push(&frame.pixels, &info)?;
-                self.target.path().to_owned()
-            }
-            None => {
-                let mut pixels = Cow::Borrowed(frame.pixels.as_slice());
-                if self.extras.overlay {
-                    overlay::draw(pixels.to_mut(), synth.tables());
+        let mut pixels = frame.pixels.clone();
+        if self.extras.overlay {
+            overlay::draw(&mut pixels, synth.tables());
+        }
+        let layers = self.layers(synth, shot)?;
+        let mut taken = Taken {
+            path: picture.clone(),
+            parts: Vec::new(),
+            pictures: Vec::new(),
+        };
+        let names = match self.sequences.is_empty() {
+            true => {
+                let (compression, size) = (self.compression, [frame.width, frame.height]);
+                let path = picture.clone();
+                taken.put(move || png::write_grey_with(compression, &path, size, &pixels));
+                let paths = self.layers.iter().map(|layer| png::layer_path(&picture, layer.name()));
+                let paths: Vec<PathBuf> = paths.collect();
+                for (path, values) in paths.iter().cloned().zip(layers) {
+                    taken.put(move || png::write_grey16(compression, &path, size, &values));
                 }
-                png::write_grey(&picture, frame.width, frame.height, &pixels)?;
-                picture.clone()
+                paths.iter().map(|path| name_of(path)).collect()
+            }
+            false => {
+                taken.path = self.target.path().to_owned();
+                taken.parts = self.parts(synth, shot, pixels, layers);
+                let path = |layer: &Layer| png::layer_path(&taken.path, layer.name());
+                let paths = self.layers.iter().map(path);
+                paths.map(|path| format!("../{}", name_of(&path))).collect()
             }
         };
-        let layers = self.write_layers(synth, shot, &picture, &info)?;
         if self.extras.overview || self.extras.sidecar {
-            let pose = Pose::from_matrix(&shot.state.probe_to_world)
-                .map_err(|error| Failure::usage(error.to_string(), "give a pose that neither stretches nor shears"))?;
-            let needle = needle(shot.state);
-            if self.extras.overview {
-                let path = png::layer_path(&picture, "overview");
-                extras::write_overview(&path, synth, &pose, needle.as_ref())?;
-            }
-            if self.extras.sidecar {
-                self.write_sidecar(synth, shot, (&pose, needle.as_ref()), &picture, layers)?;
-            }
+            self.take_companions(synth, shot, &picture, names, &mut taken)?;
         }
-        Ok(path)
+        Ok(taken)
     }
 
-    fn write_layers(
-        &mut self,
-        synth: &Synthesizer,
-        shot: &Shot<'_>,
-        picture: &Path,
-        info: &FrameInfo<'_>,
-    ) -> Result<Vec<LayerFile>, Failure> {
+    fn layers(&self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<Vec<Vec<u16>>, Failure> {
         if self.layers.is_empty() {
             return Ok(Vec::new());
         }
-        let beam = synth.beam()?;
-        let tables = synth.tables();
-        let mut files = Vec::new();
-        for (at, layer) in self.layers.iter().enumerate() {
-            let values = layer.image(&beam, tables, &shot.state.probe_to_world);
-            let path = match self.masks.get_mut(at) {
-                Some(mask) => {
-                    let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
-                    mask.push(&bytes, info)?;
-                    format!("../{}", name_of(&png::layer_path(self.target.path(), layer.name())))
-                }
-                None => {
-                    let path = png::layer_path(picture, layer.name());
-                    png::write_grey16(&path, tables.width(), tables.height(), &values)?;
-                    name_of(&path)
-                }
-            };
-            files.push(LayerFile {
-                name: layer.name().to_owned(),
-                path,
-            });
-        }
-        Ok(files)
+        let (beam, tables) = (synth.beam()?, synth.tables());
+        let image = |layer: &Layer| layer.image(&beam, tables, &shot.state.probe_to_world);
+        Ok(self.layers.iter().map(image).collect())
     }
 
-    fn write_sidecar(
-        &mut self,
+    /// Frame and layers as parts of the sequences.
+    fn parts(&self, synth: &Synthesizer, shot: &Shot<'_>, pixels: Vec<u8>, layers: Vec<Vec<u16>>) -> Vec<Job> {
+        let world = self.scene.motion_world();
+        let places = [synth.frame().image_to_world, shot.state.probe_to_world].map(|place| world.transform(place));
+        let transforms = transforms(places, self.scene.recorded(shot.number, self.frames));
+        let owned = transforms
+            .iter()
+            .map(|&(name, matrix, valid)| (name.to_owned(), matrix, valid));
+        let owned: Arc<[(String, Matrix4<f64>, bool)]> = owned.collect();
+        let bytes = layers
+            .into_iter()
+            .map(|values| values.iter().flat_map(|value| value.to_le_bytes()).collect());
+        let all = [pixels].into_iter().chain(bytes).zip(&self.sequences);
+        let time_s = shot.time_s;
+        let part = |(pixels, stream): (Vec<u8>, &Stream)| {
+            let (writer, owned) = (Arc::clone(&stream.writer), Arc::clone(&owned));
+            let job = move || {
+                let transforms: Vec<_> = owned
+                    .iter()
+                    .map(|(name, matrix, valid)| (&**name, *matrix, *valid))
+                    .collect();
+                let info = FrameInfo {
+                    timestamp: time_s,
+                    transforms: &transforms,
+                    image_valid: true,
+                };
+                match &mut *lock(&writer) {
+                    Some(writer) => writer.push(&pixels, &info),
+                    None => Ok(()),
+                }
+            };
+            Box::new(job) as Job
+        };
+        all.map(part).collect()
+    }
+
+    fn take_companions(
+        &self,
+        synth: &Synthesizer,
+        shot: &Shot<'_>,
+        picture: &Path,
+        layers: Vec<String>,
+        taken: &mut Taken,
+    ) -> Result<(), Failure> {
+        let pose = Pose::from_matrix(&shot.state.probe_to_world)
+            .map_err(|error| Failure::usage(error.to_string(), "give a pose that neither stretches nor shears"))?;
+        let needle = needle(shot.state);
+        if self.extras.overview {
+            let path = png::layer_path(picture, "overview");
+            let image = extras::overview_of(synth, &pose, needle.as_ref());
+            let (width, height) = (image.width() as usize, image.height() as usize);
+            taken.put(move || png::write_rgb(&path, width, height, image.as_raw()));
+        }
+        if self.extras.sidecar {
+            let single = matches!(self.target, Target::File(_));
+            if !single && !self.shared.swap(true, Ordering::Relaxed) {
+                let parameters = extras::parameters(self.scene, synth);
+                let path = picture.with_file_name(PARAMETERS);
+                taken.put(move || atomic::write(&path, |file| writeln!(file, "{parameters:#}")));
+            }
+            let sidecar = self.sidecar(synth, shot, (&pose, needle.as_ref()), picture, layers);
+            let path = Sidecar::path_for(picture);
+            taken.put(move || sidecar.write(&path));
+        }
+        Ok(())
+    }
+
+    fn sidecar(
+        &self,
         synth: &Synthesizer,
         shot: &Shot<'_>,
         (pose, needle): (&Pose, Option<&NeedlePose>),
         picture: &Path,
-        layers: Vec<LayerFile>,
-    ) -> Result<(), Failure> {
+        layers: Vec<String>,
+    ) -> Sidecar {
         let grid = &synth.tables().image_grid;
         let single = matches!(self.target, Target::File(_));
-        if !single && !self.shared {
-            let parameters = extras::parameters(self.scene, synth);
-            atomic::write(&picture.with_file_name(PARAMETERS), |file| {
-                writeln!(file, "{parameters:#}")
-            })?;
-            self.shared = true;
-        }
-        let sidecar = Sidecar {
+        let layers = self.layers.iter().zip(layers).map(|(layer, path)| LayerFile {
+            name: layer.name().to_owned(),
+            path,
+        });
+        Sidecar {
             version: sidecar::VERSION,
             frame: shot.number,
             time_s: shot.time_s,
             seed: synth.settings().seed,
             files: Files {
-                image: self.images.is_none().then(|| name_of(picture)),
-                layers,
+                image: self.sequences.is_empty().then(|| name_of(picture)),
+                layers: layers.collect(),
                 overlay: self.extras.overlay,
             },
             image: ImagePlace::new(grid, pose),
@@ -213,17 +295,38 @@ impl<'a> Output<'a> {
             parameters: single.then(|| extras::parameters(self.scene, synth)),
             parameters_file: (!single).then(|| PARAMETERS.to_owned()),
             warnings: self.scene.warnings.iter().chain(shot.warnings).cloned().collect(),
-        };
-        Ok(sidecar.write(&Sidecar::path_for(picture))?)
+        }
     }
 
-    /// Finishes the sequences.
+    /// Hands a frame to the threads that write; returns its path. Frames of sequences are written in the order of the calls.
+    pub fn write(&self, taken: Taken) -> Result<PathBuf, Failure> {
+        for (stream, part) in self.sequences.iter().zip(taken.parts) {
+            stream.queue.put(part)?;
+        }
+        taken.pictures.into_iter().try_for_each(|job| self.pictures.put(job))?;
+        Ok(taken.path)
+    }
+
+    /// Waits until all files are written, and finishes the sequences, that of the frames last.
     pub fn finish(self) -> Result<(), Failure> {
-        for sequence in self.masks.into_iter().chain(self.images) {
-            sequence.finish()?;
+        self.pictures.finish()?;
+        for Stream { writer, queue } in self.sequences.into_iter().rev() {
+            let end = move || lock(&writer).take().map_or(Ok(()), SequenceWriter::finish);
+            queue.put(Box::new(end))?;
+            queue.finish()?;
         }
         Ok(())
     }
+}
+
+impl Taken {
+    fn put(&mut self, job: impl FnOnce() -> Result<(), OutputError> + Send + 'static) {
+        self.pictures.push(Box::new(job));
+    }
+}
+
+fn lock<T>(of: &Mutex<T>) -> MutexGuard<'_, T> {
+    of.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Needle of a frame: the displayed part towards the tip.

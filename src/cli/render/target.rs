@@ -46,11 +46,11 @@ impl Target {
             .map(|ending| ending.to_string_lossy().to_ascii_lowercase());
         let shown = path.display();
         match ending.as_deref() {
-            Some("mha" | "nrrd") => Ok(Self::Sequence(path.to_owned(), path.with_extension(""))),
+            Some("mha" | "nrrd" | "npy") => Ok(Self::Sequence(path.to_owned(), path.with_extension(""))),
             _ if path.is_dir() || ends_in_separator(path) => Ok(Self::Folder(path.to_owned())),
             Some("png") if frames > 1 => Err(Failure::usage(
                 format!("-o {shown} is one picture, and there are {frames} frames"),
-                "name a folder, or an image sequence that ends in .mha or .nrrd",
+                "name a folder, or an image sequence that ends in .mha, .nrrd or .npy",
             )),
             _ if frames > 1 && !ending.as_deref().is_some_and(|ending| OTHERS.contains(&ending)) => {
                 Ok(Self::Folder(path.to_owned()))
@@ -58,7 +58,7 @@ impl Target {
             Some("png") | None => Ok(Self::File(path.to_owned())),
             Some(other) => Err(Failure::usage(
                 format!("-o {shown}: pictures that end in .{other} are not written"),
-                "name a file that ends in .png, .mha or .nrrd, or a folder that exists",
+                "name a file that ends in .png, .mha, .nrrd or .npy, or a folder that exists",
             )),
         }
     }
@@ -66,7 +66,8 @@ impl Target {
     /// Whether a path names a file, regardless of the number of frames.
     pub fn is_file(path: &Path) -> bool {
         let ending = path.extension().map(OsStr::to_ascii_lowercase);
-        !path.is_dir() && ending.is_some_and(|ending| ["png", "mha", "nrrd"].iter().any(|known| ending == *known))
+        !path.is_dir()
+            && ending.is_some_and(|ending| ["png", "mha", "nrrd", "npy"].iter().any(|known| ending == *known))
     }
 
     /// Requested path.
@@ -196,6 +197,7 @@ mod tests {
         assert_eq!(chosen("a", 2), Ok(Target::Folder("a".into())));
         assert_eq!(chosen("run.v2", 2), Ok(Target::Folder("run.v2".into())));
         assert_eq!(chosen("a.mha", 1), Ok(Target::Sequence("a.mha".into(), "a".into())));
+        assert_eq!(chosen("a.npy", 2), Ok(Target::Sequence("a.npy".into(), "a".into())));
         assert_eq!(chosen("a.nrrd", 9), Ok(Target::Sequence("a.nrrd".into(), "a".into())));
         for other in ["a.png", "a.mp4", "a.igs.MHD"] {
             assert_eq!(chosen(other, 2), Err(2), "{other}");

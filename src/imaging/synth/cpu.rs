@@ -52,17 +52,32 @@ impl<T: PassScalar> CpuExecutor<T> {
 
     /// Adapts the memory to a changed plan; an error if too little is available.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
+        memory::check(
+            Self::bytes_of(plan).saturating_sub(self.store.bytes() as u64),
+            "a frame",
+        )?;
+        self.store.fit(plan, tables);
+        self.times.reserve_exact(plan.passes.len());
+        Ok(())
+    }
+
+    /// Bytes that the passes of a plan write.
+    pub fn bytes_of(plan: &Plan) -> u64 {
         let written = |buffer| {
             let mut bindings = plan.passes.iter().flat_map(|planned| planned.pass.bindings);
             bindings.any(|binding| *binding == (buffer, Access::Write))
         };
         let resources = plan.resources.iter().filter(|planned| written(planned.resource));
         // The plan counts numbers of 4 bytes.
-        let needed = resources.map(|planned| planned.bytes).sum::<u64>() * (size_of::<T>() / size_of::<f32>()) as u64;
-        memory::check(needed.saturating_sub(self.store.bytes() as u64), "a frame")?;
-        self.store.fit(plan, tables);
-        self.times.reserve_exact(plan.passes.len());
-        Ok(())
+        resources.map(|planned| planned.bytes).sum::<u64>() * (size_of::<T>() / size_of::<f32>()) as u64
+    }
+
+    /// Takes over whether passes are timed and, if nodes have moved, the state of the mesh.
+    pub fn follow(&mut self, other: &Self, moved: bool) {
+        self.timed = other.timed;
+        if moved {
+            self.store.slab.clone_from(&other.store.slab);
+        }
     }
 
     /// Runs the passes and copies the pixels out.

@@ -30,6 +30,15 @@ pub struct Rung {
     pub time: Spread,
 }
 
+/// Frames a second in batches of independent frames.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct BatchRates {
+    /// Pixels in memory.
+    pub fps: f64,
+    /// Pixels written to a folder of PNG files; `None` if they cannot be written.
+    pub png_fps: Option<f64>,
+}
+
 /// Measurements of one backend.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BackendReport {
@@ -47,6 +56,8 @@ pub struct BackendReport {
     pub gpu_time: Option<Spread>,
     /// Times of each pass; empty on a GPU without timestamps.
     pub passes: Vec<PassSpread>,
+    /// Rates of frames in batches.
+    pub batch: BatchRates,
     /// Working memory, bytes.
     pub memory_bytes: u64,
     /// Frame times as effects are removed one after another, down to slicing alone.
@@ -145,6 +156,11 @@ impl fmt::Display for BackendReport {
         }
         if self.passes.is_empty() {
             writeln!(f, "    (this device takes no timestamps: no times of single passes)")?;
+        }
+        let BatchRates { fps, png_fps } = self.batch;
+        writeln!(f, "  {:<48} {fps:>10.1}", "batch")?;
+        if let Some(fps) = png_fps {
+            writeln!(f, "  {:<48} {fps:>10.1}", "batch, written as PNG")?;
         }
         writeln!(f, "  effects taken away")?;
         for rung in &self.ladder {

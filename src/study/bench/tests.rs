@@ -38,6 +38,7 @@ fn the_ladder_ends_at_slicing_alone() {
     );
     assert_eq!(report.frame.frames, 2);
     assert!(report.memory_bytes > 0);
+    assert!(report.batch.fps > 0.0 && report.batch.png_fps.is_some_and(|fps| fps > 0.0));
     let taken: Vec<_> = report.ladder.iter().filter_map(|rung| rung.without).collect();
     assert_eq!(taken, removable(&anatomy, &settings));
     let passes: Vec<_> = report.ladder.iter().map(|rung| rung.passes).collect();
@@ -54,7 +55,14 @@ fn the_ladder_ends_at_slicing_alone() {
     let mut whole = BenchReport::new(&anatomy, &settings);
     whole.backends.push(report);
     let table = whole.to_string();
-    for word in ["64 scanlines", "32x24", "speckle_scatter", "- texture", "all effects"] {
+    for word in [
+        "64 scanlines",
+        "32x24",
+        "speckle_scatter",
+        "- texture",
+        "all effects",
+        "written as PNG",
+    ] {
         assert!(table.contains(word), "{word}: {table}");
     }
     let json = serde_json::to_value(&whole).unwrap();

@@ -1,0 +1,221 @@
+//! Batches of independent frames: on the CPU each core renders frames of its own.
+
+use std::collections::VecDeque;
+use std::mem;
+use std::sync::mpsc::sync_channel;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::cpu::CpuExecutor;
+use super::{Backend, Executor, Frame, FrameState, IN_FLIGHT, SynthError, Synthesizer};
+use crate::base::memory;
+
+/// Frames of a thread that wait for the sink.
+const AHEAD: usize = 2;
+
+/// Threads of batches, each with a synthesizer: the first with the owner's.
+pub(super) struct Team {
+    pool: ThreadPool,
+    others: Vec<Synthesizer>,
+    /// Number of threads asked for; memory may have allowed fewer.
+    asked: usize,
+}
+
+impl Synthesizer {
+    /// Renders frames that do not depend on each other, and passes them with their index to `sink`, in order. Pixels are those of
+    /// [`Synthesizer::render`] for one state after another, at any number of threads; afterwards the synthesizer is as after the
+    /// last of them. An error, of a frame or of the sink, ends the batch.
+    ///
+    /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared by all.
+    /// The threads belong to the synthesizer, as many as the caller's rayon pool has, or fewer where memory does not suffice; they
+    /// share its tables, and last until it is dropped or its settings change. On a GPU up to three frames are in flight.
+    ///
+    /// ```
+    /// use insonify::{Backend, SceneFile, SynthError};
+    ///
+    /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
+    /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+    /// let mut synth = scene.synthesizer(Backend::Cpu)?;
+    /// let states: Vec<_> = scene.states(4).collect();
+    /// let mut stack = Vec::new();
+    /// synth.render_batch(&states, |index, frame| {
+    ///     assert_eq!(stack.len(), index * frame.pixels.len());
+    ///     stack.extend_from_slice(&frame.pixels);
+    ///     Ok::<_, SynthError>(())
+    /// })?;
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
+    /// # Errors
+    /// Those of [`Synthesizer::render`], and those of the sink.
+    pub fn render_batch<E: From<SynthError>>(
+        &mut self,
+        states: &[FrameState],
+        mut sink: impl FnMut(usize, &Frame) -> Result<(), E>,
+    ) -> Result<(), E> {
+        if let Executor::Gpu(_) = self.executor {
+            self.drop_in_flight();
+            let mut tickets = VecDeque::with_capacity(IN_FLIGHT);
+            for at in 0..states.len() + IN_FLIGHT {
+                if let Some(done) = at.checked_sub(IN_FLIGHT)
+                    && let Some(ticket) = tickets.pop_front()
+                {
+                    sink(done, self.take(ticket)?)?;
+                }
+                if let Some(state) = states.get(at) {
+                    tickets.push_back(self.submit(state)?);
+                }
+            }
+            return Ok(());
+        }
+        self.batch(
+            states,
+            |_, synth, _| Ok(synth.frame().clone()),
+            |at, frame| sink(at, &frame),
+        )
+    }
+
+    /// As [`Synthesizer::render_batch`], with what `take` makes of a frame on the thread that has rendered it, given its index, the
+    /// synthesizer as after `render`, and the time of the frame, ms.
+    pub(crate) fn batch<T: Send, E: From<SynthError>>(
+        &mut self,
+        states: &[FrameState],
+        take: impl Fn(usize, &Self, f64) -> Result<T, SynthError> + Sync,
+        mut sink: impl FnMut(usize, T) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let Some(mut team) = self.team(states.len())? else {
+            for at in 0..states.len() {
+                let ms = self.timed(states, at, 1)?;
+                sink(at, take(at, self, ms)?)?;
+            }
+            return Ok(());
+        };
+        let result = team.run(self, states, &take, &mut sink);
+        self.team = Some(team);
+        result
+    }
+}
+
+impl Synthesizer {
+    /// Threads for a batch; `None` where frames are rendered in turn: on a GPU, on one thread, for so few frames that most threads would have
+    /// none, and where memory suffices for one frame at a time.
+    fn team(&mut self, frames: usize) -> Result<Option<Team>, SynthError> {
+        let threads = rayon::current_num_threads();
+        let asked = threads.min(frames);
+        let backend = match &self.executor {
+            Executor::Cpu(_) => Backend::Cpu,
+            Executor::CpuF64(_) => Backend::CpuF64,
+            Executor::Gpu(_) => return Ok(None),
+        };
+        if asked < 2 || 2 * frames < threads {
+            return Ok(None);
+        }
+        if let Some(team) = self.team.take().filter(|team| (asked..=threads).contains(&team.asked)) {
+            return Ok(Some(team));
+        }
+        let each = self.bytes_of_another();
+        let fits = |others: &usize| memory::check(*others as u64 * each, "frames side by side").is_ok();
+        let others = (1..asked).rev().find(fits).unwrap_or(0);
+        // A system without threads to spare renders in turn, too.
+        let pool = ThreadPoolBuilder::new().num_threads(others + 1).build();
+        let (Ok(pool), 1..) = (pool, others) else {
+            return Ok(None);
+        };
+        let others = (0..others).map(|_| Self::of(Arc::clone(&self.tables), backend.clone()));
+        let others = others.collect::<Result<Vec<_>, _>>()?;
+        self.moved = true;
+        Ok(Some(Team { pool, others, asked }))
+    }
+
+    /// Memory of another thread, bytes: what passes write, pixels of frames that wait, and locators of the mesh.
+    fn bytes_of_another(&self) -> u64 {
+        const PER_ELEMENT: u64 = 1024;
+        let (scalar, written) = match &self.executor {
+            Executor::CpuF64(_) => (2, CpuExecutor::<f64>::bytes_of(&self.plan)),
+            _ => (1, CpuExecutor::<f32>::bytes_of(&self.plan)),
+        };
+        let elements = self.tables.mesh.as_ref().map_or(0, |mesh| mesh.elements().len());
+        written + ((AHEAD + 2) * self.frame.pixels.len()) as u64 + scalar * PER_ELEMENT * elements as u64
+    }
+
+    /// Renders the state at a place in a batch of which this synthesizer renders each frame that is `stride` after the last: nodes that the
+    /// state leaves as they were are those of the frames between. Returns the time, ms.
+    fn timed(&mut self, states: &[FrameState], at: usize, stride: usize) -> Result<f64, SynthError> {
+        let start = Instant::now();
+        let (state, before) = (&states[at], &states[(at + 1).saturating_sub(stride)..at]);
+        let nodes = before.iter().rev().find_map(|state| state.nodes.as_ref());
+        let reference = before.iter().rev().find_map(|state| state.reference.as_ref());
+        if (state.nodes.is_none() && nodes.is_some()) || (state.reference.is_none() && reference.is_some()) {
+            let mut whole = state.clone();
+            whole.nodes = whole.nodes.or(nodes.cloned());
+            whole.reference = whole.reference.or(reference.cloned());
+            self.render(&whole)?;
+        } else {
+            self.render(state)?;
+        }
+        Ok(start.elapsed().as_secs_f64() * 1e3)
+    }
+
+    /// Takes over timing and, if nodes have moved, the state of the mesh.
+    fn follow(&mut self, other: &Self) {
+        match (&mut self.executor, &other.executor) {
+            (Executor::Cpu(own), Executor::Cpu(cpu)) => own.follow(cpu, other.moved),
+            (Executor::CpuF64(own), Executor::CpuF64(cpu)) => own.follow(cpu, other.moved),
+            _ => {}
+        }
+        self.moved = false;
+    }
+}
+
+impl Team {
+    fn run<T: Send, E: From<SynthError>>(
+        &mut self,
+        first: &mut Synthesizer,
+        states: &[FrameState],
+        take: &(impl Fn(usize, &Synthesizer, f64) -> Result<T, SynthError> + Sync),
+        sink: &mut impl FnMut(usize, T) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.others.iter_mut().for_each(|other| other.follow(first));
+        first.moved = false;
+        let count = self.others.len() + 1;
+        let (senders, receivers): (Vec<_>, Vec<_>) = (0..count).map(|_| sync_channel(AHEAD)).unzip();
+        let members = [&mut *first].into_iter().chain(&mut self.others).zip(senders);
+        let members: Vec<_> = members.map(|member| Mutex::new(Some(member))).collect();
+        let work = |thread: usize| {
+            let member = members[thread].lock().unwrap_or_else(PoisonError::into_inner).take();
+            let Some((synth, sender)) = member else { return };
+            for at in (thread..states.len()).step_by(count) {
+                let made = synth.timed(states, at, count).and_then(|ms| take(at, synth, ms));
+                let failed = made.is_err();
+                // Nobody receives after an error.
+                if sender.send(made).is_err() || failed {
+                    return;
+                }
+            }
+        };
+        let work = &work;
+        let result = self.pool.in_place_scope(|scope| {
+            // A thread runs its own part of a broadcast alone, so none waits for the frames of another.
+            scope.spawn_broadcast(move |_, context| work(context.index()));
+            let receivers = receivers;
+            for at in 0..states.len() {
+                // Where the other end is gone, its thread has panicked, which the scope passes on.
+                let Ok(made) = receivers[at % count].recv() else { break };
+                sink(at, made?)?;
+            }
+            Ok(())
+        });
+        drop(members);
+        first.moved |= self.others.iter().any(|other| other.moved);
+        // The last frame is the owner's.
+        if let Some(last) = ((states.len() - 1) % count).checked_sub(1) {
+            let last = &mut self.others[last];
+            mem::swap(&mut first.executor, &mut last.executor);
+            mem::swap(&mut first.local, &mut last.local);
+            mem::swap(&mut first.frame, &mut last.frame);
+        }
+        result
+    }
+}
