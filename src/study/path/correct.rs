@@ -79,6 +79,12 @@ impl Corrected {
                 self.last.not_converged
             ));
         }
+        if self.last.inverted > 0 {
+            warnings.push(format!(
+                "up to {} elements were inverted at once on the best path: tissue is crushed there, and its displacement approximate",
+                self.last.inverted
+            ));
+        }
         warnings
     }
 }

@@ -81,6 +81,8 @@ pub struct Trial {
     pub punctures: usize,
     /// Number of steps that did not converge.
     pub not_converged: usize,
+    /// Largest number of elements inverted at once, at the looks at the tissue.
+    pub inverted: usize,
     /// Whether the tip met bone.
     pub bone: bool,
 }
@@ -230,6 +232,7 @@ impl Observer for Watch<'_> {
 
     fn mesh(&mut self, deformed: &Deformed<'_>) -> Result<(), Stop> {
         let Some(mut sample) = self.last else { return Ok(()) };
+        self.trial.inverted = self.trial.inverted.max(deformed.tissue.inverted);
         sample.target = self.carried.point(0, self.target, deformed.elements, deformed.tissue);
         self.trial.samples.push(sample);
         let ahead_mm = sample.miss().dot(&self.course.along);
