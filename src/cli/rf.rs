@@ -200,6 +200,11 @@ impl Rf {
         )?;
         let (width, height) = (picture.width() as usize, picture.height() as usize);
         png::write_grey(&self.output, width, height, &picture)?;
+        let output = self.output.display();
+        terminal::say(format_args!(
+            "wrote {output}: frame {}, {width}x{height} pixels",
+            self.frame
+        ));
         Ok(())
     }
 

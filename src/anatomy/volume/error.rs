@@ -109,7 +109,9 @@ pub enum VolumeError {
         cause: Box<VolumeError>,
     },
     /// More distinct labels than a byte can index.
-    #[error("at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map?)")]
+    #[error(
+        "at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map? Echoes: insonify rf --bmode)"
+    )]
     TooManyLabels(usize),
     /// An option, or a part of a volume or texture, is invalid.
     #[error("{text}")]
