@@ -1,12 +1,13 @@
 //! How does a simulator drive the synthesizer? It owns the motion: each step it writes the probe's pose, the needle and the
-//! mesh nodes into one state that it keeps, and renders. In the steady state nothing is allocated.
+//! mesh nodes into one state that it keeps, and renders. In the steady state nothing is allocated. And what do frames take whose
+//! states are all known in advance, as those of a training set? They go in a batch.
 //!
 //! `cargo run --release --example embedding_loop -- 200`
 
 use std::error::Error;
 use std::time::Instant;
 
-use insonify::{Backend, Displacement, FrameState, SceneFile, Synthesizer};
+use insonify::{Backend, Displacement, FrameState, SceneFile, SynthError, Synthesizer, TetMesh};
 use nalgebra::{Matrix4, Point3, Rotation3, Translation3, Vector3};
 
 /// What is imaged and how; the motion is the simulator's.
@@ -23,6 +24,32 @@ field = { kind = "indentation", centre_mm = [0, 0, 0], direction = [0, 1, 0], de
 const ENTRY_MM: Point3<f64> = Point3::new(-32.0, -79.6, -7.1);
 const TARGET_MM: Point3<f64> = Point3::new(-52.3, -20.2, -25.1);
 
+/// The state of a frame of the motion, in memory that is used again.
+fn fill(state: &mut FrameState, frame: usize, rest: &Matrix4<f64>, mesh: &TetMesh) {
+    let phase = std::f64::consts::TAU * frame as f64 / 50.0;
+
+    // The hand rocks the probe and slides it along the skin.
+    let rock = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.1 * phase.sin()).to_homogeneous();
+    state.probe_to_world = rest * Translation3::new(2.0 * phase.cos(), 0.0, 0.0).to_homogeneous() * rock;
+
+    // The needle advances to the target and comes back.
+    let reach = 0.5 - 0.5 * phase.cos();
+    let tip = ENTRY_MM + (TARGET_MM - ENTRY_MM) * reach;
+    if let Some(last) = state.needle.as_mut().and_then(|needle| needle.nodes.last_mut()) {
+        *last = tip;
+    }
+
+    // Tissue before the tip gives way: here a closed form, in a simulator the nodes of its last step.
+    let press = Displacement::Indentation {
+        centre_mm: tip.into(),
+        direction: (TARGET_MM - ENTRY_MM).into(),
+        depth_mm: 4.0 * reach,
+        radius_mm: 15.0,
+    };
+    press.displace(mesh.nodes(), state.nodes.get_or_insert_default());
+    state.frame = frame as u64;
+}
+
 fn main() -> Result<(), Box<dyn Error>> {
     let frames: usize = std::env::args().nth(1).map_or(Ok(100), |frames| frames.parse())?;
     let scene = SceneFile::parse(SCENE, "embedding_loop")?.resolve(".".as_ref())?;
@@ -34,33 +61,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 
     let mut times = Vec::with_capacity(frames);
     for frame in 0..frames {
-        let phase = std::f64::consts::TAU * frame as f64 / 50.0;
-
-        // The hand rocks the probe and slides it along the skin.
-        let rock = Rotation3::from_axis_angle(&Vector3::z_axis(), 0.1 * phase.sin()).to_homogeneous();
-        state.probe_to_world = rest * Translation3::new(2.0 * phase.cos(), 0.0, 0.0).to_homogeneous() * rock;
-
-        // The needle advances to the target and comes back.
-        let reach = 0.5 - 0.5 * phase.cos();
-        let tip = ENTRY_MM + (TARGET_MM - ENTRY_MM) * reach;
-        if let Some(last) = state.needle.as_mut().and_then(|needle| needle.nodes.last_mut()) {
-            *last = tip;
-        }
-
-        // Tissue before the tip gives way: here a closed form, in a simulator the nodes of its last step.
-        let press = Displacement::Indentation {
-            centre_mm: tip.into(),
-            direction: (TARGET_MM - ENTRY_MM).into(),
-            depth_mm: 4.0 * reach,
-            radius_mm: 15.0,
-        };
-        press.displace(mesh.nodes(), state.nodes.get_or_insert_default());
-
-        state.frame = frame as u64;
+        fill(&mut state, frame, &rest, &mesh);
         let start = Instant::now();
         synth.render(&state)?;
         times.push(start.elapsed().as_secs_f64() * 1e3);
     }
+    let last = synth.frame().clone();
 
     times.sort_by(f64::total_cmp);
     let median = times.get(frames / 2).ok_or("no frames were asked for")?;
@@ -71,5 +77,22 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     println!("median {median:.2} ms, {:.0} frames a second", 1e3 / median);
     println!("95 of 100 frames within {:.2} ms", times[95 * (frames - 1) / 100]);
+
+    // The same frames once more, now that all their states are known: each core renders frames of its own.
+    let filled = (0..frames).map(|frame| {
+        fill(&mut state, frame, &rest, &mesh);
+        state.clone()
+    });
+    let states: Vec<FrameState> = filled.collect();
+    let start = Instant::now();
+    synth.render_batch(&states, |_, frame| {
+        std::hint::black_box(frame);
+        Ok::<_, SynthError>(())
+    })?;
+    println!(
+        "in a batch {:.0} frames a second",
+        frames as f64 / start.elapsed().as_secs_f64()
+    );
+    assert!(*synth.frame() == last, "the same pixels");
     Ok(())
 }
