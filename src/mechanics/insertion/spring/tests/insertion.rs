@@ -52,7 +52,7 @@ fn forces_along_the_needle_add_up() {
     it.shaft_loads(&mut loads);
     let sum: Vector3<f64> = loads.iter().map(|load| load.force_n).sum();
     let hand = it.outcome.on_hand.force_n;
-    assert!((sum - hand).norm() < 0.2 * hand.norm(), "{sum} for {hand}");
+    assert!((sum - hand).norm() < 1e-6 * hand.norm(), "{sum} for {hand}");
     assert!(
         loads.len() > 3 && loads.iter().all(|load| load.from_mm <= load.to_mm),
         "{loads:?}"
