@@ -198,7 +198,8 @@ fn the_tip_is_where_the_deformed_tissue_has_it() {
         let depths = in_and_out();
         for (step, depth) in depths.iter().enumerate() {
             let outcome = model.step(&at(X, *depth), 0.05).unwrap();
-            let Some(rest) = outcome.tip_at_rest_mm.filter(|_| step >= 50 && outcome.stuck > 0) else {
+            let rest = outcome.tip_at_rest_mm;
+            let Some(rest) = rest.filter(|_| step >= 50 && model.needle.phase() == Phase::Held) else {
                 continue;
             };
             let off = rest.z + model.needle.along(rest.z) - depth;
