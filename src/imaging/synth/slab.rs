@@ -189,12 +189,12 @@ impl<T: Real> Slab<T> {
         let nodes = &self.reference_nodes;
         if moved.deformed {
             let current = &self.current;
-            view.into_probe(current.iter().map(|node| node.map(T::wide)), &mut self.in_probe);
+            view.project(current.iter().map(|node| node.map(T::wide)), &mut self.in_probe);
             self.deformed
                 .cut(&view, &self.mesh, &self.in_probe, |node| current[node], nodes);
         }
         if moved.reference {
-            view.into_probe(nodes.iter().copied(), &mut self.in_probe);
+            view.project(nodes.iter().copied(), &mut self.in_probe);
             let at = |node: usize| nodes[node].map(T::of);
             self.reference.cut(&view, &self.mesh, &self.in_probe, at, nodes);
         }
@@ -244,7 +244,8 @@ impl<'a> SlabView<'a> {
         }
     }
 
-    fn into_probe(&self, nodes: impl Iterator<Item = [f64; 3]>, in_probe: &mut [[f64; 3]]) {
+    /// Positions of nodes in the frame of the probe.
+    fn project(&self, nodes: impl Iterator<Item = [f64; 3]>, in_probe: &mut [[f64; 3]]) {
         for (node, [x, y, z]) in in_probe.iter_mut().zip(nodes) {
             *node = self.to_probe.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3]);
         }
