@@ -2,8 +2,11 @@
 
 #[path = "access.rs"]
 mod access;
+#[path = "error.rs"]
+mod error;
 
 pub use access::Access;
+pub use error::GpuError;
 
 /// A device, of which there is none.
 #[derive(Debug, Clone)]
@@ -43,21 +46,6 @@ impl AdapterChoice {
     /// The adapter named by a command-line flag, else the best.
     pub fn from_flag(_: Option<&str>) -> Self {
         Self
-    }
-}
-
-/// Reason why there is no GPU.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum GpuError {
-    /// The library has no GPU support.
-    #[error("this build has no GPU support; build it with the feature `gpu`")]
-    Absent,
-}
-
-impl GpuError {
-    /// Whether the machine is at fault (`true`) or the user's request (`false`).
-    pub fn is_machine(&self) -> bool {
-        true
     }
 }
 

@@ -2,7 +2,7 @@
 
 use bytemuck::NoUninit;
 
-use super::error::check_limit;
+use super::faults::check_limit;
 use super::{Gpu, GpuError};
 
 /// A storage buffer that passes read and write, and that can be written from and copied to the CPU.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use super::adapter::{self, AdapterChoice, AdapterReport};
-use super::error::check_limit;
+use super::faults::check_limit;
 use super::{Faults, GpuError, Recorder};
 
 /// Default time limit for waiting on the GPU: Windows resets a GPU after 2 s, software Vulkan on a busy machine

@@ -1,7 +1,7 @@
 //! Compute pass: its pipeline and its explicit bind group layout.
 
 use super::buffer::SLOT_BYTES;
-use super::error::check_limit;
+use super::faults::check_limit;
 use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 
 /// Source and layout of a pass.

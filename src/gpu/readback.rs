@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU8, Ordering};
 use bytemuck::Pod;
 
 use super::buffer::whole_words;
-use super::error::check_limit;
+use super::faults::check_limit;
 use super::{Gpu, GpuError};
 
 const WAITING: u8 = 0;

@@ -1,7 +1,7 @@
 //! Recording of the dispatches and copies of a submission.
 
 use super::buffer::SLOT_BYTES;
-use super::error::check_limit;
+use super::faults::check_limit;
 use super::{Gpu, GpuError, Pipeline, Readback, StorageBuffer, TextureOut, Timer};
 
 /// A dispatch of a pass.

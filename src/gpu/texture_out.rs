@@ -3,7 +3,7 @@
 //! `R8Unorm` is not a storage format, so passes write packed grey (four pixels per 32-bit word, the leftmost in the
 //! lowest byte) into a buffer whose rows are padded, and a copy fills the texture.
 
-use super::error::check_limit;
+use super::faults::check_limit;
 use super::{Gpu, GpuError, StorageBuffer};
 
 /// Bytes from one row of packed grey to the next, for rows of `width` pixels: copies into textures require multiples

@@ -276,7 +276,7 @@ impl SequenceWriter {
         })
     }
 
-    /// What comes before the pixels, which take `length` bytes as they are packed.
+    /// Header of a file whose pixels take `length` bytes, packed or not.
     fn header(&self, length: u64) -> Vec<u8> {
         let Self {
             width,

@@ -199,7 +199,7 @@ pub struct Study {
     pub tables: Vec<Table>,
     /// Plots of the tables.
     pub figures: Vec<Figure>,
-    /// What was left out, and why.
+    /// Parts left out, with the reasons.
     pub notes: Vec<String>,
 }
 

@@ -69,7 +69,7 @@ impl Settings {
     }
 }
 
-/// What effects derive their tables from.
+/// Inputs of the tables of effects.
 #[derive(Clone, Copy)]
 pub struct Inputs<'a> {
     /// Imaged anatomy in the world.
