@@ -13,7 +13,7 @@ use crate::input::scenario::manipulator::Guided;
 use crate::tracking::TrackingError;
 use crate::tracking::manipulator::drive::{Control, PERIOD_S};
 use crate::tracking::manipulator::{Guide, InPlane, Posture};
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::json;
 
@@ -21,6 +21,7 @@ use super::backend::BackendArgs;
 use super::failure::Failure;
 use super::output::{self, Force, inputs};
 use super::terminal;
+use super::variants::variants;
 
 /// Slides of a table, and its poses.
 const SLIDES: [&str; 3] = ["slide_1_mm", "slide_2_mm", "slide_3_mm"];
@@ -228,8 +229,8 @@ pub struct Follow {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Control of the slides [default: that of the scenario]
-    #[arg(long, value_enum)]
-    control: Option<ControlArg>,
+    #[arg(long, value_parser = variants::<Control>())]
+    control: Option<Control>,
     #[command(flatten)]
     force: Force,
     /// Print JSON: `largest_tip_error_mm`, `final_tip_error_mm`, `lost_mm` (pushing and pulling, of a slide), `motion` (rows as in motion.csv)
@@ -237,32 +238,12 @@ pub struct Follow {
     json: bool,
 }
 
-#[derive(Clone, Copy, ValueEnum)]
-enum ControlArg {
-    /// PI control on the encoder of the output
-    ClosedLoop,
-    /// The motor makes the commanded motion, without regard to the output
-    OpenLoop,
-    /// The slides are where they are commanded to be
-    Ideal,
-}
-
-impl From<ControlArg> for Control {
-    fn from(arg: ControlArg) -> Self {
-        match arg {
-            ControlArg::ClosedLoop => Control::ClosedLoop,
-            ControlArg::OpenLoop => Control::OpenLoop,
-            ControlArg::Ideal => Control::Ideal,
-        }
-    }
-}
-
 impl Follow {
     fn run(&self) -> Result<(), Failure> {
         let folder = self
             .force
             .folder(&self.output, "manipulator", &[], &inputs(&self.scenario))?;
-        let (motion, _) = guided(&self.scenario, self.control.map(Control::from))?;
+        let (motion, _) = guided(&self.scenario, self.control)?;
         output::text(&folder.path().join("motion.csv"), &table(&motion, 1).csv())?;
         output::plot(&folder.path().join("tip-error.svg"), &plot(&motion))?;
         folder.install()?;

@@ -6,11 +6,12 @@ use crate::base::csv::CsvError;
 use crate::input::material_case::fit::{Fit, Measured};
 use crate::input::material_case::{self, CaseFile};
 use crate::mechanics::tissue::viscoelastic::point::Structure;
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 
 use super::failure::Failure;
 use super::output::{self, Force};
 use super::terminal;
+use super::variants::variants;
 
 const EXAMPLES: &str = "\
 The case file names a law, its numbers, and a history of stress or strain; the other of the two is answered:
@@ -151,8 +152,8 @@ pub struct FitArgs {
     #[arg(long, value_name = "K", value_parser = order)]
     order: Option<f64>,
     /// Quantity that the stiffness multiplies: with `rate` the result is corrected for what equation 2 neglects
-    #[arg(long, value_enum, default_value = "load-integral")]
-    memory: MemoryArg,
+    #[arg(long, value_parser = variants::<Structure>(), default_value = "load-integral")]
+    memory: Structure,
     /// Print one JSON object: `dynamic` (`order`, `modulus_kpa`, `loss_tangent`, ...), `creep` (`modulus_kpa`, `knee_shear`, `stiffening`, ...), `warnings`
     #[arg(long)]
     json: bool,
@@ -161,14 +162,6 @@ pub struct FitArgs {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-}
-
-#[derive(Clone, Copy, ValueEnum)]
-enum MemoryArg {
-    /// G(strain) strain = I^k stress, by which equation 2 is exact
-    LoadIntegral,
-    /// G(strain) d^k strain/dt^k = stress
-    Rate,
 }
 
 fn order(text: &str) -> Result<f64, String> {
@@ -183,11 +176,7 @@ impl FitArgs {
         let folder = folder.transpose()?;
         let mut measured = Measured::default();
         self.files.iter().try_for_each(|file| measured.add(file))?;
-        let memory = match self.memory {
-            MemoryArg::LoadIntegral => Structure::LoadIntegral,
-            MemoryArg::Rate => Structure::Rate,
-        };
-        let fit = Fit::new(&measured, self.order, memory).map_err(|text| CsvError::Contents {
+        let fit = Fit::new(&measured, self.order, self.memory).map_err(|text| CsvError::Contents {
             path: self.files[0].clone(),
             text,
         })?;
