@@ -101,6 +101,6 @@ fn targets_and_conditions_that_leave_no_path_are_told() {
         &["two dimensions", "plane"],
     );
     fails("--target spleen", &["no label or tissue is named \"spleen\"", "liver"]);
-    fails("--target 10,40,0 --clearance-mm -1", &["clearance_mm"]);
+    fails("--target 10,40,0 --clearance-mm=-1", &["clearance_mm"]);
     fails("--target 10,40,0 --angles=20,-20", &["angles"]);
 }
