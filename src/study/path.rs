@@ -24,6 +24,7 @@ use crate::base::text::some_of;
 use crate::input::scenario::aim::middle;
 use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use crate::study::StudyError;
+pub(super) use candidates::DEFORMED_BONE;
 use candidates::Entries;
 use correct::Corrected;
 use insertion::{Course, Until};

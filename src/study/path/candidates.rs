@@ -31,7 +31,7 @@ const LEAVES: &str = "the line leaves the body";
 const GAS: &str = "the line meets gas or lung";
 const BONE: &str = "too near to bone";
 const CRITICAL: &str = "too near to a critical structure";
-pub(super) const DEFORMED_BONE: &str = "too near to bone as the tissue deforms";
+pub(in crate::study) const DEFORMED_BONE: &str = "too near to bone as the tissue deforms";
 const DEFORMED_CRITICAL: &str = "too near to a critical structure as the tissue deforms";
 
 /// A direction to the target, with its entry or the reason why there is none.

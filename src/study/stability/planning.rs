@@ -11,7 +11,7 @@ use crate::mechanics::needle::beam::{Base, FoundationBeam, Shape};
 use crate::study::StudyError;
 use crate::study::beam::{ELEMENT_MM, TISSUES, problem};
 use crate::study::identify::force::Piecewise;
-use crate::study::path::{Entry, Goal, PathOptions, liver, plan};
+use crate::study::path::{DEFORMED_BONE, Entry, Goal, PathOptions, liver, plan};
 use crate::tracking::manipulator::drive::{Control, Drive, PERIOD_S, follow};
 use crate::tracking::manipulator::{Guide, Posture};
 
@@ -121,8 +121,8 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
             None => {
                 excluded += 1;
-                // Not only once it has been simulated.
-                late += usize::from(exact < asked - VOXEL_MM && line.excluded != Some("too near to bone"));
+                // Before it is simulated, for this reason or for one that does not depend on bone.
+                late += usize::from(exact < asked - VOXEL_MM && line.excluded == Some(DEFORMED_BONE));
                 far += usize::from(exact > asked + VOXEL_MM && line.excluded == Some("too near to bone"));
             }
         }
@@ -130,7 +130,7 @@ fn beside_bone(record: &mut Record<'_>) -> Result<(), Unexpected> {
     record.zero("lines nearer than asked that are planned", near as f64);
     record.zero("lines farther than asked that are excluded", far as f64);
     record.zero(
-        "lines nearer than asked that are simulated, or excluded for another reason",
+        "lines nearer than asked that are excluded once they have been simulated",
         late as f64,
     );
     record.under("clearance beyond that of the ellipse, mm", largest(off), VOXEL_MM);
