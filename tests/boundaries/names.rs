@@ -57,7 +57,7 @@ fn naming_paths(module: &str, paths: &[&str]) -> Vec<String> {
             continue;
         }
         let text = std::fs::read_to_string(&path).expect("a source");
-        let own = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+        let own = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
         for (at, line) in own.lines().enumerate() {
             let names = |module: &&str| {
                 let begins = format!("crate::{module}");
@@ -83,7 +83,10 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("tracking", &["base", "anatomy", "mechanics"]),
     ("imaging", &["base", "gpu", "anatomy", "mechanics", "tracking"]),
     ("input", &["base", "gpu", "anatomy", "mechanics", "tracking", "imaging"]),
-    ("simulator", &["base", "mechanics", "tracking", "imaging"]),
+    (
+        "simulator",
+        &["base", "mechanics", "tracking", "imaging", "input", "error"],
+    ),
     (
         "study",
         &[
@@ -272,7 +275,7 @@ const NAMED: &[(&str, &[&str], &str)] = &[
 /// The source without comments and unit tests.
 fn code(path: &Path) -> String {
     let text = std::fs::read_to_string(path).expect("a source");
-    let text = text.split("#[cfg(test)]\nmod ").next().unwrap_or_default();
+    let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
     let lines = text.lines().map(|line| line.split("//").next().unwrap_or_default());
     lines.collect::<Vec<_>>().join("\n")
 }
