@@ -45,6 +45,7 @@ speckle = {}
 interface = {}
 needle = {}
 shadow = {}
+refraction = {}
 blur = {}
 receiver = {}
 tone = {}
