@@ -1,0 +1,192 @@
+//! Pictures of motion and strain in colour over the B-mode.
+
+use image::{Rgb, RgbImage};
+
+use super::{Motion, TRUSTED};
+use crate::cli::failure::Failure;
+use crate::cli::rf::laid_out;
+use crate::cli::terminal;
+use crate::imaging::canvas;
+use crate::imaging::rf::bmode::{envelope, grey, scan_converted, white};
+use crate::imaging::rf::file::Echoes;
+use crate::imaging::rf::motion::Estimate;
+use crate::tracking::probe::{BeamGrid, ImageGrid};
+
+/// Windows over which strain is a slope.
+const SLOPE: usize = 9;
+/// Opacity of colours over the B-mode.
+const OPACITY: f64 = 0.55;
+
+/// Estimates of the frame whose picture is drawn.
+#[derive(Default)]
+pub(super) struct Shown {
+    pub frame: usize,
+    /// Mean magnitude of the axial motion of windows that correlate, um.
+    pub mean_um: f64,
+    pub found: Vec<Estimate>,
+}
+
+impl Motion {
+    pub(super) fn picture(
+        &self,
+        echoes: &Echoes,
+        depths: &[f64],
+        shown: &Shown,
+        strain: bool,
+    ) -> Result<RgbImage, Failure> {
+        let Some(probe) = self.geometry.probe(echoes, self.sampling_mhz)? else {
+            let expected = "give --sampling-mhz and --pitch-mm, or --radius-mm and --angle-deg";
+            return Err(Failure::usage("a picture needs the geometry of the lines", expected));
+        };
+        let (beam, image) = laid_out(&probe)?;
+        let (frame, found) = (shown.frame, &shown.found);
+        let envelope = envelope(echoes, frame);
+        let below = scan_converted(&grey(&envelope, white(&envelope), 60.0), &beam, &image, 0);
+        let count = usize::from(self.windows);
+        let values: Vec<f64> = match strain {
+            true => found.chunks(count).flat_map(|line| slopes(depths, line)).collect(),
+            false => found
+                .iter()
+                .map(|it| {
+                    if it.correlation >= TRUSTED {
+                        it.axial_um
+                    } else {
+                        f64::NAN
+                    }
+                })
+                .collect(),
+        };
+        let shown = values.iter().filter(|value| !value.is_nan());
+        let mut sizes: Vec<f64> = shown.map(|value| value.abs()).collect();
+        if sizes.is_empty() {
+            return Err(Failure::usage(
+                format!("no window of frame {frame} correlates"),
+                "leave out --strain and --displacement; the tissue moves too far between frames, or the echoes are noise",
+            ));
+        }
+        sizes.sort_by(f64::total_cmp);
+        let most = rounded(sizes[sizes.len() * 98 / 100].max(1e-12));
+        let unit = if strain { "%" } else { "um" };
+        terminal::note(format_args!(
+            "frame {frame}: colours from {} {unit} ({}, blue) to {most} {unit} ({}, red)",
+            -most,
+            if strain { "compressed" } else { "towards the probe" },
+            if strain { "stretched" } else { "away" }
+        ));
+        let ends = [depths[0], depths[count - 1]];
+        let mut picture = coloured(&below, &beam, &image, &values, ends, most);
+        colour_bar(&mut picture, most, unit);
+        Ok(picture)
+    }
+}
+
+/// Axial strain along a line, %: slopes over some windows; NaN where a window does not correlate.
+fn slopes(depths: &[f64], line: &[Estimate]) -> Vec<f64> {
+    let slope = |at: usize| {
+        let from = at.saturating_sub(SLOPE / 2);
+        let to = (at + SLOPE / 2 + 1).min(line.len());
+        let trusted = || {
+            depths[from..to]
+                .iter()
+                .zip(&line[from..to])
+                .filter(|(_, it)| it.correlation >= TRUSTED)
+        };
+        let n = trusted().count() as f64;
+        if line[at].correlation < TRUSTED || n < 3.0 {
+            return f64::NAN;
+        }
+        let x = trusted().map(|(depth, _)| depth).sum::<f64>() / n;
+        let y = trusted().map(|(_, it)| it.axial_um).sum::<f64>() / n;
+        let (top, bottom) = trusted().fold((0.0, 0.0), |(top, bottom), (depth, it)| {
+            (top + (depth - x) * (it.axial_um - y), bottom + (depth - x).powi(2))
+        });
+        // um/mm are per mille.
+        0.1 * top / bottom
+    };
+    (0..line.len()).map(slope).collect()
+}
+
+/// Values of windows in colour over grey pixels: blue below 0, red above.
+fn coloured(below: &[u8], beam: &BeamGrid, image: &ImageGrid, values: &[f64], ends: [f64; 2], most: f64) -> RgbImage {
+    let count = values.len() / beam.lines();
+    RgbImage::from_fn(image.width() as u32, image.height() as u32, |x, y| {
+        let grey = f64::from(below[y as usize * image.width() + x as usize]);
+        let [px, py] = image.to_plane(f64::from(x), f64::from(y));
+        if beam.to_beam(px, py).is_none() {
+            return Rgb([0; 3]);
+        }
+        let (line, depth) = beam.to_line_and_depth(px, py);
+        let window = (depth - ends[0]) / (ends[1] - ends[0]) * (count - 1) as f64;
+        if !(0.0..=(count - 1) as f64).contains(&window) {
+            return Rgb([grey as u8; 3]);
+        }
+        let (low, share) = (
+            (window as usize).min(count - 2),
+            window - (window as usize).min(count - 2) as f64,
+        );
+        let row = line.round().clamp(0.0, (beam.lines() - 1) as f64) as usize * count;
+        let value = values[row + low] * (1.0 - share) + values[row + low + 1] * share;
+        if value.is_nan() {
+            return Rgb([grey as u8; 3]);
+        }
+        Rgb(tint(grey, value / most))
+    })
+}
+
+/// Grey in the colour of a level of -1 (blue) to 1 (red).
+fn tint(grey: f64, level: f64) -> [u8; 3] {
+    let colour = match level < 0.0 {
+        true => [40.0, 90.0, 255.0],
+        false => [255.0, 70.0, 30.0],
+    };
+    let opacity = OPACITY * level.abs().min(1.0).sqrt();
+    colour.map(|part: f64| (grey * (1.0 - opacity) + part * opacity).round() as u8)
+}
+
+/// A number above 0, up to two significant digits.
+fn rounded(number: f64) -> f64 {
+    let unit = 10f64.powf(number.log10().floor() - 1.0);
+    // Powers of ten below 1 are not exact: their reciprocals are.
+    match unit < 1.0 {
+        true => (number / unit).ceil() / unit.recip().round(),
+        false => (number / unit).ceil() * unit,
+    }
+}
+
+/// Bar of the colours of a picture with its ends, in its upper right corner.
+fn colour_bar(picture: &mut RgbImage, most: f64, unit: &str) {
+    let (width, height) = (picture.width(), picture.height());
+    let (left, top, long) = (width.saturating_sub(16), 10, height.saturating_sub(20).min(120));
+    for y in 0..long {
+        let level = 1.0 - 2.0 * f64::from(y) / f64::from(long.max(2) - 1);
+        for x in left..width.saturating_sub(6) {
+            picture.put_pixel(x, top + y, Rgb(tint(110.0, level)));
+        }
+    }
+    for (share, value) in [(0.0, most), (0.5, 0.0), (1.0, -most)] {
+        let name = format!("{value} {unit}");
+        let [wide, high] = canvas::text_size(&name, 1);
+        let y = f64::from(top) + share * f64::from(long) - 0.5 * f64::from(high);
+        canvas::text(picture, [left.saturating_sub(wide + 5), y as u32], &name, 1, [255; 3]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ends_of_colours_have_two_digits_and_hold_the_values() {
+        let cases = [
+            (1724.5, 1800.0),
+            (0.0123, 0.013),
+            (0.1, 0.1),
+            (25.2, 26.0),
+            (3.0, 3.0),
+            (0.00991, 0.01),
+        ];
+        for (number, expected) in cases {
+            assert_eq!(rounded(number), expected, "{number}");
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! Frames in flight: submitted, worked on by a GPU while the caller goes on, and taken in the same order.
+
+use super::{Executor, Frame, FrameState, SynthError, Synthesizer, gpu};
+
+/// Largest number of frames in flight.
+pub const IN_FLIGHT: usize = 3;
+
+/// A submitted frame. Frames are finished in the order of their submission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Ticket(u64);
+
+/// A frame between its submission and its arrival.
+pub(super) struct Flight {
+    ticket: Ticket,
+    frame: Frame,
+    /// Its submission, on a GPU.
+    submission: Option<gpu::Submission>,
+}
+
+/// Place in the ring of a GPU.
+fn place_of(ticket: Ticket) -> usize {
+    (ticket.0 % IN_FLIGHT as u64) as usize
+}
+
+impl Synthesizer {
+    /// Submits a frame: a GPU works on it while the caller goes on, a CPU backend renders it here. At most three frames are in flight.
+    ///
+    /// # Errors
+    /// [`SynthError::Busy`] if three frames are in flight, and those of [`Self::render`].
+    pub fn submit(&mut self, state: &FrameState) -> Result<Ticket, SynthError> {
+        if self.in_flight.len() == IN_FLIGHT {
+            return Err(SynthError::Busy);
+        }
+        let mut frame = self.spare.pop().unwrap_or_default();
+        self.begin(state, &mut frame)?;
+        let state = self.local.of(state);
+        let ticket = Ticket(self.submitted);
+        let (plan, tables, pixels) = (&self.plan, &self.tables, &mut frame.pixels);
+        let submission = match &mut self.executor {
+            Executor::Cpu(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
+            Executor::CpuF64(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
+            Executor::Gpu(gpu) => gpu.submit(tables, state, place_of(ticket)).map(Some),
+        };
+        let submission = submission?;
+        self.submitted += 1;
+        self.in_flight.push_back(Flight {
+            ticket,
+            frame,
+            submission,
+        });
+        Ok(ticket)
+    }
+
+    /// The oldest frame in flight with its ticket, if it is finished; never waits.
+    pub fn try_take(&mut self) -> Result<Option<(Ticket, &Frame)>, SynthError> {
+        let Some(oldest) = self.in_flight.front() else {
+            return Ok(None);
+        };
+        let ticket = oldest.ticket;
+        if let Executor::Gpu(gpu) = &self.executor
+            && !gpu.is_ready(place_of(ticket))?
+        {
+            return Ok(None);
+        }
+        self.take(ticket).map(|frame| Some((ticket, frame)))
+    }
+
+    /// Waits for a frame in flight and returns it; frames before it are dropped. A frame that is no longer in flight is answered by the last one
+    /// taken.
+    pub fn take(&mut self, ticket: Ticket) -> Result<&Frame, SynthError> {
+        while let Some(mut flight) = self.in_flight.pop_front_if(|oldest| oldest.ticket <= ticket) {
+            if flight.ticket < ticket {
+                self.recycle(flight);
+                continue;
+            }
+            if let (Executor::Gpu(gpu), Some(submission)) = (&mut self.executor, flight.submission.take()) {
+                let of = (&self.plan, &*self.tables);
+                gpu.take(of, submission, place_of(ticket), &mut flight.frame.pixels)?;
+            }
+            std::mem::swap(&mut self.frame, &mut flight.frame);
+            self.spare.push(flight.frame);
+            break;
+        }
+        Ok(&self.frame)
+    }
+
+    fn recycle(&mut self, flight: Flight) {
+        if let Executor::Gpu(gpu) = &self.executor {
+            gpu.release(place_of(flight.ticket));
+        }
+        self.spare.push(flight.frame);
+    }
+
+    pub(super) fn drop_in_flight(&mut self) {
+        while let Some(flight) = self.in_flight.pop_front() {
+            self.recycle(flight);
+        }
+    }
+}
