@@ -25,6 +25,24 @@ fn place_of(ticket: Ticket) -> usize {
 impl Synthesizer {
     /// Submits a frame: a GPU works on it while the caller goes on, a CPU backend renders it here. At most three frames are in flight.
     ///
+    /// ```
+    /// use insonify::{Backend, SceneFile};
+    ///
+    /// let text = "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 5 }";
+    /// let scene = SceneFile::parse(text, "scene.toml")?.resolve(".".as_ref())?;
+    /// let mut synth = scene.synthesizer(Backend::Auto)?;
+    /// for state in scene.states(4) {
+    ///     let ticket = synth.submit(&state)?;
+    ///     // Here the host steps its simulation; then it takes the frame, waiting only if it has not come by then.
+    ///     let frame = match synth.try_take()? {
+    ///         Some((_, frame)) => frame,
+    ///         None => synth.take(ticket)?,
+    ///     };
+    ///     assert_eq!(frame.pixels.len(), frame.width * frame.height);
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     /// [`SynthError::Busy`] if three frames are in flight, and those of [`Self::render`].
     pub fn submit(&mut self, state: &FrameState) -> Result<Ticket, SynthError> {
