@@ -381,12 +381,12 @@ impl Losses {
         let [after, before] = self.fall.map(|share| 100.0 * share);
         let others = match self.frames.len() {
             1 => String::new(),
-            2 => ", and so in a later one".to_owned(),
-            n => format!(", and so in {} later ones", n - 1),
+            2 => ", and a later frame loses windows too".to_owned(),
+            n => format!(", and {} later frames lose windows too", n - 1),
         };
         Some(format!(
-            "in frame {first} {after:.0} % of the windows correlate, {before:.0} % before{others}: tissue moved further than the search reaches \
-             ({wide_mm} mm), and motion against the first frame is unreliable from there on, whatever the correlation; record more frames a second"
+            "frame {first}: only {after:.0} % of the windows correlate, {before:.0} % before{others}. Tissue moved further than the search reaches \
+             ({wide_mm} mm): motion against the first frame is unreliable from there on, whatever the correlation; record more frames a second"
         ))
     }
 }
@@ -475,7 +475,9 @@ mod tests {
         assert_eq!((&losses.frames[..], losses.fall), (&[5, 7][..], [0.58, 0.97]));
         let warning = losses.warning(0.8).expect("a warning");
         assert!(
-            warning.starts_with("in frame 5 58 % of the windows correlate, 97 % before, and so in a later one"),
+            warning.starts_with(
+                "frame 5: only 58 % of the windows correlate, 97 % before, and a later frame loses windows too"
+            ),
             "{warning}"
         );
         assert_eq!(Losses::default().warning(0.8), None);

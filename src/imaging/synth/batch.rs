@@ -129,7 +129,7 @@ impl Synthesizer {
         Ok(Some(Team { pool, others, asked }))
     }
 
-    /// Memory of another thread, bytes: what passes write, pixels of frames that wait, and locators of the mesh.
+    /// Memory of another thread, bytes: what passes write, pixels of frames that wait, and elements of the mesh.
     fn bytes_of_another(&self) -> u64 {
         const PER_ELEMENT: u64 = 1024;
         let (scalar, written) = match &self.executor {

@@ -1,6 +1,6 @@
 //! Elements of a deforming mesh in the slab of a frame: those in which a sample of any scanline of any sub-plane can lie.
 //!
-//! Only these are prepared, in a few per cent of the time that all would take. Nothing is carried over from one frame to the next but the
+//! Only these are prepared. Nothing is carried over from one frame to the next but the
 //! positions of nodes that a frame leaves out.
 
 use std::sync::Arc;
