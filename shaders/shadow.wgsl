@@ -243,16 +243,17 @@ fn penumbra(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let index = line * params.samples + sample;
-    let first = line - min(line, params.reach);
-    let last = min(line + params.reach, params.lines - 1u);
+    let reach = u32(weights[sample]);
+    let first = line - min(line, reach);
+    let last = min(line + reach, params.lines - 1u);
     var sum = 0.0;
     var norm = 0.0;
     for (var other = first; other <= last; other++) {
-        let weight = weights[(other + params.reach - line) * params.samples + sample];
+        let weight = weights[(1u + other + params.reach - line) * params.samples + sample];
         sum += weight * one_way[other * params.samples + sample];
         norm += weight;
     }
-    if last - first == 2u * params.reach {
+    if last - first == 2u * reach {
         norm = 1.0;
     }
     var left = sum / norm;

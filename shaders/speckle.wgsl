@@ -130,21 +130,21 @@ fn lateral_pass(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
-    let reach = i32(params.lateral_reach);
-    let centre = i32(id.y * params.oversampling);
-    let last = i32((params.lines - 1u) * params.oversampling);
+    // Rows over the samples: reach on each side, the weight of each tap, then the factors of the outermost scanlines.
+    let reach = u32(weights[id.x]);
+    let centre = id.y * params.oversampling;
+    let first = centre - min(centre, reach);
+    let last = min(centre + reach, (params.lines - 1u) * params.oversampling);
     var sum = vec2<f32>(0.0);
-    for (var tap = 0; tap <= 2 * reach; tap++) {
-        let fine = centre + tap - reach;
-        if fine >= 0 && fine <= last {
-            sum += weights[u32(tap) * params.samples + id.x] * echoes[u32(fine) * params.samples + id.x];
-        }
+    for (var fine = first; fine <= last; fine++) {
+        let weight = weights[(1u + fine + params.lateral_reach - centre) * params.samples + id.x];
+        sum += weight * echoes[fine * params.samples + id.x];
     }
     var scale = 1.0;
     let from_side = min(id.y, params.lines - 1u - id.y);
     if from_side * params.oversampling < params.lateral_reach {
-        // Behind the kernel: per scanline from a side and per sample, what makes up for the taps beyond that side.
-        scale = weights[(2u * params.lateral_reach + 1u + from_side) * params.samples + id.x];
+        // What makes up for the taps beyond the side.
+        scale = weights[(2u * params.lateral_reach + 2u + from_side) * params.samples + id.x];
     }
     envelope[id.y * params.samples + id.x] = length(sum) * scale;
 }

@@ -1,5 +1,6 @@
 //! Foundations without ultrasound: files, text, memory, numbers, reports.
 
+pub mod cache;
 pub mod csv;
 pub mod document;
 pub mod matrix;

@@ -73,7 +73,8 @@ Examples:
   insonify doctor                                  what this machine can render on
 
 Exit status: 0 done; 2 wrong arguments, files or scenes; 1 what the machine could not do.
-Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not.";
+Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not; INSONIFY_CACHE is the folder for phantoms and
+textures made before, and for measured costs (`insonify doctor` says which it is).";
 
 /// Synthesises B-mode ultrasound frames from labelled volumes, on the GPU or the CPU.
 #[derive(Parser)]
@@ -129,6 +130,7 @@ impl Cli {
         if let Err(cause) = watch() {
             terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
         }
+        crate::base::cache::switch_on();
         match self.command {
             Command::Render(render) => render.run(),
             Command::Plan(plan) => plan.run(),

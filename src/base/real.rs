@@ -12,6 +12,8 @@ pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std:
     fn from_signed(value: i32) -> Self;
     /// Truncates towards zero, with saturation.
     fn truncate(self) -> i32;
+    /// Converts a whole number between -2^22 and 2^22, exactly and in vector registers; others give an arbitrary integer.
+    fn integer(self) -> i32;
     /// Returns the copy of a table in this type.
     fn pick(numbers: &Numbers) -> &[Self];
 }
@@ -49,6 +51,12 @@ impl Real for f32 {
     fn truncate(self) -> i32 {
         self as i32
     }
+    // Saturating casts are made lane by lane. Between 2^23 and 2^24 the last bits of a number are its integer.
+    #[inline(always)]
+    fn integer(self) -> i32 {
+        const MIDDLE: f32 = 12_582_912.0;
+        ((self + MIDDLE).to_bits() as i32).wrapping_sub(MIDDLE.to_bits() as i32)
+    }
     fn pick(numbers: &Numbers) -> &[Self] {
         &numbers.narrow
     }
@@ -71,11 +79,30 @@ impl Real for f64 {
     fn truncate(self) -> i32 {
         self as i32
     }
+    #[inline(always)]
+    fn integer(self) -> i32 {
+        const MIDDLE: f64 = 6_755_399_441_055_744.0;
+        (self + MIDDLE).to_bits() as i32
+    }
     fn pick(numbers: &Numbers) -> &[Self] {
         &numbers.wide
     }
     #[inline(always)]
     fn wide(self) -> f64 {
         self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whole_numbers_become_integers() {
+        for number in [0, 1, -1, 2, 17, -4096, 4_194_303, -4_194_304] {
+            assert_eq!(<f32 as Real>::integer(number as f32), number);
+            assert_eq!(<f64 as Real>::integer(f64::from(number)), number);
+        }
+        assert_eq!((-0.0f32).integer(), 0);
     }
 }

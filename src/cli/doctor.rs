@@ -3,7 +3,9 @@
 mod unseen;
 
 use std::fmt;
+use std::path::PathBuf;
 
+use crate::base::cache;
 use crate::base::report::machine::Machine;
 use crate::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs};
@@ -20,7 +22,7 @@ pub struct Doctor {
     /// Part of the name of the GPU adapter to select
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `hints`, `warnings`
+    /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `cache`, `hints`, `warnings`
     #[arg(long)]
     json: bool,
 }
@@ -33,6 +35,7 @@ struct Report {
     backend: &'static str,
     adapter: Option<String>,
     reason: String,
+    cache: Option<PathBuf>,
     hints: Vec<String>,
     warnings: Vec<String>,
 }
@@ -48,6 +51,7 @@ impl Doctor {
             backend: "cpu",
             adapter: None,
             reason: String::new(),
+            cache: cache::folder(),
             hints: Vec::new(),
             warnings: Vec::new(),
         };
@@ -95,6 +99,9 @@ impl fmt::Display for Report {
         match &self.adapter {
             Some(adapter) => writeln!(f, "used      {} on {adapter}: {}", self.backend, self.reason)?,
             None => writeln!(f, "used      {}: {}", self.backend, self.reason)?,
+        }
+        if let Some(folder) = &self.cache {
+            writeln!(f, "cache     {}", folder.display())?;
         }
         for (number, adapter) in self.adapters.iter().enumerate() {
             writeln!(f)?;

@@ -11,6 +11,7 @@ mod field;
 use field::{Cells, Grid, Seed, Strands, bump, smoothstep};
 
 use crate::anatomy::volume::texture::SolidTexture;
+use crate::base::cache::cached;
 
 /// Recipe of a texture: its grid and the function that fills it with decibels.
 struct Recipe {
@@ -66,8 +67,13 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 pub fn make(name: &str, seed: u64) -> Option<SolidTexture> {
     let (position, recipe) = RECIPES.iter().enumerate().find(|(_, recipe)| recipe.name == name)?;
     let grid = Grid::new(recipe.size, recipe.spacing_mm);
-    let mut data = (recipe.decibels)(&grid, Seed::new(seed, position as u32));
-    field::to_amplitudes(&mut data);
+    let length = size_of::<f32>() * recipe.size.iter().product::<usize>();
+    let bytes = cached(&format!("texture {name} {seed}"), length, || {
+        let mut data = (recipe.decibels)(&grid, Seed::new(seed, position as u32));
+        field::to_amplitudes(&mut data);
+        bytemuck::cast_slice(&data).to_vec()
+    });
+    let data = bytemuck::pod_collect_to_vec(&bytes);
     SolidTexture::new(recipe.size, recipe.spacing_mm.map(f64::from), data).ok()
 }
 

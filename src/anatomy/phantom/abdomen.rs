@@ -65,7 +65,7 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeE
         min: Point::new(-160.0, -106.0, -130.0),
         max: Point::new(80.0, 94.0, 98.0),
     };
-    painting.volume(&world, resolution_mm, l::TABLE)
+    painting.volume(&world, resolution_mm, l::TABLE, &format!("abdomen {seed}"))
 }
 
 /// Right subcostal oblique view, as used for the gallbladder: liver in front of it, great vessels and the spine to the

@@ -38,7 +38,7 @@ pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
         }
     };
     let [min, max] = BOX_MM.map(Point::from);
-    Painting::new(base, None).volume(&Bounds { min, max }, resolution_mm, l::TABLE)
+    Painting::new(base, None).volume(&Bounds { min, max }, resolution_mm, l::TABLE, "liver-vein")
 }
 
 pub(super) fn pose() -> Matrix4<f64> {

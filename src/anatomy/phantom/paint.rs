@@ -5,6 +5,7 @@ use rayon::prelude::*;
 
 use super::geometry::{Bounds, Point, Shape, step};
 use crate::anatomy::volume::{Label, LabelVolume, VolumeError};
+use crate::base::cache::cached;
 use crate::base::memory;
 
 /// Set of labels that a layer may paint over.
@@ -66,12 +67,14 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
         }
     }
 
-    /// Paints a box of the world at a resolution. `table` lists value and name of each label, values 1, 2, 3, ...
+    /// Paints a box of the world at a resolution. `table` lists value and name of each label, values 1, 2, 3, ...; `key` is that of the
+    /// painting in the cache.
     pub(super) fn volume(
         &self,
         world: &Bounds,
         resolution_mm: f64,
         table: &'static [(u8, &'static str)],
+        key: &str,
     ) -> Result<LabelVolume, VolumeError> {
         let extent = world.max - world.min;
         let size = [0, 1, 2].map(|axis| (extent[axis] / resolution_mm).round().max(1.0) as usize);
@@ -90,11 +93,14 @@ impl<B: Fn(&Point) -> u8 + Sync> Painting<B> {
             first: world.min.add_scalar(resolution_mm / 2.0),
             spacing: resolution_mm,
         };
-        let mut voxels = vec![0u8; count];
-        voxels
-            .par_chunks_mut(size[0] * size[1])
-            .enumerate()
-            .for_each(|(k, slice)| self.paint_slice(&grid, k, slice));
+        let voxels = cached(&format!("phantom {key} {resolution_mm}"), count, || {
+            let mut voxels = vec![0u8; count];
+            voxels
+                .par_chunks_mut(size[0] * size[1])
+                .enumerate()
+                .for_each(|(k, slice)| self.paint_slice(&grid, k, slice));
+            voxels
+        });
         let mut counts = [0u64; 256];
         for &voxel in &voxels {
             counts[usize::from(voxel)] += 1;

@@ -101,7 +101,7 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeE
         min: Point::new(-55.0, -60.0, -60.0),
         max: Point::new(55.0, 50.0, 60.0),
     };
-    painting.volume(&world, resolution_mm, l::TABLE)
+    painting.volume(&world, resolution_mm, l::TABLE, &format!("prostate {seed}"))
 }
 
 pub(super) fn pose() -> Matrix4<f64> {

@@ -106,7 +106,7 @@ pub(super) fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeE
         min: Point::new(-80.0, -65.0, -85.0),
         max: Point::new(80.0, 65.0, 85.0),
     };
-    painting.volume(&world, resolution_mm, l::TABLE)
+    painting.volume(&world, resolution_mm, l::TABLE, &format!("spine {seed}"))
 }
 
 pub(super) fn pose() -> Matrix4<f64> {

@@ -48,7 +48,7 @@ pub(super) fn make(resolution_mm: f64) -> Result<LabelVolume, VolumeError> {
     };
     painting.add_all(&[inclusion, stem], 0.0, l::INCLUSION, Over::BODY);
     let half = Point::from(HALF_MM);
-    painting.volume(&Bounds { min: -half, max: half }, resolution_mm, l::TABLE)
+    painting.volume(&Bounds { min: -half, max: half }, resolution_mm, l::TABLE, "two-layer")
 }
 
 pub(super) fn pose() -> Matrix4<f64> {

@@ -84,7 +84,7 @@ impl SolidTexture {
     /// Multiplier at a position in the texture's own frame, mm.
     pub fn sample<T: Real>(&self, position_mm: [T; 3]) -> T {
         let index = [0, 1, 2].map(|axis| position_mm[axis] / T::of(self.spacing_mm[axis]));
-        trilinear(&self.data, self.size.map(|n| n as u32), index)
+        trilinear(&self.data, self.size.map(|n| n as u32), &index.map(|x| [x]))[0]
     }
 }
 
@@ -111,54 +111,41 @@ fn check_frame(size: [usize; 3], spacing_mm: [f64; 3], found: usize) -> Result<(
     Ok(())
 }
 
-/// Periodic trilinear interpolation at a fractional voxel index.
-#[inline]
-fn trilinear<T: Real>(data: &[f32], size: [u32; 3], index: [T; 3]) -> T {
-    let mut at = Corners::default();
-    for axis in 0..3 {
-        at.place(axis, index[axis], size[axis]);
+/// Periodic trilinear interpolation at fractional voxel indices, axis by axis, in the order of the shader's `sample_texture`.
+#[inline(always)]
+fn trilinear<T: Real, const N: usize>(data: &[f32], size: [u32; 3], index: &[[T; N]; 3]) -> [T; N] {
+    let mut sides = [[[0u32; N]; 2]; 3];
+    let mut share = [[T::zero(); N]; 3];
+    for (axis, pitch) in [1, size[0], size[0] * size[1]].into_iter().enumerate() {
+        for i in 0..N {
+            let floor = index[axis][i].floor();
+            share[axis][i] = index[axis][i] - floor;
+            let near = wrap(floor.integer(), size[axis] as i32);
+            let far = if near + 1 == size[axis] { 0 } else { near + 1 };
+            sides[axis][0][i] = near * pitch;
+            sides[axis][1][i] = far * pitch;
+        }
     }
-    at.mix(data, size)
-}
-
-/// The eight voxels around a fractional index, and the fractions between them.
-#[derive(Clone, Copy, Default)]
-struct Corners<T> {
-    near: [u32; 3],
-    far: [u32; 3],
-    share: [T; 3],
-}
-
-impl<T: Real> Corners<T> {
-    #[inline(always)]
-    fn place(&mut self, axis: usize, index: T, length: u32) {
-        let cut = index.truncate();
-        let floor = cut.wrapping_sub(i32::from(index < T::from_signed(cut)));
-        self.share[axis] = index - T::from_signed(floor);
-        self.near[axis] = wrap(floor, length as i32);
-        let next = self.near[axis] + 1;
-        self.far[axis] = if next == length { 0 } else { next };
+    let mut voxels = [[T::zero(); N]; 8];
+    for i in 0..N {
+        for (corner, voxel) in voxels.iter_mut().enumerate() {
+            let at = sides[0][corner & 1][i] + sides[1][corner >> 1 & 1][i] + sides[2][corner >> 2][i];
+            voxel[i] = T::of(f64::from(data[at as usize]));
+        }
     }
-
-    /// Eight loads and seven linear interpolations, in the order of the shader's `sample_texture`.
-    #[inline(always)]
-    fn mix(&self, data: &[f32], size: [u32; 3]) -> T {
-        let Self { near, far, share } = self;
-        let (row, slab) = (size[0], size[0] * size[1]);
-        let at = |i: u32, j: u32, k: u32| T::of(f64::from(data[(i + row * j + slab * k) as usize]));
-        let mix = |a: T, b: T, t: T| a + t * (b - a);
-        let edge = |j: u32, k: u32| mix(at(near[0], j, k), at(far[0], j, k), share[0]);
-        let lower = mix(edge(near[1], near[2]), edge(far[1], near[2]), share[1]);
-        let upper = mix(edge(near[1], far[2]), edge(far[1], far[2]), share[1]);
-        mix(lower, upper, share[2])
-    }
+    let mix = |a: T, b: T, t: T| a + t * (b - a);
+    std::array::from_fn(|i| {
+        let edge = |corner: usize| mix(voxels[corner][i], voxels[corner + 1][i], share[0][i]);
+        let slab = |corner: usize| mix(edge(corner), edge(corner + 2), share[1][i]);
+        mix(slab(0), slab(4), share[2][i])
+    })
 }
 
 /// Non-negative remainder of a division. A float quotient, off by at most one below 2^22 or so, is several times faster
 /// than an integer division, and runs in vector registers.
 #[inline(always)]
 fn wrap(index: i32, length: i32) -> u32 {
-    let quotient = (index as f32 / length as f32) as i32;
+    let quotient = (index as f32 / length as f32).trunc().integer();
     let rest = index.wrapping_sub(quotient.wrapping_mul(length));
     let rest = if rest < 0 { rest.wrapping_add(length) } else { rest };
     let rest = if rest >= length {
@@ -247,7 +234,7 @@ impl Atlas {
             let [x, y, z] = [row[0], row[1], row[2]].map(|number| T::of(f64::from(number)));
             x * position_mm[0] + y * position_mm[1] + z * position_mm[2]
         });
-        trilinear(&self.data[offset as usize..], size, index)
+        trilinear(&self.data[offset as usize..], size, &index.map(|x| [x]))[0]
     }
 }
 
@@ -268,9 +255,6 @@ impl AtlasEntry {
     }
 }
 
-// Batched look-ups at many positions in one texture: indices first, in vector registers, then the loads, so that many are
-// in flight at a time.
-
 /// Number of positions in a batch.
 const BLOCK: usize = 32;
 
@@ -278,42 +262,42 @@ impl Atlas {
     /// Multiplies each amplitude by the multiplier of texture `entry` at its position (mm; the fourth component is
     /// ignored), whose deviation from 1 is scaled by `strength`.
     pub fn apply<T: Real>(&self, entry: usize, strength: T, positions: &[[T; 4]], amplitudes: &mut [T]) {
-        for (positions, amplitudes) in positions.chunks(BLOCK).zip(amplitudes.chunks_mut(BLOCK)) {
-            let mut corners = [Corners::default(); BLOCK];
-            vectorised(Place {
-                atlas: self,
-                entry,
-                positions,
-                corners: &mut corners,
-            });
-            let placed = self.entries[entry];
-            let data = &self.data[placed.offset as usize..];
-            for (amplitude, at) in amplitudes.iter_mut().zip(&corners) {
-                *amplitude *= T::one() + strength * (at.mix(data, placed.size) - T::one());
-            }
-        }
+        vectorised(Apply {
+            atlas: self,
+            entry,
+            strength,
+            positions,
+            amplitudes,
+        });
     }
 }
 
-struct Place<'a, T> {
+struct Apply<'a, T> {
     atlas: &'a Atlas,
     entry: usize,
+    strength: T,
     positions: &'a [[T; 4]],
-    corners: &'a mut [Corners<T>; BLOCK],
+    amplitudes: &'a mut [T],
 }
 
-impl<T: Real> Kernel for Place<'_, T> {
+impl<T: Real> Kernel for Apply<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
-        let entry = self.atlas.entries[self.entry];
-        let rows = entry.to_voxel.map(|row| row.map(|number| T::of(f64::from(number))));
-        for (position, corners) in self.positions.iter().zip(self.corners.iter_mut()) {
-            for axis in 0..3 {
-                let [x, y, z] = [rows[axis][0], rows[axis][1], rows[axis][2]];
-                let index = x * position[0] + y * position[1] + z * position[2];
-                corners.place(axis, index, entry.size[axis]);
+        let AtlasEntry { to_voxel, size, offset } = self.atlas.entries[self.entry];
+        let rows = to_voxel.map(|row| row.map(|number| T::of(f64::from(number))));
+        let data = &self.atlas.data[offset as usize..];
+        for (positions, amplitudes) in self.positions.chunks(BLOCK).zip(self.amplitudes.chunks_mut(BLOCK)) {
+            let mut index = [[T::zero(); BLOCK]; 3];
+            for (row, index) in rows.iter().zip(&mut index) {
+                for (index, position) in index.iter_mut().zip(positions) {
+                    *index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2];
+                }
+            }
+            let multipliers = trilinear(data, size, &index);
+            for (amplitude, multiplier) in amplitudes.iter_mut().zip(multipliers) {
+                *amplitude *= T::one() + self.strength * (multiplier - T::one());
             }
         }
     }

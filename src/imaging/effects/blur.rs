@@ -77,12 +77,12 @@ pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
     Ok(own.as_ref().map(|own| own.kernel(inputs.grid, mhz)))
 }
 
-/// Weights of the blur, one row per depth (`f32`).
+/// Reach and weights of the blur, each a row over the depths (`f32`).
 static BLUR_KERNEL: Buffer =
     Buffer::new(200, "BlurKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
 
 fn weights(tables: &Tables) -> &[f32] {
-    tables.effects.blur.as_ref().map_or(&[], |kernel| kernel.weights.of())
+    tables.effects.blur.as_ref().map_or(&[], |kernel| kernel.rows.of())
 }
 
 static PASSES: &[Pass] = &[Pass {
@@ -116,7 +116,7 @@ pub struct Params {
     pub lines: u32,
     /// Samples along a scanline.
     pub samples: u32,
-    /// Reach of the kernel on each side, scanlines.
+    /// Largest reach of the kernel on each side, scanlines.
     pub reach: u32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,

@@ -34,8 +34,9 @@ pub fn scatterers<T: Real, const N: usize>(p: &[[T; N]; 3], seed: [u32; 2]) -> (
     let mut scale = [T::of(UNIFORM_TO_UNIT * UNIFORM_TO_UNIT); N];
     for axis in 0..3 {
         for i in 0..N {
-            let base = floor(p[axis][i]);
-            let f = p[axis][i] - T::from_signed(base);
+            let below = p[axis][i].floor();
+            let base = below.integer();
+            let f = p[axis][i] - below;
             let g = T::one() - f;
             side[axis][0][i] = g;
             side[axis][1][i] = f;
@@ -69,11 +70,4 @@ const UNIFORM_TO_UNIT: f64 = 2.449_489_742_783_178 / 65_536.0;
 #[inline(always)]
 fn centred<T: Real>(word: u32) -> T {
     T::from_signed((word >> 16) as i32 - 32_768) + T::of(0.5)
-}
-
-/// Largest integer not above `x`, for |x| below 2^31.
-#[inline(always)]
-fn floor<T: Real>(x: T) -> i32 {
-    let cut = x.truncate();
-    cut.wrapping_sub(i32::from(x < T::from_signed(cut)))
 }

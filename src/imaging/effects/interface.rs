@@ -370,13 +370,13 @@ impl<'a, T: Real> Surfaces<'a, T> {
         const TAPS: usize = 2 * REACH as usize;
         let half = T::of(0.5);
         let (shifted, mirrored) = self.reader.within(self.reader.index(position).map(|x| x + half))?;
-        let mut base = [0; 3];
+        let mut base = [0i32; 3];
         // Lanes past the taps have zero weight.
         let (mut weights, mut slopes) = ([[T::zero(); LANES]; 3], [[T::zero(); LANES]; 3]);
         for axis in 0..3 {
             let at = (shifted[axis] - half) / T::from_signed(self.stride[axis]);
             // Shifting by one keeps the truncation a floor: indices start at -0.5.
-            base[axis] = (at + T::one()).truncate() - 1;
+            base[axis] = (at + T::one()).trunc().integer() - 1;
             let fraction = at - T::from_signed(base[axis]);
             for tap in 0..TAPS {
                 let x = T::from_signed(tap as i32 + 1 - REACH) - fraction;
@@ -385,11 +385,12 @@ impl<'a, T: Real> Surfaces<'a, T> {
                 slopes[axis][tap] = x * rest;
             }
         }
-        let [columns, rows, slabs] = [0, 1, 2].map(|axis| {
+        let mut offsets = [[0; LANES]; 3];
+        for (axis, offsets) in offsets.iter_mut().enumerate() {
             let stride = self.stride[axis];
-            self.reader
-                .offsets::<LANES>(axis, (base[axis] + 1 - REACH) * stride, stride)
-        });
+            *offsets = self.reader.offsets(axis, (base[axis] + 1 - REACH) * stride, stride);
+        }
+        let [columns, rows, slabs] = &offsets;
         let mut sums = [[T::zero(); LANES]; 3];
         for k in 0..TAPS {
             for j in 0..TAPS {
@@ -399,7 +400,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
                     weights[1][j] * slopes[2][k],
                 ];
                 let mut signs = [T::zero(); LANES];
-                for (sign, label) in signs.iter_mut().zip(self.reader.row(&columns, rows[j] + slabs[k])) {
+                for (sign, label) in signs.iter_mut().zip(self.reader.row(columns, rows[j] + slabs[k])) {
                     *sign = T::from_signed(i32::from(label == far) - i32::from(label == near));
                 }
                 for (sums, factor) in sums.iter_mut().zip(factors) {
@@ -409,19 +410,17 @@ impl<'a, T: Real> Surfaces<'a, T> {
                 }
             }
         }
-        let across = |weights: &[T; LANES], sums: &[T; LANES]| {
-            let products = weights.iter().zip(sums).map(|(weight, sum)| *weight * *sum);
-            products.fold(T::zero(), |total, product| total + product)
-        };
-        let gradient = [
-            across(&slopes[0], &sums[0]),
-            across(&weights[0], &sums[1]),
-            across(&weights[0], &sums[2]),
-        ];
-        Some(std::array::from_fn(|axis| {
-            let along = gradient[axis] / T::from_signed(self.stride[axis]);
-            if mirrored[axis] { -along } else { along }
-        }))
+        let mut gradient = [T::zero(); 3];
+        for (axis, (sums, along)) in sums.iter().zip([&slopes[0], &weights[0], &weights[0]]).enumerate() {
+            for (weight, sum) in along.iter().zip(sums) {
+                gradient[axis] += *weight * *sum;
+            }
+            gradient[axis] /= T::from_signed(self.stride[axis]);
+            if mirrored[axis] {
+                gradient[axis] = -gradient[axis];
+            }
+        }
+        Some(gradient)
     }
 }
 

@@ -8,10 +8,11 @@ use crate::base::real::{Numbers, Real};
 /// Weights across scanlines, one set per sample depth. Tap `t` applies to the scanline at offset `t - reach`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LateralKernel {
-    /// Number of scanlines on each side.
+    /// Largest number of scanlines on each side.
     pub reach: usize,
-    /// Weights, tap by tap, each a row over the sample depths.
-    pub weights: Numbers,
+    /// Rows over the sample depths: number of scanlines on each side, beyond which the weights are zero; then the weights,
+    /// tap by tap.
+    pub rows: Numbers,
     /// Smallest ratio of actual to requested width over all depths: below 1 where a kernel exceeds the maximum reach.
     pub least_share: f64,
     samples: usize,
@@ -26,6 +27,10 @@ pub const MAX_REACH: usize = 64;
 /// Largest standard deviation of a kernel, in taps: truncated at three of them it still has a Gaussian's shape.
 pub const MAX_SIGMA: f64 = MAX_REACH as f64 / 3.0;
 
+/// Standard deviations to each side beyond which the weights of a depth are zero, if the widest kernel reaches so far: there a
+/// Gaussian is below -69 dB of its peak.
+const FARTHEST: f64 = 4.0;
+
 /// Warning about a length whose kernel would reach too far, given the share of it that comes out.
 pub fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
     (share < 0.99).then(|| {
@@ -39,22 +44,25 @@ pub fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
 
 impl LateralKernel {
     /// Gaussians with a standard deviation of `sigma_lines(sample)` scanlines ([`MAX_SIGMA`] at most), truncated at three of
-    /// them, whose sum is `total(sample, weights that sum to 1)`.
+    /// the widest or at four of their own, whose sum is `total(sample, weights that sum to 1)`.
     pub fn gaussian(samples: usize, sigma_lines: impl Fn(usize) -> f64, total: impl Fn(usize, &[f64]) -> f64) -> Self {
         let asked = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
         let widest = asked.min(MAX_SIGMA);
         let reach = (3.0 * widest).ceil() as usize;
-        let mut weights = vec![0.0; (2 * reach + 1) * samples];
+        let mut rows = vec![0.0; (2 * reach + 2) * samples];
         for sample in 0..samples {
-            let own = gaussian(sigma_lines(sample).min(MAX_SIGMA), reach);
+            let sigma = sigma_lines(sample).min(MAX_SIGMA);
+            let near = reach.min((FARTHEST * sigma).ceil() as usize);
+            let own = gaussian(sigma, near);
             let factor = total(sample, &own);
             for (tap, weight) in own.into_iter().enumerate() {
-                weights[tap * samples + sample] = weight * factor;
+                rows[(1 + reach - near + tap) * samples + sample] = weight * factor;
             }
+            rows[sample] = near as f64;
         }
         Self {
             reach,
-            weights: Numbers::new(weights),
+            rows: Numbers::new(rows),
             least_share: if asked > widest { widest / asked } else { 1.0 },
             samples,
         }
@@ -62,42 +70,99 @@ impl LateralKernel {
 
     /// Weights at one depth, from the scanline `reach` to the left to that `reach` to the right.
     pub fn at(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
-        (0..=2 * self.reach).map(move |tap| self.weights.of::<f64>()[tap * self.samples + sample])
+        (1..=2 * self.reach + 1).map(move |row| self.rows.of::<f64>()[row * self.samples + sample])
     }
 }
 
-/// Maximum number of samples per call of the lateral mean: fits in registers and the first cache.
+/// Number of samples of a scanline that are summed together: their sums fit in vector registers.
 pub const BLOCK: usize = 64;
 
 impl LateralKernel {
+    /// Weighted sums of `N` fields across the scanlines around `line` of `lines`, at the [`BLOCK`] samples from `start` on, as far as
+    /// the scanline reaches. `scanline` gives each field's scanline of a number.
+    #[inline(always)]
+    pub(super) fn sums<'a, T: Real, const N: usize>(
+        &self,
+        [line, lines]: [usize; 2],
+        start: usize,
+        scanline: impl Fn(usize) -> [&'a [T]; N],
+    ) -> [[T; BLOCK]; N] {
+        let mut sums = [[T::zero(); BLOCK]; N];
+        let across = self.across([line, lines], start);
+        // With a fixed length the sums stay in registers.
+        if start + BLOCK <= self.samples {
+            for other in across {
+                let weights = block(self.row(other + self.reach - line, start));
+                for (sum, values) in sums.iter_mut().zip(scanline(other)) {
+                    add(sum, weights, block(&values[start..]));
+                }
+            }
+        } else {
+            for other in across {
+                let weights = self.row(other + self.reach - line, start);
+                for (sum, values) in sums.iter_mut().zip(scanline(other)) {
+                    add(sum, weights, &values[start..]);
+                }
+            }
+        }
+        sums
+    }
+
     /// Weighted mean across the scanlines around `line`, at the samples from `start` on, as many as `output` has (at most
     /// [`BLOCK`]). `field` is stored scanline by scanline. If the kernel is truncated at the first or last of `lines`
     /// scanlines, the weights are renormalised.
     #[inline(always)]
-    pub(super) fn mean<T: Real>(&self, field: &[T], [line, lines]: [usize; 2], start: usize, output: &mut [T]) {
-        let (samples, reach) = (self.samples, self.reach);
-        let weights = self.weights.of::<T>();
-        let first = line.saturating_sub(reach);
-        let last = (line + reach).min(lines - 1);
-        let whole = last - first == 2 * reach;
-        let (mut sum, mut norm) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
-        for other in first..=last {
-            let tap = other + reach - line;
-            let values = &field[other * samples + start..][..output.len()];
-            let weights = &weights[tap * samples + start..][..output.len()];
-            for i in 0..output.len() {
-                sum[i] += weights[i] * values[i];
-            }
-            if !whole {
-                for i in 0..output.len() {
-                    norm[i] += weights[i];
+    pub(super) fn mean<T: Real>(&self, field: &[T], place: [usize; 2], start: usize, output: &mut [T]) {
+        let samples = self.samples;
+        let [sum] = self.sums(place, start, |other| [&field[other * samples..][..samples]]);
+        output.copy_from_slice(&sum[..output.len()]);
+        let across = self.across(place, start);
+        if across.clone().count() < 2 * self.widest(start) + 1 {
+            let mut norm = [T::zero(); BLOCK];
+            for other in across {
+                for (norm, weight) in norm.iter_mut().zip(self.row(other + self.reach - place[0], start)) {
+                    *norm += *weight;
                 }
             }
-        }
-        for i in 0..output.len() {
-            output[i] = if whole { sum[i] } else { sum[i] / norm[i] };
+            for (mean, norm) in output.iter_mut().zip(norm) {
+                *mean /= norm;
+            }
         }
     }
+
+    /// Scanlines that a block of samples needs.
+    #[inline(always)]
+    fn across(&self, [line, lines]: [usize; 2], start: usize) -> std::ops::RangeInclusive<usize> {
+        let reach = self.widest(start);
+        line.saturating_sub(reach)..=(line + reach).min(lines - 1)
+    }
+
+    /// Largest reach of a block of samples.
+    #[inline(always)]
+    fn widest(&self, start: usize) -> usize {
+        let reaches = self.rows.of::<f32>()[start..self.samples].iter().take(BLOCK);
+        reaches.fold(0.0f32, |widest, &reach| widest.max(reach)) as usize
+    }
+
+    /// Weights of a tap at the samples from `start` on.
+    #[inline(always)]
+    fn row<T: Real>(&self, tap: usize, start: usize) -> &[T] {
+        &self.rows.of::<T>()[(1 + tap) * self.samples..][..self.samples][start..]
+    }
+}
+
+/// Adds the products of weights and values.
+#[inline(always)]
+fn add<T: Real>(sums: &mut [T; BLOCK], weights: &[T], values: &[T]) {
+    for ((sum, weight), value) in sums.iter_mut().zip(weights).zip(values) {
+        *sum += *weight * *value;
+    }
+}
+
+/// The first [`BLOCK`] numbers of a row that has as many.
+#[inline(always)]
+fn block<T>(row: &[T]) -> &[T; BLOCK] {
+    row.first_chunk().expect("a full block")
 }
 
 /// A sampled Gaussian of `2 * reach + 1` taps that sums to 1; a single spike for a vanishing width.
@@ -128,6 +193,48 @@ mod tests {
         let widest: Vec<f64> = kernel.at(1).collect();
         assert!(widest[0] < 0.02 * widest[MAX_REACH], "the ends fade: {widest:?}");
         assert_eq!(LateralKernel::gaussian(1, |_| 10.0, |_, _| 1.0).least_share, 1.0);
+    }
+
+    /// Weighted sum with the weights of every tap, one by one.
+    fn every_tap(kernel: &LateralKernel, field: &[f64], [line, lines]: [usize; 2], sample: usize) -> [f64; 2] {
+        let samples = field.len() / lines;
+        kernel
+            .at(sample)
+            .enumerate()
+            .fold([0.0; 2], |[sum, norm], (tap, weight)| {
+                match (line + tap).checked_sub(kernel.reach).filter(|&other| other < lines) {
+                    Some(other) => [sum + weight * field[other * samples + sample], norm + weight],
+                    None => [sum, norm],
+                }
+            })
+    }
+
+    #[test]
+    fn blocks_sum_as_all_taps_do_whatever_their_depths_reach() {
+        // Two complete blocks and a rest; the first depth is the widest, the next not spread at all.
+        let (lines, samples) = (23, 2 * BLOCK + 5);
+        let field: Vec<f64> = (0..lines * samples).map(|at| ((at * 7919) % 101) as f64).collect();
+        let sigma = |sample: usize| 3.0 / (1.0 + sample as f64 / 9.0) * f64::from(sample != 1);
+        let kernel = LateralKernel::gaussian(samples, sigma, |_, _| 1.0);
+        assert_eq!(
+            [0, 1, 18, 130].map(|sample| kernel.rows.of::<f64>()[sample]),
+            [9.0, 0.0, 4.0, 1.0]
+        );
+        for line in [0, 4, 11, 22] {
+            for start in (0..samples).step_by(BLOCK) {
+                let count = BLOCK.min(samples - start);
+                let [sums] = kernel.sums([line, lines], start, |other| [&field[other * samples..][..samples]]);
+                let mut means = vec![0.0; count];
+                kernel.mean(&field, [line, lines], start, &mut means);
+                for i in 0..count {
+                    let [sum, norm] = every_tap(&kernel, &field, [line, lines], start + i);
+                    assert!(
+                        (sums[i] - sum).abs() < 1e-11 && (means[i] - sum / norm).abs() < 1e-11,
+                        "{line} {start} {i}"
+                    );
+                }
+            }
+        }
     }
 
     #[test]

@@ -165,13 +165,13 @@ pub fn derive(inputs: &Inputs) -> Result<Derived, SynthError> {
     })
 }
 
-/// Weights of the beam, one row per depth (`f32`).
+/// Reach and weights of the beam, each a row over the depths (`f32`).
 static PENUMBRA_KERNEL: Buffer =
     Buffer::new(210, "PenumbraKernel", 4, |tables| weights(tables).len()).of(|tables, _| bytes_of(weights(tables)));
 
 fn weights(tables: &Tables) -> &[f32] {
     let kernel = tables.effects.shadow.penumbra.as_ref();
-    kernel.map_or(&[], |kernel| kernel.weights.of())
+    kernel.map_or(&[], |kernel| kernel.rows.of())
 }
 
 /// Per off-centre ray of the aperture and sample depth: scanlines between a point and the ray's element (`u32`).

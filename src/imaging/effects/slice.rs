@@ -166,30 +166,83 @@ struct Scanline<'a, T> {
 impl<T: Real> Kernel for Scanline<'_, T> {
     type Output = ();
 
+    // Voxel indices of a block of samples in vector registers, then their labels one by one.
     #[inline(always)]
     fn run(self) {
+        let Self { reader, echo, .. } = self;
         let mut cell = Cell::default();
-        let samples = self.positions.iter().zip(self.labels).zip(self.amplitudes);
-        for ((position, label), amplitude) in samples {
-            *label = if position[3] == T::one() {
-                0
-            } else {
-                self.reader.at([position[0], position[1], position[2]], &mut cell)
-            };
-            *amplitude = self.echo[usize::from(*label)];
+        let blocks = self.positions.chunks(BLOCK).zip(self.labels.chunks_mut(BLOCK));
+        for ((positions, labels), amplitudes) in blocks.zip(self.amplitudes.chunks_mut(BLOCK)) {
+            let mut shifted = [[T::zero(); BLOCK]; 3];
+            let mut base = [[0; BLOCK]; 3];
+            let mut is_inside = [true; BLOCK];
+            for axis in 0..3 {
+                let row = reader.world_to_index[axis];
+                let size = T::from_signed(reader.size[axis] as i32);
+                for (i, position) in positions.iter().enumerate() {
+                    let index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3];
+                    let x = index + T::of(0.5);
+                    shifted[axis][i] = x;
+                    base[axis][i] = floor(x - T::of(0.5));
+                    is_inside[i] &= x >= T::zero() && x < size;
+                }
+            }
+            for (i, label) in labels.iter_mut().enumerate() {
+                let at = [shifted[0][i], shifted[1][i], shifted[2][i]];
+                *label = if positions[i][3] == T::one() {
+                    0
+                } else if is_inside[i] {
+                    reader.inside(at, [base[0][i], base[1][i], base[2][i]], &mut cell)
+                } else {
+                    reader.beyond(at, &mut cell)
+                };
+            }
+            for (amplitude, label) in amplitudes.iter_mut().zip(labels.iter()) {
+                *amplitude = echo[usize::from(*label)];
+            }
         }
     }
 }
 
+/// Largest integer not above a voxel index from -0.5 on: shifted by one, the truncation is a floor.
+#[inline(always)]
+fn floor<T: Real>(index: T) -> i32 {
+    (index + T::one()).trunc().integer() - 1
+}
+
+/// Number of samples whose indices are computed together.
+const BLOCK: usize = 64;
+
+/// Number of labels whose shares are summed together.
+const TOGETHER: usize = 4;
+
 /// Cache of the voxels around the last sample.
-#[derive(Default)]
-pub struct Cell {
-    base: Option<[i32; 3]>,
+struct Cell<T> {
+    base: [i32; 3],
     /// Labels of the eight voxels around it; bits 0, 1, 2 of their number step along x, y, z.
     labels: [u8; 8],
-    /// Rows along x of the 64 voxels around it, if they were read.
-    around: [[u8; 4]; 16],
-    is_wide: bool,
+    is_uniform: bool,
+    /// Distinct labels of the eight, the number of them (0 if the voxels around are not read yet), and which of them each of the
+    /// eight is.
+    kinds: [u8; 8],
+    count: usize,
+    kind: [u8; 8],
+    /// Of each of the 64 voxels around, row by row along x: 1 for the distinct label that it has, 0 for the others.
+    members: [[[[T; TOGETHER]; 4]; 16]; 8 / TOGETHER],
+}
+
+impl<T: Real> Default for Cell<T> {
+    fn default() -> Self {
+        Self {
+            base: [i32::MIN; 3],
+            labels: [0; 8],
+            is_uniform: true,
+            kinds: [0; 8],
+            count: 0,
+            kind: [0; 8],
+            members: [[[[T::zero(); TOGETHER]; 4]; 16]; 8 / TOGETHER],
+        }
+    }
 }
 
 /// Distance from a face of the volume within which a mirrored position is kept, voxels: in single precision, 10,000 voxels can
@@ -229,17 +282,23 @@ impl<'a, T: Real> LabelReader<'a, T> {
             .map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
     }
 
-    /// Label index at a world position; 0 outside the volume and outside the body continued beyond it. `cell` caches the voxels around the previous
-    /// position.
-    #[inline(always)]
-    pub fn at(&self, position: [T; 3], cell: &mut Cell) -> u8 {
-        let half = T::of(0.5);
-        let Some((shifted, _)) = self.within(self.index(position).map(|x| x + half)) else {
+    /// Label index outside the volume, at `shifted` (voxels, from the corner of the first): that of the mirrored position; 0
+    /// outside the body continued beyond the volume.
+    #[inline(never)]
+    fn beyond(&self, shifted: [T; 3], cell: &mut Cell<T>) -> u8 {
+        let Some((shifted, _)) = self.within(shifted) else {
             return 0;
         };
+        self.inside(shifted, shifted.map(|x| floor(x - T::of(0.5))), cell)
+    }
+
+    /// Label index in the volume at `shifted` (voxels, from the corner of the first), in the cell from voxel `base` on. `cell`
+    /// caches the voxels around the previous position.
+    #[inline(always)]
+    fn inside(&self, shifted: [T; 3], base: [i32; 3], cell: &mut Cell<T>) -> u8 {
         match self.boundary {
             Boundary::Nearest => self.nearest(shifted),
-            _ => self.vote(shifted.map(|x| x - half), cell),
+            _ => self.vote(shifted, base, cell),
         }
     }
 
@@ -284,58 +343,54 @@ impl<'a, T: Real> LabelReader<'a, T> {
     }
 
     #[inline(always)]
-    fn vote(&self, index: [T; 3], cell: &mut Cell) -> u8 {
-        // Shifting by one keeps the truncation a floor: indices start at -0.5.
-        let base = index.map(|x| (x + T::one()).truncate() - 1);
-        if cell.base != Some(base) {
-            let [columns, rows, slabs] = [0, 1, 2].map(|axis| self.offsets::<2>(axis, base[axis], 1));
+    fn vote(&self, shifted: [T; 3], base: [i32; 3], cell: &mut Cell<T>) -> u8 {
+        if cell.base != base {
+            let columns = self.offsets::<2>(0, base[0], 1);
+            let rows = self.offsets::<2>(1, base[1], 1);
+            let slabs = self.offsets::<2>(2, base[2], 1);
+            let first = self.voxels[columns[0] + rows[0] + slabs[0]];
+            let mut differing = 0;
             for (corner, label) in cell.labels.iter_mut().enumerate() {
                 *label = self.voxels[columns[corner & 1] + rows[corner >> 1 & 1] + slabs[corner >> 2]];
+                differing |= *label ^ first;
             }
-            (cell.base, cell.is_wide) = (Some(base), false);
+            (cell.base, cell.count, cell.is_uniform) = (base, 0, differing == 0);
         }
         // The eight hold more than half of the B-spline's weights, wherever the sample lies among them.
-        if cell.labels == [cell.labels[0]; 8] {
+        if cell.is_uniform {
             return cell.labels[0];
         }
-        let fraction: [T; 3] = std::array::from_fn(|axis| index[axis] - T::from_signed(base[axis]));
+        let mut fraction = [T::zero(); 3];
+        for axis in 0..3 {
+            fraction[axis] = shifted[axis] - T::of(0.5) - T::from_signed(base[axis]);
+        }
         match self.boundary {
-            Boundary::Smooth => self.smooth(base, cell, fraction),
+            Boundary::Smooth => self.smooth(cell, fraction),
             _ => majority(cell.labels, fraction),
         }
     }
 
     /// Label of a cell with the largest sum of B-spline weights.
     #[inline(always)]
-    fn smooth(&self, base: [i32; 3], cell: &mut Cell, fraction: [T; 3]) -> u8 {
-        if !cell.is_wide {
-            let [columns, rows, slabs] = [0, 1, 2].map(|axis| self.offsets::<4>(axis, base[axis] - 1, 1));
-            for (at, row) in cell.around.iter_mut().enumerate() {
-                *row = self.row(&columns, rows[at % 4] + slabs[at / 4]);
-            }
-            cell.is_wide = true;
+    fn smooth(&self, cell: &mut Cell<T>, fraction: [T; 3]) -> u8 {
+        if cell.count == 0 {
+            self.widen(cell);
         }
-        let (labels, around) = (&cell.labels, &cell.around);
-        let [x, y, z] = fraction.map(spline);
-        let share = |candidate: u8| {
-            let mut sums = [T::zero(); 4];
-            for (at, row) in around.iter().enumerate() {
-                let weight = y[at % 4] * z[at / 4];
-                for (sum, label) in sums.iter_mut().zip(row) {
-                    *sum += if *label == candidate { weight } else { T::zero() };
-                }
-            }
-            x[0] * sums[0] + x[1] * sums[1] + (x[2] * sums[2] + x[3] * sums[3])
-        };
-        let half = T::of(0.5);
-        let nearest = (0..3).fold(0, |corner, axis| corner | usize::from(fraction[axis] > half) << axis);
+        let weights = [spline(fraction[0]), spline(fraction[1]), spline(fraction[2])];
+        let nearest = (0..3).fold(0, |corner, axis| {
+            corner | usize::from(fraction[axis] > T::of(0.5)) << axis
+        });
+        let mut shares = [T::zero(); 8];
+        for (members, shares) in cell.members[..cell.count.div_ceil(TOGETHER)]
+            .iter()
+            .zip(shares.chunks_mut(TOGETHER))
+        {
+            shares.copy_from_slice(&together(members, &weights));
+        }
         let (mut best, mut best_share) = (0, -T::one());
         for at in 0..8 {
-            let candidate = labels[nearest ^ at];
-            if (0..at).any(|before| labels[nearest ^ before] == candidate) {
-                continue;
-            }
-            let share = share(candidate);
+            let corner = nearest ^ at;
+            let (candidate, share) = (cell.labels[corner], shares[usize::from(cell.kind[corner] & 7)]);
             if share > best_share || (share == best_share && candidate < best) {
                 (best, best_share) = (candidate, share);
             }
@@ -347,12 +402,44 @@ impl<'a, T: Real> LabelReader<'a, T> {
         best
     }
 
+    /// Reads the 64 voxels around a cell.
+    #[inline(always)]
+    fn widen(&self, cell: &mut Cell<T>) {
+        for (label, kind) in cell.labels.iter().zip(&mut cell.kind) {
+            let known = cell.kinds[..cell.count].iter().position(|kind| kind == label);
+            *kind = known.unwrap_or(cell.count) as u8;
+            if known.is_none() {
+                cell.kinds[cell.count] = *label;
+                cell.count += 1;
+            }
+        }
+        let columns = self.offsets::<4>(0, cell.base[0] - 1, 1);
+        let rows = self.offsets::<4>(1, cell.base[1] - 1, 1);
+        let slabs = self.offsets::<4>(2, cell.base[2] - 1, 1);
+        let mut around = [[0; 4]; 16];
+        for (at, row) in around.iter_mut().enumerate() {
+            *row = self.row(&columns, rows[at % 4] + slabs[at / 4]);
+        }
+        let groups = cell.count.div_ceil(TOGETHER);
+        for (members, kinds) in cell.members[..groups].iter_mut().zip(cell.kinds.chunks_exact(TOGETHER)) {
+            for (members, label) in members.as_flattened_mut().iter_mut().zip(around.as_flattened()) {
+                for (member, kind) in members.iter_mut().zip(kinds) {
+                    *member = if label == kind { T::one() } else { T::zero() };
+                }
+            }
+        }
+    }
+
     /// Offsets of every `stride`-th voxel along an axis from `first` on, each clamped to the volume.
     #[inline(always)]
     pub fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
         let pitch: usize = self.size[..axis].iter().product();
         let last = self.size[axis] - 1;
-        std::array::from_fn(|at| ((first + at as i32 * stride).max(0) as usize).min(last) * pitch)
+        let mut offsets = [0; N];
+        for (at, offset) in offsets.iter_mut().enumerate() {
+            *offset = ((first + at as i32 * stride).max(0) as usize).min(last) * pitch;
+        }
+        offsets
     }
 
     /// Labels at offsets along the first axis, given the sum of the offsets along the others.
@@ -368,6 +455,26 @@ impl<'a, T: Real> LabelReader<'a, T> {
         }
         row
     }
+}
+
+/// Sums of the B-spline weights, along each axis, of the voxels that are members.
+#[inline(always)]
+fn together<T: Real>(members: &[[[T; TOGETHER]; 4]; 16], [x, y, z]: &[[T; 4]; 3]) -> [T; TOGETHER] {
+    let mut sums = [[T::zero(); TOGETHER]; 4];
+    for (at, members) in members.iter().enumerate() {
+        let weight = y[at % 4] * z[at / 4];
+        for (sums, members) in sums.iter_mut().zip(members) {
+            for (sum, member) in sums.iter_mut().zip(members) {
+                *sum += weight * *member;
+            }
+        }
+    }
+    let mut shares = [T::zero(); TOGETHER];
+    for (label, share) in shares.iter_mut().enumerate() {
+        let [a, b, c, d] = [sums[0][label], sums[1][label], sums[2][label], sums[3][label]];
+        *share = x[0] * a + x[1] * b + (x[2] * c + x[3] * d);
+    }
+    shares
 }
 
 /// Label with the largest sum of trilinear weights; corner bits 0, 1, 2 step along x, y, z.

@@ -101,7 +101,7 @@ static SCATTER_AXIAL: Buffer = Buffer::new(170, "ScatterAxial", 8, fine_samples)
 static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(tables).len())
     .of(|tables, _| bytes_of(&axial_kernel(tables)));
 
-/// Weights of the lateral point spread, one row per depth (`f32`).
+/// Reach and weights of the lateral point spread, each a row over the depths, then factors of the outermost scanlines (`f32`).
 static LATERAL_KERNEL: Buffer = Buffer::new(190, "LateralKernel", 4, |tables| lateral_kernel(tables).len())
     .of(|tables, _| bytes_of(&lateral_kernel(tables)));
 
@@ -115,7 +115,7 @@ fn axial_kernel(tables: &Tables) -> Vec<f32> {
 fn lateral_kernel(tables: &Tables) -> Vec<f32> {
     let own = tables.effects.speckle.as_ref();
     own.map_or(Vec::new(), |own| {
-        [own.lateral.weights.of::<f32>(), own.edges.of()].concat()
+        [own.lateral.rows.of::<f32>(), own.edges.of()].concat()
     })
 }
 
@@ -261,7 +261,7 @@ pub struct Params {
     pub per_mm: f32,
     /// Reach of the axial kernel on each side, samples.
     pub axial_reach: u32,
-    /// Reach of the lateral kernel on each side, fine scanlines.
+    /// Largest reach of the lateral kernel on each side, fine scanlines.
     pub lateral_reach: u32,
     /// Offset of the world-to-reference maps of the deformed elements, in vec4.
     pub carries_at: u32,

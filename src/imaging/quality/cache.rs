@@ -1,6 +1,5 @@
 //! Cache of measured costs in the user's cache folder: one file for each machine, program version and measured item.
 
-use std::env;
 use std::fs::File;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -8,12 +7,10 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::base::cache::folder;
 use crate::base::document::InvalidFile;
 use crate::base::output::place;
 use crate::base::output::{OutputError, atomic};
-
-/// Environment variable that overrides the cache folder.
-pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 
 /// Maximum size of a file, bytes; a file of costs has a few thousand.
 const MOST_BYTES: u64 = 1 << 20;
@@ -27,22 +24,10 @@ pub struct Cache {
 }
 
 impl Cache {
-    /// The user's cache: `$INSONIFY_CACHE`, or `insonify` in the cache folder of the system. `machine` distinguishes machines that
-    /// share it.
+    /// The user's cache. `machine` distinguishes machines that share it.
     pub fn of_user(machine: &str) -> Self {
-        let of = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-        let usual = || {
-            let folder = match env::consts::OS {
-                "windows" => of("LOCALAPPDATA"),
-                "macos" => of("HOME").map(|home| home.join("Library/Caches")),
-                _ => of("XDG_CACHE_HOME")
-                    .filter(|folder| folder.is_absolute())
-                    .or_else(|| of("HOME").map(|home| home.join(".cache"))),
-            };
-            folder.map(|folder| folder.join("insonify"))
-        };
         Cache {
-            folder: of(FOLDER_VARIABLE).or_else(usual),
+            folder: folder(),
             machine: machine.to_owned(),
         }
     }

@@ -2,9 +2,9 @@
 
 use rayon::prelude::*;
 
-use super::BLOCK;
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
+use crate::imaging::effects::lateral::{BLOCK, LateralKernel};
 use crate::imaging::effects::pass::View;
 use crate::imaging::synth::store::Store;
 
@@ -78,19 +78,15 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(own) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let fine_lines = own.fine_lines(lines);
-    let weights = own.lateral.weights.of::<T>();
     let input = &store.effects.speckle.scatter_axial;
     store.amplitude[..lines * samples]
         .par_chunks_mut(samples)
         .enumerate()
         .for_each(|(line, output)| {
-            let centre = line * own.oversampling;
             vectorised(Envelope {
                 input,
-                centre,
-                fine_lines,
-                reach: own.lateral.reach,
-                weights,
+                place: [line * own.oversampling, fine_lines],
+                kernel: &own.lateral,
                 edge: own
                     .edge(line, lines)
                     .map(|row| &own.edges.of()[row * samples..][..samples]),
@@ -103,10 +99,8 @@ pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
 /// rescaled to preserve its power.
 struct Envelope<'a, T> {
     input: &'a [T],
-    centre: usize,
-    fine_lines: usize,
-    reach: usize,
-    weights: &'a [T],
+    place: [usize; 2],
+    kernel: &'a LateralKernel,
     edge: Option<&'a [T]>,
     output: &'a mut [T],
 }
@@ -116,36 +110,17 @@ impl<T: Real> Kernel for Envelope<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let Self {
-            input,
-            centre,
-            fine_lines,
-            reach,
-            weights,
-            edge,
-            output,
-        } = self;
-        let samples = output.len();
-        let first = centre.saturating_sub(reach);
-        let last = (centre + reach).min(fine_lines - 1);
-        for start in (0..samples).step_by(BLOCK) {
-            let end = (start + BLOCK).min(samples);
-            let (mut re, mut im) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
-            for fine in first..=last {
-                let weights = &weights[(fine + reach - centre) * samples..][start..end];
-                let real = &input[2 * fine * samples..][start..end];
-                let imaginary = &input[(2 * fine + 1) * samples..][start..end];
-                for i in 0..end - start {
-                    re[i] += weights[i] * real[i];
-                    im[i] += weights[i] * imaginary[i];
-                }
-            }
-            for i in 0..end - start {
-                output[start + i] = (re[i] * re[i] + im[i] * im[i]).sqrt();
+        let samples = self.output.len();
+        let part = |at: usize| &self.input[at * samples..][..samples];
+        for (block, output) in self.output.chunks_mut(BLOCK).enumerate() {
+            let parts = |fine: usize| [part(2 * fine), part(2 * fine + 1)];
+            let [re, im] = self.kernel.sums(self.place, block * BLOCK, parts);
+            for (out, (re, im)) in output.iter_mut().zip(re.iter().zip(&im)) {
+                *out = (*re * *re + *im * *im).sqrt();
             }
         }
-        if let Some(factors) = edge {
-            for (out, &factor) in output.iter_mut().zip(factors) {
+        if let Some(factors) = self.edge {
+            for (out, &factor) in self.output.iter_mut().zip(factors) {
                 *out *= factor;
             }
         }

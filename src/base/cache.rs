@@ -1,0 +1,145 @@
+//! The user's cache folder, and bytes kept there between runs of the command.
+
+use std::env;
+use std::fs;
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use super::output::atomic;
+use super::read;
+
+/// Environment variable that overrides the cache folder.
+pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
+
+/// Size that the files of [`cached`] have together at most, bytes; the ones unused for longest go first.
+const MOST_BYTES: u64 = 512 << 20;
+
+/// Length of the checksum in front of each file's bytes.
+const SUM: usize = blake3::OUT_LEN;
+
+static IS_ON: AtomicBool = AtomicBool::new(false);
+
+/// The user's cache folder: `$INSONIFY_CACHE`, or `insonify` in the cache folder of the system; `None` where the system
+/// has no place for it.
+pub fn folder() -> Option<PathBuf> {
+    let of = |name: &str| env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
+    let usual = || {
+        let folder = match env::consts::OS {
+            "windows" => of("LOCALAPPDATA"),
+            "macos" => of("HOME").map(|home| home.join("Library/Caches")),
+            _ => of("XDG_CACHE_HOME")
+                .filter(|folder| folder.is_absolute())
+                .or_else(|| of("HOME").map(|home| home.join(".cache"))),
+        };
+        folder.map(|folder| folder.join("insonify"))
+    };
+    of(FOLDER_VARIABLE).or_else(usual)
+}
+
+/// Lets [`cached`] keep files: the command does, a program that embeds the library finds none in its user's folders.
+pub fn switch_on() {
+    IS_ON.store(true, Ordering::Relaxed);
+}
+
+/// Returns what `make` returns for a key, read from the user's cache if this very program has made it before. `length` is its
+/// number of bytes. Where the cache cannot be read or written, it is made each time.
+pub fn cached(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
+    let folder = folder().filter(|_| IS_ON.load(Ordering::Relaxed));
+    let Some(path) = folder.and_then(|folder| path(&folder.join("made"), key)) else {
+        return make();
+    };
+    if let Some(bytes) = get(&path, length) {
+        return bytes;
+    }
+    let bytes = make();
+    let _ = put(&path, &bytes);
+    bytes
+}
+
+/// File of a key. Its name depends on the program: another build may round otherwise.
+fn path(folder: &Path, key: &str) -> Option<PathBuf> {
+    let program = fs::metadata(env::current_exe().ok()?).ok()?;
+    let built = program.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&program.len().to_le_bytes());
+    hasher.update(&built.as_nanos().to_le_bytes());
+    hasher.update(key.as_bytes());
+    Some(folder.join(format!("{}.bin", &hasher.finalize().to_hex()[..32])))
+}
+
+/// Contents of a file whose length and checksum are right.
+fn get(path: &Path, length: usize) -> Option<Vec<u8>> {
+    let mut file = read::open(path).ok()?;
+    if file.metadata().ok()?.len() != (SUM + length) as u64 {
+        return None;
+    }
+    let (mut sum, mut bytes) = ([0; SUM], vec![0; length]);
+    file.read_exact(&mut sum).ok()?;
+    file.read_exact(&mut bytes).ok()?;
+    // The time of its last use.
+    let _ = file.set_modified(SystemTime::now());
+    (blake3::hash(&bytes) == sum).then_some(bytes)
+}
+
+fn put(path: &Path, bytes: &[u8]) -> Option<()> {
+    let folder = path.parent()?;
+    fs::create_dir_all(folder).ok()?;
+    atomic::write(path, |file| {
+        file.write_all(blake3::hash(bytes).as_bytes())?;
+        file.write_all(bytes)
+    })
+    .ok()?;
+    let mut files: Vec<(SystemTime, u64, PathBuf)> = Vec::new();
+    for entry in fs::read_dir(folder).ok()?.flatten() {
+        let about = entry.metadata().ok()?;
+        files.push((about.modified().ok()?, about.len(), entry.path()));
+    }
+    files.sort();
+    let mut held: u64 = files.iter().map(|(_, length, _)| length).sum();
+    for (_, length, path) in files {
+        if held <= MOST_BYTES {
+            break;
+        }
+        held -= length;
+        fs::remove_file(path).ok()?;
+    }
+    Some(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_sound_files_of_this_program_are_used() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = path(folder.path(), "a").unwrap();
+        assert_ne!(file, path(folder.path(), "b").unwrap());
+        assert_eq!(get(&file, 4), None);
+        put(&file, b"abcd").unwrap();
+        assert_eq!(get(&file, 4), Some(b"abcd".to_vec()));
+        assert_eq!(get(&file, 5), None);
+        let mut bytes = fs::read(&file).unwrap();
+        *bytes.last_mut().unwrap() ^= 1;
+        fs::write(&file, bytes).unwrap();
+        assert_eq!(get(&file, 4), None);
+    }
+
+    #[test]
+    fn files_unused_for_longest_make_room() {
+        let folder = tempfile::tempdir().unwrap();
+        let names = ["old", "new", "last"].map(|key| path(folder.path(), key).unwrap());
+        for (age, name) in [(2, &names[0]), (1, &names[1])] {
+            put(name, b"x").unwrap();
+            let file = fs::File::options().write(true).open(name).unwrap();
+            // Sparse: takes no room on the disk.
+            file.set_len(MOST_BYTES / 2).unwrap();
+            let then = SystemTime::now() - std::time::Duration::from_secs(3600 * age);
+            file.set_modified(then).unwrap();
+        }
+        put(&names[2], b"x").unwrap();
+        assert_eq!(names.map(|name| name.exists()), [false, true, true]);
+    }
+}
