@@ -37,6 +37,9 @@ field = { kind = "indentation", centre_mm = [-68.1, -77.2, -46.3], direction = [
 SCENE
     "$INSONIFY_BIN" bench "$work/moving.toml" --frames 200 || true
 
+    section "the size of raysim's published benchmark"
+    "$INSONIFY_BIN" bench bench/raysim-size.toml --frames 100 || true
+
     section "GPU against CPU: passes, sizes, effects, transfers, remeshing"
     "$INSONIFY_BIN" bench --compare || true
 

@@ -391,22 +391,26 @@ impl<'a, T: Real> Surfaces<'a, T> {
             *offsets = self.reader.offsets(axis, (base[axis] + 1 - REACH) * stride, stride);
         }
         let [columns, rows, slabs] = &offsets;
+        let mut labels = [[0; LANES]; TAPS * TAPS];
+        for (at, labels) in labels.iter_mut().enumerate() {
+            *labels = self.reader.row(columns, rows[at % TAPS] + slabs[at / TAPS]);
+        }
+        // 1 for the second label, -1 for the first: all at once, as each step fills vector registers.
+        let mut signs = [[T::zero(); LANES]; TAPS * TAPS];
+        for (sign, label) in signs.as_flattened_mut().iter_mut().zip(labels.as_flattened()) {
+            *sign = T::from_signed(i32::from(i8::from(*label == far) - i8::from(*label == near)));
+        }
         let mut sums = [[T::zero(); LANES]; 3];
-        for k in 0..TAPS {
-            for j in 0..TAPS {
-                let factors = [
-                    weights[1][j] * weights[2][k],
-                    slopes[1][j] * weights[2][k],
-                    weights[1][j] * slopes[2][k],
-                ];
-                let mut signs = [T::zero(); LANES];
-                for (sign, label) in signs.iter_mut().zip(self.reader.row(columns, rows[j] + slabs[k])) {
-                    *sign = T::from_signed(i32::from(label == far) - i32::from(label == near));
-                }
-                for (sums, factor) in sums.iter_mut().zip(factors) {
-                    for (sum, sign) in sums.iter_mut().zip(signs) {
-                        *sum += factor * sign;
-                    }
+        for (at, signs) in signs.iter().enumerate() {
+            let (j, k) = (at % TAPS, at / TAPS);
+            let factors = [
+                weights[1][j] * weights[2][k],
+                slopes[1][j] * weights[2][k],
+                weights[1][j] * slopes[2][k],
+            ];
+            for (sums, factor) in sums.iter_mut().zip(factors) {
+                for (sum, sign) in sums.iter_mut().zip(signs) {
+                    *sum += factor * *sign;
                 }
             }
         }

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::{CLOSING_MM, GRID_MM, LEAST_MM, WALL_MM};
 use crate::anatomy::volume::LabelVolume;
 use crate::anatomy::volume::distance::Grid;
+use crate::base::cache::cached;
 
 /// Standard deviation of the smoothing of the outline, within and across slices, mm.
 const SMOOTHING_MM: f64 = 9.0;
@@ -40,32 +41,21 @@ impl Outline {
         if !labelled.contains(&true) {
             return None;
         }
-        let in_slice: Vec<usize> = (0..3).filter(|&axis| axis != slice_axis).collect();
-        let distance = |set: &[bool], axes: &[usize]| Grid::squared_distances(set, grid_size, coarse, axes);
-        // Within slices first; then in three dimensions, which extends the outline over slices that label little of
-        // the body.
-        let body = closed(&closed(&labelled, &distance, &in_slice), &distance, &[0, 1, 2]);
-        let mut signed = distance(&body, &[0, 1, 2]);
-        let inward = distance(&body.iter().map(|inside| !inside).collect::<Vec<_>>(), &[0, 1, 2]);
-        let cap = reach as f32;
-        signed
-            .values
-            .par_iter_mut()
-            .zip(&inward.values)
-            .for_each(|(value, inside)| *value = (value.sqrt() - inside.sqrt()).clamp(-cap, cap));
-        signed.smooth(SMOOTHING_MM);
-        let near_label = distance(&labelled, &[0, 1, 2]);
-        let half_cell = 0.5 * coarse.iter().copied().fold(0.0, f64::max) as f32;
-        let (wall, least) = (WALL_MM as f32, LEAST_MM as f32);
-        signed
-            .values
-            .par_iter_mut()
-            .zip(&near_label.values)
-            .for_each(|(value, &label)| *value = (*value - wall).min(label.sqrt() - half_cell - least));
-        // Smooths corners of cells off the surface.
-        (0..3).for_each(|axis| signed.convolve(axis, &[2.0, 1.0]));
+        let seen: Vec<u8> = labelled.iter().map(|&is| u8::from(is)).collect();
+        let key = format!(
+            "outline {} {grid_size:?} {coarse:?} {slice_axis} {reach}",
+            blake3::hash(&seen)
+        );
+        let bytes = cached(&key, size_of::<f32>() * labelled.len(), || {
+            let distance = signed_distance(&labelled, grid_size, coarse, slice_axis, reach);
+            bytemuck::cast_slice(&distance.values).to_vec()
+        });
         Some(Self {
-            distance: signed,
+            distance: Grid {
+                size: grid_size,
+                spacing: coarse,
+                values: bytemuck::pod_collect_to_vec(&bytes),
+            },
             cell,
             margin,
             slice_axis,
@@ -106,6 +96,35 @@ impl Outline {
             fill(voxel, i, f64::from(known.1 + (known.2 - known.1) * ti));
         }
     }
+}
+
+/// Signed distance to the outline of the body around labelled cells, mm (negative inside), up to `reach`.
+fn signed_distance(labelled: &[bool], size: [usize; 3], spacing: [f64; 3], slice_axis: usize, reach: f64) -> Grid {
+    let in_slice: Vec<usize> = (0..3).filter(|&axis| axis != slice_axis).collect();
+    let distance = |set: &[bool], axes: &[usize]| Grid::squared_distances(set, size, spacing, axes);
+    // Within slices first; then in three dimensions, which extends the outline over slices that label little of
+    // the body.
+    let body = closed(&closed(labelled, &distance, &in_slice), &distance, &[0, 1, 2]);
+    let mut signed = distance(&body, &[0, 1, 2]);
+    let inward = distance(&body.iter().map(|inside| !inside).collect::<Vec<_>>(), &[0, 1, 2]);
+    let cap = reach as f32;
+    signed
+        .values
+        .par_iter_mut()
+        .zip(&inward.values)
+        .for_each(|(value, inside)| *value = (value.sqrt() - inside.sqrt()).clamp(-cap, cap));
+    signed.smooth(SMOOTHING_MM);
+    let near_label = distance(labelled, &[0, 1, 2]);
+    let half_cell = 0.5 * spacing.iter().copied().fold(0.0, f64::max) as f32;
+    let (wall, least) = (WALL_MM as f32, LEAST_MM as f32);
+    signed
+        .values
+        .par_iter_mut()
+        .zip(&near_label.values)
+        .for_each(|(value, &label)| *value = (*value - wall).min(label.sqrt() - half_cell - least));
+    // Smooths corners of cells off the surface.
+    (0..3).for_each(|axis| signed.convolve(axis, &[2.0, 1.0]));
+    signed
 }
 
 /// Morphological closing of a set by a ball (a disc, in two axes): dilation, then erosion by the same radius.
