@@ -16,8 +16,8 @@ pub fn carry(tables: &Tables, beam: &Beam, slack: &[f64]) -> Vec<[f64; 2]> {
         if at[0] < 0.0 {
             return [fill, 0.0];
         }
-        let [grey] = bilinear(&beam.amplitude, beam.lines, beam.samples, &[at]);
-        let [off] = bilinear(slack, beam.lines, beam.samples, &[at]);
+        let grey = bilinear(&beam.amplitude, beam.lines, beam.samples, at);
+        let off = bilinear(slack, beam.lines, beam.samples, at);
         [grey, off + MIXES * ULP * 255.0]
     };
     tables.scan_map.iter().map(pixel).collect()
