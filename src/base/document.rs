@@ -122,6 +122,18 @@ macro_rules! input_file {
                 $crate::base::document::Fault::new(wrong).at_key(key, self.source.as_ref())
             }
 
+            /// Checks the numbers of a table of this file against their ranges.
+            pub(crate) fn in_ranges(
+                &self,
+                table: &str,
+                of: &impl $crate::base::range::Ranges,
+            ) -> Result<(), $crate::base::document::Fault<$wrong>> {
+                of.out_of_range().map_or(Ok(()), |(key, found, expected)| {
+                    let wrong = $crate::base::document::InvalidFile::number(found, expected);
+                    Err(self.fault(format!("{table}.{key}"), wrong))
+                })
+            }
+
             /// Error of keys that contradict each other or are incomplete.
             pub(crate) fn wrong_keys(
                 &self,

@@ -68,10 +68,21 @@ pub trait Ranges {
     }
 }
 
+impl<T: Ranges> Ranges for Option<T> {
+    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
+        self.as_ref()?.out_of_range()
+    }
+}
+
 /// A number that may be left out.
 pub trait Number {
     /// The number, if it is stated.
     fn stated(&self) -> Option<f64>;
+
+    /// The number, if it is stated and infinite, not a number, or without what `holds` of those in its range.
+    fn outside(&self, holds: impl Fn(f64) -> bool) -> Option<f64> {
+        self.stated().filter(|found| !(found.is_finite() && holds(*found)))
+    }
 }
 
 impl Number for f64 {
@@ -86,50 +97,104 @@ impl Number for u32 {
     }
 }
 
+impl Number for usize {
+    fn stated(&self) -> Option<f64> {
+        Some(*self as f64)
+    }
+}
+
 impl<N: Number> Number for Option<N> {
     fn stated(&self) -> Option<f64> {
         self.as_ref().and_then(N::stated)
     }
 }
 
-/// Declares a table of parameters: each with its description, its type, its default after `=` if that is not the default of the type, and its range,
-/// ends included, after `in`, with the unit for errors. Range and default thus stand once and reach `Default`, [`Ranges`], the documentation and the
-/// JSON schema.
+/// Declares a table of parameters: each with its description, its type, its default after `=` if that is not the default of the type, and its range
+/// with the unit for errors. Range and default thus stand once and reach `Default`, [`Ranges`], the documentation and the JSON schema.
+///
+/// A range begins with `in LOW` or, without that number itself, `above LOW`; it ends with `..=HIGH`, with `..HIGH`, which is not in it, or nowhere.
+/// In a table `with required keys`, all keys are required but those that are an `Option` or `#[serde(default)]`, and there is no `Default`.
 macro_rules! parameters {
-    ($(#[$meta:meta])* pub struct $name:ident {
-        $($(#[$doc:meta])* $key:ident: $type:ty $(= $default:expr)? $(, in $low:literal..=$high:literal $($unit:literal)?)?;)+
+    ($(#[$meta:meta])* pub struct $name:ident $(with $required:ident keys)? {
+        $(
+            $(#[$doc:meta])* $key:ident: $type:ty $(= $default:expr)?
+            $(, in $low:literal $(..=$high:literal)? $(..$below:literal)? $($unit:literal)?)?
+            $(, above $over:literal $(..=$most:literal)? $(..$under:literal)? $($of:literal)?)?;
+        )+
     }) => {
-        $(#[$meta])*
-        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-        #[serde(deny_unknown_fields, default)]
-        pub struct $name {
-            $(
-                $(#[$doc])*
-                $(#[doc = concat!("From ", $low, " to ", $high, ".")] #[schemars(range(min = $low, max = $high))])?
-                $(#[doc = concat!("Default ", stringify!($default), ".")])?
-                pub $key: $type,
-            )+
-        }
-
-        impl Default for $name {
-            fn default() -> Self {
-                Self { $($key: $crate::base::range::parameters!(@ $($default)?),)+ }
+        $crate::base::range::parameters! {
+            @table [$($required)?]
+            $(#[$meta])*
+            pub struct $name {
+                $(
+                    $(#[$doc])*
+                    $(
+                        #[doc = concat!("Range: ", $crate::base::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?), ".")]
+                        #[schemars(extend("minimum" = $low))]
+                        $(#[schemars(extend("maximum" = $high))])?
+                        $(#[schemars(extend("exclusiveMaximum" = $below))])?
+                    )?
+                    $(
+                        #[doc = concat!("Range: ", $crate::base::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?), ".")]
+                        #[schemars(extend("exclusiveMinimum" = $over))]
+                        $(#[schemars(extend("maximum" = $most))])?
+                        $(#[schemars(extend("exclusiveMaximum" = $under))])?
+                    )?
+                    $(#[doc = concat!("Default ", stringify!($default), ".")])?
+                    pub $key: $type,
+                )+
             }
         }
+        $crate::base::range::parameters! { @default [$($required)?] $name $($key [$($default)?])+ }
 
         impl $crate::base::range::Ranges for $name {
             fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
-                $($(
-                    let found = $crate::base::range::Number::stated(&self.$key);
-                    if let Some(found) = found.filter(|found| !(f64::from($low)..=f64::from($high)).contains(found)) {
-                        return Some((stringify!($key), found, concat!($low, " to ", $high $(, " ", $unit)?)));
-                    }
-                )?)+
+                use $crate::base::range::{Number, parameters};
+                $(
+                    $(
+                        let holds = |x: f64| x >= f64::from($low) $(&& x <= f64::from($high))? $(&& x < f64::from($below))?;
+                        if let Some(found) = Number::outside(&self.$key, holds) {
+                            let expected = parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?);
+                            return Some((stringify!($key), found, expected));
+                        }
+                    )?
+                    $(
+                        let holds = |x: f64| x > f64::from($over) $(&& x <= f64::from($most))? $(&& x < f64::from($under))?;
+                        if let Some(found) = Number::outside(&self.$key, holds) {
+                            let expected = parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?);
+                            return Some((stringify!($key), found, expected));
+                        }
+                    )?
+                )+
                 None
             }
         }
     };
-    (@ $default:expr) => { $default };
-    (@) => { Default::default() };
+    (@table [] $($table:tt)+) => {
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields, default)]
+        $($table)+
+    };
+    (@table [required] $($table:tt)+) => {
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        $($table)+
+    };
+    (@default [] $name:ident $($key:ident [$($default:expr)?])+) => {
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($key: $crate::base::range::parameters!(@value $($default)?),)+ }
+            }
+        }
+    };
+    (@default [required] $name:ident $($key:ident [])+) => {};
+    (@value $default:expr) => { $default };
+    (@value) => { Default::default() };
+    (@in $low:literal..=$high:literal $(, $unit:literal)?) => { concat!($low, " to ", $high $(, " ", $unit)?) };
+    (@in $low:literal..$below:literal $(, $unit:literal)?) => { concat!($low, " to below ", $below $(, " ", $unit)?) };
+    (@in $low:literal $(, $unit:literal)?) => { concat!($low $(, " ", $unit)?, " or more") };
+    (@above $low:literal..=$high:literal $(, $unit:literal)?) => { concat!("above ", $low, ", at most ", $high $(, " ", $unit)?) };
+    (@above $low:literal..$below:literal $(, $unit:literal)?) => { concat!("above ", $low, ", below ", $below $(, " ", $unit)?) };
+    (@above $low:literal $(, $unit:literal)?) => { concat!("above ", $low $(, " ", $unit)?) };
 }
 pub(crate) use parameters;
