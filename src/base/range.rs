@@ -51,10 +51,36 @@ pub(crate) fn within(key: &str, found: f64, range: std::ops::RangeInclusive<f64>
     }
 }
 
+/// Range of a number in a table.
+pub struct Range<T> {
+    /// Key of the number.
+    pub key: &'static str,
+    /// The number, if a table states it.
+    pub stated: fn(&T) -> Option<f64>,
+    /// Whether a finite number is in the range.
+    pub holds: fn(f64) -> bool,
+    /// The range in words.
+    pub expected: &'static str,
+}
+
+impl<T> Range<T> {
+    fn excludes(&self, found: f64) -> bool {
+        !(found.is_finite() && (self.holds)(found))
+    }
+}
+
 /// A table of parameters whose numbers have ranges; [`parameters!`] implements it.
-pub trait Ranges {
+pub trait Ranges: Sized + 'static {
+    /// Ranges of the numbers that have one.
+    const RANGES: &'static [Range<Self>];
+
     /// The first number out of its range, with its key and the range.
-    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)>;
+    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
+        Self::RANGES.iter().find_map(|range| {
+            let found = (range.stated)(self).filter(|found| range.excludes(*found))?;
+            Some((range.key, found, range.expected))
+        })
+    }
 
     /// Checks every number against its range.
     ///
@@ -66,11 +92,19 @@ pub trait Ranges {
             None => Ok(()),
         }
     }
-}
 
-impl<T: Ranges> Ranges for Option<T> {
-    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
-        self.as_ref()?.out_of_range()
+    /// Checks a number against the range of a key.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] if it is outside.
+    fn check_number(key: &str, found: f64) -> Result<(), OutOfRange> {
+        match Self::RANGES
+            .iter()
+            .find(|range| range.key == key && range.excludes(found))
+        {
+            Some(range) => Err(OutOfRange::new(key, found, range.expected)),
+            None => Ok(()),
+        }
     }
 }
 
@@ -78,11 +112,6 @@ impl<T: Ranges> Ranges for Option<T> {
 pub trait Number {
     /// The number, if it is stated.
     fn stated(&self) -> Option<f64>;
-
-    /// The number, if it is stated and infinite, not a number, or without what `holds` of those in its range.
-    fn outside(&self, holds: impl Fn(f64) -> bool) -> Option<f64> {
-        self.stated().filter(|found| !(found.is_finite() && holds(*found)))
-    }
 }
 
 impl Number for f64 {
@@ -148,26 +177,20 @@ macro_rules! parameters {
         $crate::base::range::parameters! { @default [$($required)?] $name $($key [$($default)?])+ }
 
         impl $crate::base::range::Ranges for $name {
-            fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
-                use $crate::base::range::{Number, parameters};
-                $(
-                    $(
-                        let holds = |x: f64| x >= f64::from($low) $(&& x <= f64::from($high))? $(&& x < f64::from($below))?;
-                        if let Some(found) = Number::outside(&self.$key, holds) {
-                            let expected = parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?);
-                            return Some((stringify!($key), found, expected));
-                        }
-                    )?
-                    $(
-                        let holds = |x: f64| x > f64::from($over) $(&& x <= f64::from($most))? $(&& x < f64::from($under))?;
-                        if let Some(found) = Number::outside(&self.$key, holds) {
-                            let expected = parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?);
-                            return Some((stringify!($key), found, expected));
-                        }
-                    )?
-                )+
-                None
-            }
+            const RANGES: &'static [$crate::base::range::Range<Self>] = &[$(
+                $($crate::base::range::Range {
+                    key: stringify!($key),
+                    stated: |table| $crate::base::range::Number::stated(&table.$key),
+                    holds: |x| x >= f64::from($low) $(&& x <= f64::from($high))? $(&& x < f64::from($below))?,
+                    expected: $crate::base::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?),
+                },)?
+                $($crate::base::range::Range {
+                    key: stringify!($key),
+                    stated: |table| $crate::base::range::Number::stated(&table.$key),
+                    holds: |x| x > f64::from($over) $(&& x <= f64::from($most))? $(&& x < f64::from($under))?,
+                    expected: $crate::base::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?),
+                },)?
+            )+];
         }
     };
     (@table [] $($table:tt)+) => {

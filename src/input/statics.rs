@@ -26,7 +26,7 @@
 //! # Ok::<(), insonify::input::InputError>(())
 //! ```
 
-mod course;
+pub mod course;
 mod error;
 mod fields;
 mod file;
@@ -35,10 +35,10 @@ mod materials;
 mod report;
 mod resolve;
 mod run;
-pub(crate) mod selection;
+pub mod selection;
 
 pub use course::{Model, SchemeName};
-pub use file::ProblemFile;
+pub use file::{MaterialSpec, ProblemFile};
 pub use report::Report;
 
 /// Example problem file with every key of linear tissue.

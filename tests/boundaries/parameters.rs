@@ -8,9 +8,20 @@ use insonify::imaging::effects::{
     shadow, slice, speckle, texture, thickness, tone, warp,
 };
 use insonify::imaging::quality::QualitySpec;
-use insonify::input::scene::ImageSpec;
-use insonify::mechanics::needle::BendingConstraint;
+use insonify::input::scenario::instruments::{ContactProbeSpec, NeedleTable};
+use insonify::input::scenario::manipulator::SensorSpec;
+use insonify::input::scenario::planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
+use insonify::input::scenario::stiffened::{StepSolverSpec, TissueViscositySpec};
+use insonify::input::scenario::{RunSpec, tissue::TissueSpec};
+use insonify::input::scene::{ImageSpec, MotionSpec, deform::DeformSpec};
+use insonify::input::statics::course::{SolverSpec, ViscositySpec};
+use insonify::input::statics::{MaterialSpec, selection::CylinderChoice};
+use insonify::mechanics::insertion::spring::Parameters;
+use insonify::mechanics::insertion::{Bone, Peak};
+use insonify::mechanics::needle::beam::spec;
+use insonify::mechanics::needle::{BendingConstraint, Bevel};
 use insonify::tracking::TrackingError;
+use insonify::tracking::manipulator::{Guide, drive::Drive};
 use insonify::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape, ProbeSpec};
 use schemars::{JsonSchema, schema_for};
 use serde::de::DeserializeOwned;
@@ -209,8 +220,21 @@ fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {
     }
 }
 
+/// A number just below or above another.
+fn beside(number: f64, is_whole: bool, up: bool) -> Value {
+    let step = if is_whole { 1.0 } else { 1e-9 * number.abs().max(1e-9) };
+    whole_or_not(if up { number + step } else { number - step }, is_whole)
+}
+
+fn whole_or_not(number: f64, is_whole: bool) -> Value {
+    match is_whole {
+        true => (number as i64).into(),
+        false => number.into(),
+    }
+}
+
 /// Checks the keys of a table of a schema against what is accepted: the default, both ends of the range, nothing just outside. Returns how many have a
-/// range.
+/// range; numbers without one, whose range depends on other keys, do not count.
 fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String>) -> usize {
     let mut ranges = 0;
     for (key, described) in table["properties"].as_object().expect("keys") {
@@ -218,26 +242,54 @@ fn assert_true(table: &Value, accepts: impl Fn(&str, Value) -> Result<(), String
             assert_eq!(accepts(key, default.clone()), Ok(()), "{key}: default");
         }
         let is = |name: &str| described["type"] == name || described["type"][0] == name;
-        if !is("number") && !is("integer") {
+        let whole = is("integer");
+        let of = |name: &str| described[name].as_f64();
+        let (low, high) = (
+            of("exclusiveMinimum").or(of("minimum")),
+            of("exclusiveMaximum").or(of("maximum")),
+        );
+        if !(is("number") || whole) || low.is_none() || (whole && high.is_none()) {
             continue;
         }
-        let end = |name: &str| described[name].as_f64().unwrap_or_else(|| panic!("{key}: no {name}"));
-        let (low, high) = (end("minimum"), end("maximum"));
-        let value = |number: f64| match is("integer") {
-            true => (number as i64).into(),
-            false => number.into(),
-        };
-        let step = if is("integer") { 1.0 } else { 1e-9 * (high - low) };
-        for good in [low, high] {
-            assert_eq!(accepts(key, value(good)), Ok(()), "{key}: {good} of {low} to {high}");
-        }
-        for bad in [low - step, high + step] {
-            let refused = accepts(key, value(bad)).expect_err(key);
-            assert!(refused.contains(key) || is("integer"), "{key} = {bad}: {refused}");
+        for (end, open, up) in [
+            (low, of("exclusiveMinimum").is_some(), false),
+            (high, of("exclusiveMaximum").is_some(), true),
+        ] {
+            let Some(end) = end else { continue };
+            let (at, inside, outside) = (
+                whole_or_not(end, whole),
+                beside(end, whole, !up),
+                beside(end, whole, up),
+            );
+            let (good, bad) = if open { (inside, at) } else { (at, outside) };
+            assert_eq!(
+                accepts(key, good.clone()),
+                Ok(()),
+                "{key}: {good} of {low:?} to {high:?}"
+            );
+            let refused = accepts(key, bad.clone()).expect_err(key);
+            assert!(refused.contains(key) || whole, "{key} = {bad}: {refused}");
         }
         ranges += 1;
     }
     ranges
+}
+
+/// As [`assert_true`], for a table of its own with `others` for its required keys.
+fn ranges<T: DeserializeOwned + JsonSchema + Ranges>(others: Value) -> usize {
+    let schema = schema_for!(T).to_value();
+    let required = schema["required"].as_array().cloned().unwrap_or_default();
+    let required: Vec<_> = required.iter().filter_map(Value::as_str).collect();
+    assert_eq!(
+        required.len(),
+        others.as_object().map_or(0, serde_json::Map::len),
+        "{required:?}"
+    );
+    assert_true(&schema, |key, value| {
+        let mut table = others.clone();
+        table[key] = value;
+        read::<T>(table)?.check_ranges().map_err(|error| error.to_string())
+    })
 }
 
 #[test]
@@ -250,18 +302,18 @@ fn schemas_say_what_effects_accept() {
             effects.validate().map_err(|error| error.to_string())
         });
     }
-    assert!(ranges >= 35, "{ranges}");
+    assert_eq!(ranges, 41);
 }
 
 #[test]
 fn schemas_say_what_other_tables_accept() {
-    fn ranges<T: DeserializeOwned + JsonSchema + Ranges>() -> usize {
-        assert_true(schema_for!(T).as_value(), |key, value| {
-            let table: T = read(json!({ key: value }))?;
-            table.check_ranges().map_err(|error| error.to_string())
-        })
-    }
-    assert_eq!((ranges::<QualitySpec>(), ranges::<BendingConstraint>()), (2, 3));
+    let none = || json!({});
+    assert_eq!(
+        (ranges::<QualitySpec>(none()), ranges::<BendingConstraint>(none())),
+        (2, 3)
+    );
+    assert_eq!((ranges::<Guide>(none()), ranges::<Drive>(none())), (7, 11));
+    assert_eq!((ranges::<DeformSpec>(none()), ranges::<MotionSpec>(none())), (2, 1));
     let text = |error: TrackingError| format!("{:?}: {error}", error.key());
     let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 60.0).expect("a probe");
     let beam = BeamGrid::new(&probe).expect("a grid");
@@ -287,7 +339,62 @@ fn schemas_say_what_other_tables_accept() {
 }
 
 #[test]
-#[should_panic(expected = "max_weight: 2 of 0 to 2")]
+fn schemas_say_what_tables_of_scenarios_accept() {
+    let none = || json!({});
+    assert_eq!(
+        (
+            ranges::<RunSpec>(none()),
+            ranges::<TissueSpec>(none()),
+            ranges::<SensorSpec>(none())
+        ),
+        (2, 2, 2)
+    );
+    assert_eq!((ranges::<Parameters>(none()), ranges::<NeedleTable>(none())), (11, 7));
+    assert_eq!(
+        (ranges::<StepSolverSpec>(none()), ranges::<TissueViscositySpec>(none())),
+        (3, 2)
+    );
+    assert_eq!(ranges::<Bevel>(json!({ "r_mm": 0.6 })), 2);
+    assert_eq!(
+        ranges::<ContactProbeSpec>(json!({ "radius_mm": 10, "length_mm": 60 })),
+        4
+    );
+    assert_eq!(ranges::<Peak>(json!({ "density_n_per_mm": 0.1, "width_mm": 6 })), 2);
+    assert_eq!(
+        ranges::<Bone>(json!({ "stiffness_n_per_mm": 40, "penetration_mm": 0.5 })),
+        2
+    );
+    let axes = json!({
+        "origin_mm": [0, 0, 0], "x_axis": [1, 0, 0], "y_axis": [0, 1, 0], "names": { "columns": ["A"], "rows": ["1"] },
+    });
+    assert_eq!((ranges::<PlanSpec>(none()), ranges::<TemplateSpec>(axes)), (3, 1));
+    assert_eq!(ranges::<PlannedNeedle>(json!({ "hole": "A1", "depth_mm": 60 })), 1);
+    assert_eq!(ranges::<TargetSpec>(json!({ "name": "a", "at_mm": [0, 0, 0] })), 1);
+}
+
+#[test]
+fn schemas_say_what_tables_of_solvers_accept() {
+    let none = || json!({});
+    assert_eq!((ranges::<SolverSpec>(none()), ranges::<ViscositySpec>(none())), (2, 1));
+    assert_eq!(ranges::<MaterialSpec>(json!({ "poisson": 0.4 })), 1);
+    assert_eq!(
+        ranges::<CylinderChoice>(json!({ "at_mm": [0, 0, 0], "axis": [0, 0, 1], "radius_mm": 9 })),
+        2
+    );
+    assert_eq!(
+        (ranges::<spec::NeedleSpec>(none()), ranges::<spec::MeshSpec>(none())),
+        (3, 1)
+    );
+    assert_eq!(
+        ranges::<spec::BaseSpec>(json!({ "control_distance_mm": 20, "displacement_mm": 3 })),
+        4
+    );
+    let layer = json!({ "thickness_mm": 9, "model": "yeoh", "compression": "UTru", "initial_length_mm": 50 });
+    assert_eq!(ranges::<spec::LayerSpec>(layer), 6);
+}
+
+#[test]
+#[should_panic(expected = "max_weight: 2 of Some(0.0) to Some(2.0)")]
 fn a_schema_that_says_otherwise_is_noticed() {
     let mut schema = schema_for!(BendingConstraint).to_value();
     schema["properties"]["max_weight"]["maximum"] = 2.into();

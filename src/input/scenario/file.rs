@@ -61,7 +61,7 @@ pub struct ScenarioFile {
     pub adapter: Option<AdapterChoice>,
 }
 
-document::input_file!(ScenarioFile, Cause);
+document::input_file!(ScenarioFile, Cause, in_ranges);
 
 impl ScenarioFile {
     /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.

@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
-use crate::input::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::input::InputError;
+use crate::input::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::mechanics::needle::{self, Bevel, Shaft, beam::bending_stiffness_nmm2};
 use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM};
 use crate::tracking::pose::Pose;
@@ -94,7 +94,7 @@ impl ScenarioFile {
     pub(super) fn needle_settings(&self) -> Result<NeedleSettings, InputError> {
         let table = self.needle_table()?;
         self.in_ranges("needle", table)?;
-        self.in_ranges("needle.bending", &table.bending)?;
+        self.in_ranges("needle.bending", table.bending.as_ref())?;
         let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
         let of_models: [(&str, bool, &[NeedleModel], &str); 5] = [
             (
@@ -153,7 +153,10 @@ impl ScenarioFile {
     }
 
     fn bevel(&self, table: &NeedleTable, length_mm: f64) -> Result<Option<Bevel>, InputError> {
-        let shaft = Shaft { length_mm, ..Shaft::default() };
+        let shaft = Shaft {
+            length_mm,
+            ..Shaft::default()
+        };
         let checked = table.bevel.map_or(Ok(()), |bevel| bevel.check(&shaft));
         checked.map_err(|error| self.wrong_keys(format!("needle.{}", error.key), error.found, error.expected))?;
         Ok(table.bevel)

@@ -92,7 +92,7 @@ impl ScenarioFile {
 
     /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
     pub(super) fn pace(&self) -> Result<[f64; 3], InputError> {
-        self.in_ranges("plan", &self.plan)?;
+        self.in_ranges("plan", self.plan.as_ref())?;
         let plan = self.plan.clone().unwrap_or_default();
         Ok([plan.start_s, plan.speed_mm_s, plan.pause_s])
     }

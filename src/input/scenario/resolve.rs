@@ -298,7 +298,7 @@ impl ScenarioFile {
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, InputError> {
-        self.in_ranges("quality", &self.quality)?;
+        self.in_ranges("quality", self.quality.as_ref())?;
         self.in_ranges("run", &self.run)?;
         self.in_ranges("tissue", &self.tissue)?;
         let modelling = self.modelling()?;
@@ -484,7 +484,12 @@ impl ScenarioFile {
     }
 
     fn timing(&self, scene: &Scene, path: &NeedlePath) -> Result<Timing, InputError> {
-        let RunSpec { dt_ms, duration_s, frame_rate_hz, .. } = self.run;
+        let RunSpec {
+            dt_ms,
+            duration_s,
+            frame_rate_hz,
+            ..
+        } = self.run;
         let dt_s = dt_ms * 1e-3;
         let (needle, probe) = (path.tip(), scene.probe_path());
         let moves = probe.keys().len() > 1;

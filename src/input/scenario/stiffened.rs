@@ -108,8 +108,8 @@ impl ScenarioFile {
             return Ok(None);
         }
         self.no_others()?;
-        self.in_ranges("tissue.solver", &spec.solver)?;
-        self.in_ranges("tissue.viscosity", &spec.viscosity)?;
+        self.in_ranges("tissue.solver", spec.solver.as_ref())?;
+        self.in_ranges("tissue.viscosity", spec.viscosity.as_ref())?;
         let TissueViscositySpec { order, memory, .. } = spec.viscosity.unwrap_or_default();
         Ok(Some((creeps.then_some(Viscosity { order, memory }), self.steps())))
     }

@@ -28,8 +28,8 @@ impl SceneFile {
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Framing, InputError> {
-        self.in_ranges("quality", &self.quality)?;
-        self.in_ranges("motion", &self.motion)?;
+        self.in_ranges("quality", self.quality.as_ref())?;
+        self.in_ranges("motion", self.motion.as_ref())?;
         let volume = self.volume()?;
         let table = self.probe_table(plus, notes, warnings);
         let probe = match table {

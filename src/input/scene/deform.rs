@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
+use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
-use serde::Deserialize;
 
 use super::error::At;
 use super::file::SceneFile;

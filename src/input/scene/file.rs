@@ -73,7 +73,7 @@ pub struct SceneFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(SceneFile, Cause);
+document::input_file!(SceneFile, Cause, in_ranges);
 
 impl SceneFile {
     /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin

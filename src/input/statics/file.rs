@@ -59,10 +59,11 @@ pub struct ProblemFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(ProblemFile, Cause);
+document::input_file!(ProblemFile, Cause, in_ranges);
 
 parameters! {
     /// Material of a region, or of all regions without their own.
+    #[derive(Default)]
     pub struct MaterialSpec with required keys {
         /// Region: its name, a part of its name, or its number. Without one the material applies to all other regions.
         region: Option<RegionName>;

@@ -51,7 +51,8 @@ pub enum CylinderPart {
 impl CylinderChoice {
     /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd number.
     fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, Odd> {
-        let number = |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected).into())));
+        let number =
+            |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected).into())));
         if let Some((name, found, expected)) = self.out_of_range() {
             return number(format!("{key}.{name}"), found, expected);
         }

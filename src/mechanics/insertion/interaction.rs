@@ -133,8 +133,8 @@ impl Interaction {
         }
         let ratio = self.static_ratio;
         check("static_ratio", ratio, ratio >= 1.0, "a finite number of 1 or more")?;
-        self.peak.check_ranges()?;
-        self.bone.check_ranges()
+        self.peak.map_or(Ok(()), |peak| peak.check_ranges())?;
+        self.bone.map_or(Ok(()), |bone| bone.check_ranges())
     }
 }
 

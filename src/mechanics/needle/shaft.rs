@@ -72,7 +72,14 @@ impl Bevel {
         let (r, length) = (self.r_mm, self.length_mm);
         let checked = self
             .check_ranges()
-            .and_then(|()| check("length_mm", length, length <= shaft.length_mm, "at most the length of the needle"))
+            .and_then(|()| {
+                check(
+                    "length_mm",
+                    length,
+                    length <= shaft.length_mm,
+                    "at most the length of the needle",
+                )
+            })
             .and_then(|()| check("r_mm", r, r < length, "less than the length of the bevel"));
         checked.map_err(|error| OutOfRange {
             key: format!("bevel.{}", error.key),

@@ -148,6 +148,7 @@ impl BendingConstraint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::range::Ranges;
 
     #[test]
     fn the_needle_turns_along_the_great_circle() {

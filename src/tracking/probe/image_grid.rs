@@ -6,7 +6,7 @@ use nalgebra::Matrix4;
 use rayon::prelude::*;
 
 use super::{BeamGrid, Bounds, ImageSpec};
-use crate::tracking::error::{TrackingError, in_ranges};
+use crate::tracking::error::{TrackingError, in_range};
 
 /// Value in [`scan_map`] for a pixel outside the sector. Inside it the line coordinate is never negative.
 pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
@@ -37,13 +37,8 @@ impl ImageGrid {
         steps_mm: [[f64; 2]; 2],
         origin_mm: [f64; 2],
     ) -> Result<Self, TrackingError> {
-        let [columns, rows] = [width, height].map(|pixels| u32::try_from(pixels).unwrap_or(u32::MAX));
-        let size = ImageSpec {
-            width: columns,
-            height: rows,
-            ..ImageSpec::default()
-        };
-        in_ranges("image", &size)?;
+        in_range::<ImageSpec>("image", "width", width as f64)?;
+        in_range::<ImageSpec>("image", "height", height as f64)?;
         let grid = Self {
             width,
             height,
@@ -62,11 +57,7 @@ impl ImageGrid {
     /// Creates the largest view of the complete sector: centred laterally, its near edge at the top as on scanners, with
     /// a `margin` (fraction of the width and of the height) on each side.
     pub fn fit(beam: &BeamGrid, width: usize, height: usize, margin: f64) -> Result<Self, TrackingError> {
-        let free = ImageSpec {
-            margin,
-            ..ImageSpec::default()
-        };
-        in_ranges("image", &free)?;
+        in_range::<ImageSpec>("image", "margin", margin)?;
         let Bounds { min, max } = beam.bounds_mm();
         let room = [width, height].map(|pixels| pixels as f64 * (1.0 - 2.0 * margin));
         let pixel = ((max[0] - min[0]) / room[0]).max((max[1] - min[1]) / room[1]);

@@ -29,8 +29,8 @@ impl ProblemFile {
             let expected = "a [history] with `time_s`, `factor` and `step_s`";
             return Err(self.wrong_keys("model", "viscoelastic tissue without a history", expected));
         }
-        self.in_ranges("solver", &self.solver)?;
-        self.in_ranges("viscosity", &self.viscosity)?;
+        self.in_ranges("solver", self.solver.as_ref())?;
+        self.in_ranges("viscosity", self.viscosity.as_ref())?;
         let course = self.course();
         self.check_times(&course)?;
         self.factors("history.factor", &course.factor, &course)?;
