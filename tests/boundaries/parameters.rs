@@ -2,6 +2,7 @@
 
 use std::mem::offset_of;
 
+use insonify::anatomy::acoustics::TissueOverride;
 use insonify::base::range::Ranges;
 use insonify::imaging::effects::{
     Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
@@ -313,6 +314,7 @@ fn schemas_say_what_other_tables_accept() {
         (2, 3)
     );
     assert_eq!((ranges::<Guide>(none()), ranges::<Drive>(none())), (7, 11));
+    assert_eq!(ranges::<TissueOverride>(json!({ "name": "liver" })), 10);
     assert_eq!((ranges::<DeformSpec>(none()), ranges::<MotionSpec>(none())), (2, 1));
     let text = |error: TrackingError| format!("{:?}: {error}", error.key());
     let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 60.0).expect("a probe");
