@@ -300,10 +300,10 @@ impl ScenarioFile {
     pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, InputError> {
         self.in_ranges("quality", self.quality.as_ref())?;
         self.in_ranges("run", &self.run)?;
-        self.in_ranges("tissue", &self.tissue)?;
         let modelling = self.modelling()?;
         let stiffening = self.stiffening()?;
         let needle = self.needle_settings()?;
+        self.in_ranges("tissue", &self.tissue)?;
         self.mover()?;
         let mut targets = self.targets()?;
         let (mut scene, Moving { deposits, guides, .. }, aim) = self.scene_with(&needle, base_dir)?;
