@@ -34,7 +34,7 @@ mod cut;
 mod cylinder;
 pub mod deformed;
 mod error;
-mod file;
+pub mod file;
 pub mod guidance;
 pub mod instruments;
 mod labels;
@@ -67,7 +67,7 @@ use std::path::Path;
 use crate::base::document;
 use crate::input::scene::SceneFile;
 
-pub use file::{RunSpec, ScenarioFile, SceneSource};
+pub use file::{ScenarioFile, SceneSource};
 pub use instruments::{NeedleModel, NeedleTable};
 pub use resolve::Scenario;
 pub use summary::Summary;

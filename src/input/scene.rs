@@ -21,7 +21,7 @@ pub mod deform;
 mod error;
 mod file;
 mod motion;
-mod paths;
+pub mod paths;
 mod recording;
 mod resolve;
 mod target;
@@ -32,7 +32,7 @@ use std::path::Path;
 use nalgebra::{Matrix4, Point3};
 
 pub use file::{PoseTable, SceneFile, VolumeSpec};
-pub use paths::{MotionSpec, NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
+pub use paths::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 
 use crate::imaging::quality::QualitySpec;
 use crate::imaging::synth::tables::{Anatomy, Settings};

@@ -29,7 +29,7 @@
 pub mod course;
 mod error;
 mod fields;
-mod file;
+pub mod file;
 mod loads;
 mod materials;
 mod report;
@@ -38,7 +38,7 @@ mod run;
 pub mod selection;
 
 pub use course::{Model, SchemeName};
-pub use file::{MaterialSpec, ProblemFile};
+pub use file::ProblemFile;
 pub use report::Report;
 
 /// Example problem file with every key of linear tissue.

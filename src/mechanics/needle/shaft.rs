@@ -50,6 +50,7 @@ parameters! {
     /// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is not a dimension of the needle but is
     /// fitted: Goksel et al. 2011 find 0.6 mm for a brachytherapy needle of 0.64 mm radius.
     #[derive(Copy)]
+    #[schemars(rename = "BevelSpec")]
     pub struct Bevel with required keys {
         /// Distance of the tip from the centre line, less than `length_mm`. With 0 the needle has no bevel.
         r_mm: f64, in 0..=5 "mm";

@@ -9,6 +9,7 @@ parameters! {
     /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end are fixed; its tissue
     /// is a single material, by default like liver.
     #[derive(Copy)]
+    #[schemars(rename = "CylinderSpec")]
     pub struct Parameters {
         /// Young's modulus.
         young_kpa: f64 = 10.0, in 1e-6..=1e12 "kPa";
