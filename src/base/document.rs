@@ -91,9 +91,10 @@ impl InvalidFile {
     }
 }
 
-/// Implements reading, parsing and errors at keys for the type of an input file, which keeps its text in `source`.
+/// Implements reading, parsing and errors at keys for the type of an input file, which keeps its text in `source`; with the name `in_ranges`, also
+/// that check.
 macro_rules! input_file {
-    ($file:ty, $wrong:ty) => {
+    ($file:ty, $wrong:ty $(, $in_ranges:ident)?) => {
         impl $file {
             /// Reads a file.
             ///
@@ -131,6 +132,23 @@ macro_rules! input_file {
             ) -> $crate::base::document::Fault<$wrong> {
                 self.fault(key, $crate::base::document::InvalidFile::keys(found, expected))
             }
+
+            $(
+                /// Checks the numbers of a table of this file, if it is there, against their ranges.
+                pub(crate) fn $in_ranges<'a, T: $crate::base::range::Ranges>(
+                    &self,
+                    table: &str,
+                    of: impl Into<Option<&'a T>>,
+                ) -> Result<(), $crate::base::document::Fault<$wrong>> {
+                    match of.into().and_then(T::out_of_range) {
+                        None => Ok(()),
+                        Some((key, found, expected)) => {
+                            let wrong = $crate::base::document::InvalidFile::number(found, expected);
+                            Err(self.fault(format!("{table}.{key}"), wrong))
+                        }
+                    }
+                }
+            )?
         }
     };
 }

@@ -51,10 +51,36 @@ pub(crate) fn within(key: &str, found: f64, range: std::ops::RangeInclusive<f64>
     }
 }
 
+/// Range of a number in a table.
+pub struct Range<T> {
+    /// Key of the number.
+    pub key: &'static str,
+    /// The number, if a table states it.
+    pub stated: fn(&T) -> Option<f64>,
+    /// Whether a finite number is in the range.
+    pub holds: fn(f64) -> bool,
+    /// The range in words.
+    pub expected: &'static str,
+}
+
+impl<T> Range<T> {
+    fn excludes(&self, found: f64) -> bool {
+        !(found.is_finite() && (self.holds)(found))
+    }
+}
+
 /// A table of parameters whose numbers have ranges; [`parameters!`] implements it.
-pub trait Ranges {
+pub trait Ranges: Sized + 'static {
+    /// Ranges of the numbers that have one.
+    const RANGES: &'static [Range<Self>];
+
     /// The first number out of its range, with its key and the range.
-    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)>;
+    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
+        Self::RANGES.iter().find_map(|range| {
+            let found = (range.stated)(self).filter(|found| range.excludes(*found))?;
+            Some((range.key, found, range.expected))
+        })
+    }
 
     /// Checks every number against its range.
     ///
@@ -63,6 +89,20 @@ pub trait Ranges {
     fn check_ranges(&self) -> Result<(), OutOfRange> {
         match self.out_of_range() {
             Some((key, found, expected)) => Err(OutOfRange::new(key, found, expected)),
+            None => Ok(()),
+        }
+    }
+
+    /// Checks a number against the range of a key.
+    ///
+    /// # Errors
+    /// [`OutOfRange`] if it is outside.
+    fn check_number(key: &str, found: f64) -> Result<(), OutOfRange> {
+        match Self::RANGES
+            .iter()
+            .find(|range| range.key == key && range.excludes(found))
+        {
+            Some(range) => Err(OutOfRange::new(key, found, range.expected)),
             None => Ok(()),
         }
     }
@@ -86,50 +126,98 @@ impl Number for u32 {
     }
 }
 
+impl Number for usize {
+    fn stated(&self) -> Option<f64> {
+        Some(*self as f64)
+    }
+}
+
 impl<N: Number> Number for Option<N> {
     fn stated(&self) -> Option<f64> {
         self.as_ref().and_then(N::stated)
     }
 }
 
-/// Declares a table of parameters: each with its description, its type, its default after `=` if that is not the default of the type, and its range,
-/// ends included, after `in`, with the unit for errors. Range and default thus stand once and reach `Default`, [`Ranges`], the documentation and the
-/// JSON schema.
+/// Declares a table of parameters: each with its description, its type, its default after `=` if that is not the default of the type, and its range
+/// with the unit for errors. Range and default thus stand once and reach `Default`, [`Ranges`], the documentation and the JSON schema.
+///
+/// A range begins with `in LOW` or, without that number itself, `above LOW`; it ends with `..=HIGH`, with `..HIGH`, which is not in it, or nowhere.
+/// In a table `with required keys`, all keys are required but those that are an `Option` or `#[serde(default)]`, and there is no `Default`.
 macro_rules! parameters {
-    ($(#[$meta:meta])* pub struct $name:ident {
-        $($(#[$doc:meta])* $key:ident: $type:ty $(= $default:expr)? $(, in $low:literal..=$high:literal $($unit:literal)?)?;)+
+    ($(#[$meta:meta])* pub struct $name:ident $(with $required:ident keys)? {
+        $(
+            $(#[$doc:meta])* $key:ident: $type:ty $(= $default:expr)?
+            $(, in $low:literal $(..=$high:literal)? $(..$below:literal)? $($unit:literal)?)?
+            $(, above $over:literal $(..=$most:literal)? $(..$under:literal)? $($of:literal)?)?;
+        )+
     }) => {
-        $(#[$meta])*
-        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
-        #[serde(deny_unknown_fields, default)]
-        pub struct $name {
-            $(
-                $(#[$doc])*
-                $(#[doc = concat!("From ", $low, " to ", $high, ".")] #[schemars(range(min = $low, max = $high))])?
-                $(#[doc = concat!("Default ", stringify!($default), ".")])?
-                pub $key: $type,
-            )+
-        }
-
-        impl Default for $name {
-            fn default() -> Self {
-                Self { $($key: $crate::base::range::parameters!(@ $($default)?),)+ }
+        $crate::base::range::parameters! {
+            @table [$($required)?]
+            $(#[$meta])*
+            pub struct $name {
+                $(
+                    $(#[$doc])*
+                    $(
+                        #[doc = concat!("Range: ", $crate::base::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?), ".")]
+                        #[schemars(extend("minimum" = $low))]
+                        $(#[schemars(extend("maximum" = $high))])?
+                        $(#[schemars(extend("exclusiveMaximum" = $below))])?
+                    )?
+                    $(
+                        #[doc = concat!("Range: ", $crate::base::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?), ".")]
+                        #[schemars(extend("exclusiveMinimum" = $over))]
+                        $(#[schemars(extend("maximum" = $most))])?
+                        $(#[schemars(extend("exclusiveMaximum" = $under))])?
+                    )?
+                    $(#[doc = concat!("Default ", stringify!($default), ".")])?
+                    pub $key: $type,
+                )+
             }
         }
+        $crate::base::range::parameters! { @default [$($required)?] $name $($key [$($default)?])+ }
 
         impl $crate::base::range::Ranges for $name {
-            fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
-                $($(
-                    let found = $crate::base::range::Number::stated(&self.$key);
-                    if let Some(found) = found.filter(|found| !(f64::from($low)..=f64::from($high)).contains(found)) {
-                        return Some((stringify!($key), found, concat!($low, " to ", $high $(, " ", $unit)?)));
-                    }
-                )?)+
-                None
+            const RANGES: &'static [$crate::base::range::Range<Self>] = &[$(
+                $($crate::base::range::Range {
+                    key: stringify!($key),
+                    stated: |table| $crate::base::range::Number::stated(&table.$key),
+                    holds: |x| x >= f64::from($low) $(&& x <= f64::from($high))? $(&& x < f64::from($below))?,
+                    expected: $crate::base::range::parameters!(@in $low $(..=$high)? $(..$below)? $(, $unit)?),
+                },)?
+                $($crate::base::range::Range {
+                    key: stringify!($key),
+                    stated: |table| $crate::base::range::Number::stated(&table.$key),
+                    holds: |x| x > f64::from($over) $(&& x <= f64::from($most))? $(&& x < f64::from($under))?,
+                    expected: $crate::base::range::parameters!(@above $over $(..=$most)? $(..$under)? $(, $of)?),
+                },)?
+            )+];
+        }
+    };
+    (@table [] $($table:tt)+) => {
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields, default)]
+        $($table)+
+    };
+    (@table [required] $($table:tt)+) => {
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        $($table)+
+    };
+    (@default [] $name:ident $($key:ident [$($default:expr)?])+) => {
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $($key: $crate::base::range::parameters!(@value $($default)?),)+ }
             }
         }
     };
-    (@ $default:expr) => { $default };
-    (@) => { Default::default() };
+    (@default [required] $name:ident $($key:ident [])+) => {};
+    (@value $default:expr) => { $default };
+    (@value) => { Default::default() };
+    (@in $low:literal..=$high:literal $(, $unit:literal)?) => { concat!($low, " to ", $high $(, " ", $unit)?) };
+    (@in $low:literal..$below:literal $(, $unit:literal)?) => { concat!($low, " to below ", $below $(, " ", $unit)?) };
+    (@in $low:literal $(, $unit:literal)?) => { concat!($low $(, " ", $unit)?, " or more") };
+    (@above $low:literal..=$high:literal $(, $unit:literal)?) => { concat!("above ", $low, ", at most ", $high $(, " ", $unit)?) };
+    (@above $low:literal..$below:literal $(, $unit:literal)?) => { concat!("above ", $low, ", below ", $below $(, " ", $unit)?) };
+    (@above $low:literal $(, $unit:literal)?) => { concat!("above ", $low $(, " ", $unit)?) };
 }
 pub(crate) use parameters;

@@ -148,11 +148,11 @@ impl<P: Parameters> Setting for Option<P> {
 
     fn validate(&self) -> Result<(), OutOfRange> {
         let Some(own) = self else { return Ok(()) };
-        own.check_others()?;
         own.check_ranges().map_err(|error| OutOfRange {
             expected: format!("a number from {}", error.expected),
             ..error
-        })
+        })?;
+        own.check_others()
     }
 }
 

@@ -34,9 +34,9 @@ mod cut;
 mod cylinder;
 pub mod deformed;
 mod error;
-mod file;
+pub mod file;
 pub mod guidance;
-mod instruments;
+pub mod instruments;
 mod labels;
 pub mod manipulator;
 mod mesh;
@@ -44,7 +44,7 @@ mod model;
 mod modelling;
 mod needle;
 mod plan;
-mod planned;
+pub mod planned;
 pub mod points;
 mod probe;
 #[cfg(feature = "cli")]
@@ -55,11 +55,11 @@ pub mod run;
 mod scene;
 #[cfg(feature = "cli")]
 mod section;
-mod stiffened;
+pub mod stiffened;
 mod summary;
 #[cfg(test)]
 mod tests;
-mod tissue;
+pub mod tissue;
 mod trial;
 
 use std::path::Path;

@@ -21,7 +21,7 @@ pub mod deform;
 mod error;
 mod file;
 mod motion;
-mod paths;
+pub mod paths;
 mod recording;
 mod resolve;
 mod target;
@@ -31,7 +31,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Point3};
 
-pub use file::{ImageSpec, PoseTable, SceneFile, VolumeSpec};
+pub use file::{PoseTable, SceneFile, VolumeSpec};
 pub use paths::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 
 use crate::imaging::quality::QualitySpec;
@@ -40,6 +40,7 @@ use crate::imaging::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthe
 use crate::input::{Cause, InputError};
 use crate::tracking::needle::{NeedlePath, NeedlePose};
 use crate::tracking::pose::Pose;
+pub use crate::tracking::probe::ImageSpec;
 use crate::tracking::sequence::SequenceFrame;
 use crate::tracking::trajectory::Trajectory;
 use crate::tracking::world::World;

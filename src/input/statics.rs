@@ -26,16 +26,16 @@
 //! # Ok::<(), insonify::input::InputError>(())
 //! ```
 
-mod course;
+pub mod course;
 mod error;
 mod fields;
-mod file;
+pub mod file;
 mod loads;
 mod materials;
 mod report;
 mod resolve;
 mod run;
-pub(crate) mod selection;
+pub mod selection;
 
 pub use course::{Model, SchemeName};
 pub use file::ProblemFile;

@@ -129,6 +129,11 @@ pub(super) fn in_ranges(of: &str, table: &impl Ranges) -> Result<(), TrackingErr
     }
 }
 
+/// An error unless a number lies within the range that a table `T` has for its key.
+pub(super) fn in_range<T: Ranges>(of: &str, key: &'static str, found: f64) -> Result<(), TrackingError> {
+    T::check_number(key, found).map_err(|error| outside(of, key, found, &error.expected))
+}
+
 fn outside(of: &str, key: &'static str, found: f64, expected: &str) -> TrackingError {
     TrackingError::at(key, format!("{of} key `{key}` is {found}; expected {expected}"))
 }

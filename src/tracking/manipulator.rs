@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize};
 
 use super::TrackingError;
 use super::pose::Pose;
+use crate::base::range::parameters;
 
 /// Range of horizontal positioning about its middle, mm: a travel of 40 mm (section 2.3).
 pub const POSITION_MM: [f64; 2] = [-20.0, 20.0];
@@ -37,39 +38,25 @@ const IN_PLANE: [f64; 2] = [0.05, 1e-3];
 /// Excess over a range that counts as rounding.
 const ROUNDING: f64 = 1e-9;
 
-/// Dimensions of the guide, mm. Kobayashi et al. 2010 give none but the ranges and the outer size of 80 x 90 x 44 mm: the defaults are choices
-/// that fit into it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Guide {
-    /// Lateral position of the pivot in the middle of its travel, in the frame of the probe, mm (-200 to 200). Default 40.
-    pub side_mm: f64,
-    /// Distance of the pivot behind the centre of the array, mm (-100 to 200). Default 13.
-    pub behind_mm: f64,
-    /// Angle of the needle in the middle of its range to the axial direction of the probe, positive towards the marked side, degrees
-    /// (-50 to 50). Default -30.
-    pub tilt_deg: f64,
-    /// Distance of the tip of the withdrawn needle from the pivot, mm (0 to 200). Default 15: the tip is then level with the array.
-    pub standoff_mm: f64,
-    /// Length of the crank, mm (1 to 100). Default 20.
-    pub crank_mm: f64,
-    /// Length of the rod, mm (1 to 200). Default 25.
-    pub rod_mm: f64,
-    /// Height of the rail of slide II above the pivot, mm (-100 to 100). Default 20.
-    pub rail_mm: f64,
-}
-
-impl Default for Guide {
-    fn default() -> Self {
-        Self {
-            side_mm: 40.0,
-            behind_mm: 13.0,
-            tilt_deg: -30.0,
-            standoff_mm: 15.0,
-            crank_mm: 20.0,
-            rod_mm: 25.0,
-            rail_mm: 20.0,
-        }
+parameters! {
+    /// Dimensions of the guide. Kobayashi et al. 2010 give none but the ranges and the outer size of 80 x 90 x 44 mm: the defaults are choices
+    /// that fit into it.
+    #[derive(Copy)]
+    pub struct Guide {
+        /// Lateral position of the pivot in the middle of its travel, in the frame of the probe, mm.
+        side_mm: f64 = 40.0, in -200..=200;
+        /// Distance of the pivot behind the centre of the array, mm.
+        behind_mm: f64 = 13.0, in -100..=200;
+        /// Angle of the needle in the middle of its range to the axial direction of the probe, positive towards the marked side, degrees.
+        tilt_deg: f64 = -30.0, in -50..=50;
+        /// Distance of the tip of the withdrawn needle from the pivot, mm. By default the tip is then level with the array.
+        standoff_mm: f64 = 15.0, in 0..=200;
+        /// Length of the crank, mm.
+        crank_mm: f64 = 20.0, in 1..=100;
+        /// Length of the rod, mm.
+        rod_mm: f64 = 25.0, in 1..=200;
+        /// Height of the rail of slide II above the pivot, mm.
+        rail_mm: f64 = 20.0, in -100..=100;
     }
 }
 
@@ -101,18 +88,7 @@ impl Guide {
     /// # Errors
     /// [`TrackingError`] with the key.
     pub fn check(&self) -> Result<(), TrackingError> {
-        let numbers = [
-            ("side_mm", self.side_mm, [-200.0, 200.0]),
-            ("behind_mm", self.behind_mm, [-100.0, 200.0]),
-            ("tilt_deg", self.tilt_deg, [-50.0, 50.0]),
-            ("standoff_mm", self.standoff_mm, [0.0, 200.0]),
-            ("crank_mm", self.crank_mm, [1.0, 100.0]),
-            ("rod_mm", self.rod_mm, [1.0, 200.0]),
-            ("rail_mm", self.rail_mm, [-100.0, 100.0]),
-        ];
-        for (key, found, range) in numbers {
-            super::error::within("manipulator", key, found, range)?;
-        }
+        super::error::in_ranges("manipulator", self)?;
         let [low, high] = POSTURE_DEG;
         for at in 0..=60 {
             let degrees = low + (high - low) * f64::from(at) / 60.0;

@@ -197,25 +197,59 @@ fn too_large(key: &'static str, found: &[f64]) -> TrackingError {
     )
 }
 
-/// Keys of a pose: either `matrix`, or `position_mm` and `direction` with optional keys.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(test, derive(serde::Deserialize))]
-pub struct PoseSpec {
-    /// Centre of the array in the world (LPS), mm.
-    pub position_mm: Option<[f64; 3]>,
-    /// Axial direction of the probe in the world; any length.
-    pub direction: Option<[f64; 3]>,
-    /// Approximate direction of the marked side in the world; any length, orthogonalised to `direction`. Default: the
-    /// patient's left, or the feet if the probe points along the left-right axis.
-    pub lateral: Option<[f64; 3]>,
-    /// Rotation about the axial direction, degrees. Default 0.
-    pub rotate_deg: Option<f64>,
-    /// Rotation within the image plane, towards the marked side when negative, degrees. Default 0.
-    pub rock_deg: Option<f64>,
-    /// Rotation out of the image plane, degrees. Default 0.
-    pub tilt_deg: Option<f64>,
-    /// Probe-to-world transform, mm: rigid.
-    pub matrix: Option<Rows>,
+/// Declares a table that ends with the keys of a pose, which convert to a [`PoseSpec`].
+macro_rules! pose_table {
+    ($(#[$meta:meta])* pub struct $name:ident { $($(#[$doc:meta])* $key:ident: $type:ty;)* }) => {
+        $(#[$meta])*
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema)]
+        #[serde(deny_unknown_fields)]
+        pub struct $name {
+            $($(#[$doc])* pub $key: $type,)*
+            /// Centre of the array in the world (LPS), mm.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            pub position_mm: Option<[f64; 3]>,
+            /// Axial direction of the probe in the world; any length.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            pub direction: Option<[f64; 3]>,
+            /// Approximate direction of the marked side in the world; any length, orthogonalised to `direction`. Default: carried on from the previous
+            /// keyframe by the smallest rotation; without one the patient's left, or the feet if the probe points along the left-right axis.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            pub lateral: Option<[f64; 3]>,
+            /// Rotation about the axial direction, degrees. Default 0.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            pub rotate_deg: Option<f64>,
+            /// Rotation within the image plane, towards the marked side when negative, degrees. Default 0.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            pub rock_deg: Option<f64>,
+            /// Rotation out of the image plane, degrees. Default 0.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            pub tilt_deg: Option<f64>,
+            /// Probe-to-world transform, mm: rigid.
+            #[serde(default, skip_serializing_if = "Option::is_none")]
+            pub matrix: Option<$crate::base::matrix::Rows>,
+        }
+
+        impl From<&$name> for $crate::tracking::pose::PoseSpec {
+            fn from(table: &$name) -> Self {
+                Self {
+                    position_mm: table.position_mm,
+                    direction: table.direction,
+                    lateral: table.lateral,
+                    rotate_deg: table.rotate_deg,
+                    rock_deg: table.rock_deg,
+                    tilt_deg: table.tilt_deg,
+                    matrix: table.matrix,
+                }
+            }
+        }
+    };
+}
+pub(crate) use pose_table;
+
+pose_table! {
+    /// Keys of a pose: either `matrix`, or `position_mm` and `direction` with optional keys.
+    #[derive(Default)]
+    pub struct PoseSpec {}
 }
 
 impl PoseSpec {

@@ -9,7 +9,7 @@ mod spec;
 
 pub use beam::{BeamGrid, Bounds, Ray};
 pub use image_grid::{ImageGrid, OUTSIDE, scan_map};
-pub use spec::{ProbeKind, ProbeSpec};
+pub use spec::{GridSpec, ImageSpec, ProbeKind, ProbeSpec};
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -10,9 +10,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::TrackingError;
-use super::pose::{Pose, PoseSpec};
+use super::pose::{Pose, PoseSpec, pose_table};
 use super::world::World;
-use crate::base::matrix::Rows;
 
 /// Interpolation of positions between keyframes. Rotations follow the shortest arc at constant speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -108,8 +107,7 @@ impl Trajectory {
     ) -> Result<Self, TrackingError> {
         let mut keys: Vec<(f64, Pose)> = Vec::with_capacity(keyframes.len());
         for (index, keyframe) in keyframes.iter().enumerate() {
-            let pose = keyframe
-                .pose()
+            let pose = PoseSpec::from(keyframe)
                 .in_lps(world)
                 .pose(keys.last().map(|(_, pose)| pose))
                 .map_err(|error| error.of_keyframe(index))?;
@@ -226,48 +224,11 @@ fn empty() -> TrackingError {
     TrackingError::new("a trajectory without poses; expected at least one")
 }
 
-/// A timed pose as written in a file: [`PoseSpec`] with a time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct KeyframeSpec {
-    /// Time, s; later than that of the previous keyframe.
-    pub time_s: f64,
-    /// Centre of the array in the world (LPS), mm.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub position_mm: Option<[f64; 3]>,
-    /// Axial direction of the probe in the world; any length.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub direction: Option<[f64; 3]>,
-    /// Approximate direction of the marked side in the world. Default: carried on from the previous keyframe by the
-    /// smallest rotation.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub lateral: Option<[f64; 3]>,
-    /// Rotation about the axial direction, degrees. Default 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rotate_deg: Option<f64>,
-    /// Rotation within the image plane, degrees. Default 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rock_deg: Option<f64>,
-    /// Rotation out of the image plane, degrees. Default 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub tilt_deg: Option<f64>,
-    /// Probe-to-world transform, mm: rigid.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub matrix: Option<Rows>,
-}
-
-impl KeyframeSpec {
-    /// Returns the pose without its time.
-    pub fn pose(&self) -> PoseSpec {
-        PoseSpec {
-            position_mm: self.position_mm,
-            direction: self.direction,
-            lateral: self.lateral,
-            rotate_deg: self.rotate_deg,
-            rock_deg: self.rock_deg,
-            tilt_deg: self.tilt_deg,
-            matrix: self.matrix,
-        }
+pose_table! {
+    /// A timed pose as written in a file.
+    pub struct KeyframeSpec {
+        /// Time, s; later than that of the previous keyframe.
+        time_s: f64;
     }
 }
 

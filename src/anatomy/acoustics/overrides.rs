@@ -2,72 +2,71 @@
 
 use std::borrow::Cow;
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::{Tissue, presets};
+use crate::base::range::{Ranges, parameters};
 
-/// A `[[tissue]]` of a scene. Keys left open keep the value of the base preset: `like`, else the preset of the same
-/// name, else `soft_tissue`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct TissueOverride {
-    /// Name, unique in the scene. The name of a preset changes that preset wherever it is used.
-    pub name: String,
-    /// The preset to start from.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub like: Option<String>,
-    /// Label values in the volume's file that have this tissue.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub labels: Vec<i64>,
-    /// Label names in the volume's file that have this tissue; case, spaces and punctuation are ignored.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub label_names: Vec<String>,
-    /// Colour in label maps, sRGB, 0 to 255 each.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub colour: Option<[u8; 3]>,
-    /// Name of a solid texture; `"none"` for a constant echo.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub texture: Option<String>,
-    /// Factor on the lengths in the texture, 0.05 to 20.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub texture_scale: Option<f64>,
-    /// World direction (LPS) of the texture's first axis: along muscle fibres, across layers of fat.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub texture_direction: Option<[f64; 3]>,
-    /// Mean echo amplitude, dB relative to normal liver, -100 to 60.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub echogenicity_db: Option<f64>,
-    /// One-way attenuation, dB/cm/MHz, 0 to 50.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub attenuation_db_cm_mhz: Option<f64>,
-    /// Fraction of the amplitude lost per millimetre in addition to attenuation, 0 to 1.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub occlusion_per_mm: Option<f64>,
-    /// Characteristic acoustic impedance, MRayl, 0.0001 to 10.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub impedance_mrayl: Option<f64>,
-    /// Reflection coefficient of the capsule or wall around it, 0 to 1; neighbours that both have one reflect by the difference.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub capsule: Option<f64>,
-    /// Young's modulus, kPa, 0.001 to 1e8.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub young_kpa: Option<f64>,
-    /// In place of `young_kpa`: shear modulus G, kPa. Young's modulus is 2 (1 + poisson) G.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub shear_kpa: Option<f64>,
-    /// Poisson's ratio, 0 to 0.4999.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub poisson: Option<f64>,
-    /// Friction of a needle shaft, N/mm, 0 to 10.
-    #[serde(default, alias = "needle_friction_n_mm", skip_serializing_if = "Option::is_none")]
-    pub friction_n_per_mm: Option<f64>,
-    /// Force to cut the tissue with a needle tip, N, 0 to 1000.
-    #[serde(default, alias = "cutting_force_n", skip_serializing_if = "Option::is_none")]
-    pub cutting_n: Option<f64>,
-    /// Whether a probe without a stated pose may be aimed at it.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub soft_organ: Option<bool>,
+parameters! {
+    /// A `[[tissue]]` of a scene. Keys left open keep the value of the base preset: `like`, else the preset of the same
+    /// name, else `soft_tissue`.
+    #[derive(Default)]
+    pub struct TissueOverride with required keys {
+        /// Name, unique in the scene. The name of a preset changes that preset wherever it is used.
+        name: String;
+        /// The preset to start from.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        like: Option<String>;
+        /// Label values in the volume's file that have this tissue.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        labels: Vec<i64>;
+        /// Label names in the volume's file that have this tissue; case, spaces and punctuation are ignored.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        label_names: Vec<String>;
+        /// Colour in label maps, sRGB, 0 to 255 each.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        colour: Option<[u8; 3]>;
+        /// Name of a solid texture; `"none"` for a constant echo.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        texture: Option<String>;
+        /// Factor on the lengths in the texture.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        texture_scale: Option<f64>, in 0.05..=20;
+        /// World direction (LPS) of the texture's first axis: along muscle fibres, across layers of fat.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        texture_direction: Option<[f64; 3]>;
+        /// Mean echo amplitude relative to normal liver.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        echogenicity_db: Option<f64>, in -100..=60 "dB";
+        /// One-way attenuation.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        attenuation_db_cm_mhz: Option<f64>, in 0..=50 "dB/cm/MHz";
+        /// Fraction of the amplitude lost per millimetre in addition to attenuation.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        occlusion_per_mm: Option<f64>, in 0..=1;
+        /// Characteristic acoustic impedance.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        impedance_mrayl: Option<f64>, in 0.0001..=10 "MRayl";
+        /// Reflection coefficient of the capsule or wall around it; neighbours that both have one reflect by the difference.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        capsule: Option<f64>, in 0..=1;
+        /// Young's modulus.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        young_kpa: Option<f64>, in 0.001..=1e8 "kPa";
+        /// In place of `young_kpa`: shear modulus G, kPa. Young's modulus is 2 (1 + poisson) G.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        shear_kpa: Option<f64>;
+        /// Poisson's ratio.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        poisson: Option<f64>, in 0..=0.4999;
+        /// Friction of a needle shaft.
+        #[serde(alias = "needle_friction_n_mm", skip_serializing_if = "Option::is_none")]
+        friction_n_per_mm: Option<f64>, in 0..=10 "N/mm";
+        /// Force to cut the tissue with a needle tip.
+        #[serde(alias = "cutting_force_n", skip_serializing_if = "Option::is_none")]
+        cutting_n: Option<f64>, in 0..=1000 "N";
+        /// Whether a probe without a stated pose may be aimed at it.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        soft_organ: Option<bool>;
+    }
 }
 
 /// Why the tissues of a scene are invalid. All causes are user errors.
@@ -83,7 +82,7 @@ pub enum TissueError {
         /// Value found.
         found: String,
         /// Expected range.
-        expected: &'static str,
+        expected: String,
     },
     /// A tissue has no name.
     #[error("tissue {position} (counted from 1): name is empty, expected a name such as \"liver\"")]
@@ -178,11 +177,11 @@ impl TissueOverride {
             cutting_n: self.cutting_n.unwrap_or(base.cutting_n),
             soft_organ: self.soft_organ.unwrap_or(base.soft_organ),
         };
-        let of_shear = |found: String, expected| TissueError::Range {
+        let of_shear = |found: String, expected: &str| TissueError::Range {
             tissue: self.name.clone(),
             key: "shear_kpa",
             found,
-            expected,
+            expected: expected.to_owned(),
         };
         match (self.shear_kpa, check(&tissue, &self.name)) {
             (Some(shear), _) if self.young_kpa.is_some() => {
@@ -204,40 +203,29 @@ pub(super) fn check(tissue: &Tissue, name: &str) -> Result<(), TissueError> {
         found,
         expected,
     };
-    let numbers = [
-        ("texture_scale", tissue.texture_scale, 0.05, 20.0, "0.05 to 20"),
-        ("echogenicity_db", tissue.echogenicity_db, -100.0, 60.0, "-100 to 60 dB"),
-        (
-            "attenuation_db_cm_mhz",
-            tissue.attenuation_db_cm_mhz,
-            0.0,
-            50.0,
-            "0 to 50 dB/cm/MHz",
-        ),
-        ("occlusion_per_mm", tissue.occlusion_per_mm, 0.0, 1.0, "0 to 1"),
-        (
-            "impedance_mrayl",
-            tissue.impedance_mrayl,
-            0.0001,
-            10.0,
-            "0.0001 to 10 MRayl",
-        ),
-        ("capsule", tissue.capsule, 0.0, 1.0, "0 to 1"),
-        ("young_kpa", tissue.young_kpa, 0.001, 1e8, "0.001 to 1e8 kPa"),
-        ("poisson", tissue.poisson, 0.0, 0.4999, "0 to 0.4999"),
-        ("friction_n_per_mm", tissue.friction_n_per_mm, 0.0, 10.0, "0 to 10 N/mm"),
-        ("cutting_n", tissue.cutting_n, 0.0, 1000.0, "0 to 1000 N"),
-    ];
-    for (key, found, low, high, expected) in numbers {
-        if !(low..=high).contains(&found) {
-            return Err(error(key, found.to_string(), expected));
-        }
+    for (key, found) in [
+        ("texture_scale", tissue.texture_scale),
+        ("echogenicity_db", tissue.echogenicity_db),
+        ("attenuation_db_cm_mhz", tissue.attenuation_db_cm_mhz),
+        ("occlusion_per_mm", tissue.occlusion_per_mm),
+        ("impedance_mrayl", tissue.impedance_mrayl),
+        ("capsule", tissue.capsule),
+        ("young_kpa", tissue.young_kpa),
+        ("poisson", tissue.poisson),
+        ("friction_n_per_mm", tissue.friction_n_per_mm),
+        ("cutting_n", tissue.cutting_n),
+    ] {
+        TissueOverride::check_number(key, found).map_err(|wrong| error(key, wrong.found, wrong.expected))?;
     }
     if let Some(direction) = tissue.texture_direction {
         let length = direction.iter().map(|x| x * x).sum::<f64>().sqrt();
         if !(length.is_finite() && length > 1e-9) {
             let expected = "three finite numbers, not all 0";
-            return Err(error("texture_direction", format!("{direction:?}"), expected));
+            return Err(error(
+                "texture_direction",
+                format!("{direction:?}"),
+                expected.to_owned(),
+            ));
         }
     }
     Ok(())

@@ -81,7 +81,7 @@ const FULL_OCCLUSION_DB_MM: f64 = 200.0;
 
 impl Parameters for Shadow {
     fn check_others(&self) -> Result<(), OutOfRange> {
-        let holds = self.f_number == 0.0 || (0.5..=20.0).contains(&self.f_number);
+        let holds = self.f_number == 0.0 || self.f_number >= 0.5;
         check("f_number", self.f_number, holds, "0, or a number from 0.5 to 20")
     }
 }

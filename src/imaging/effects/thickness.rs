@@ -30,7 +30,7 @@ impl Parameters for Thickness {
     const USUAL: bool = false;
 
     fn check_others(&self) -> Result<(), OutOfRange> {
-        let holds = self.planes % 2 == 1 && (3..=MAX_PLANES as u32).contains(&self.planes);
+        let holds = self.planes % 2 == 1;
         let expected = format!("an odd number from 3 to {MAX_PLANES}");
         check("planes", f64::from(self.planes), holds, expected)
     }

@@ -1,13 +1,12 @@
 //! Resolution of a case file to a beam, and its shape.
 
-use super::file::{CaseFile, LayerSpec, ModelName};
+use super::file::CaseFile;
 use crate::base::document::InvalidFile;
 use crate::base::range::OutOfRange;
 use crate::input::{Cause, InputError};
 use crate::mechanics::needle::beam::inverse::{self, Wanted};
-use crate::mechanics::needle::beam::{
-    Base, BeamError, FoundationBeam, Layer, Material, Problem, Shape, bending_stiffness_nmm2,
-};
+use crate::mechanics::needle::beam::spec::LayerSpec;
+use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Layer, Problem, Shape, bending_stiffness_nmm2};
 
 /// A case with all numbers in their ranges.
 #[derive(Clone, Debug)]
@@ -21,77 +20,14 @@ pub struct Case {
     pub measured_mm: Vec<[f64; 2]>,
 }
 
-impl LayerSpec {
-    /// Returns the material, or the key that is missing (`false`) or superfluous (`true`).
-    fn material(&self) -> Result<Material, (&'static str, bool)> {
-        let given = [
-            ("mu_kpa", self.mu_kpa),
-            ("alpha", self.alpha),
-            ("c10_kpa", self.c10_kpa),
-            ("c01_kpa", self.c01_kpa),
-            ("c20_kpa", self.c20_kpa),
-        ];
-        let keys = self.model.keys();
-        if let Some((key, _)) = given.iter().find(|(key, value)| value.is_some() && !keys.contains(key)) {
-            return Err((key, true));
-        }
-        let number = |key: &'static str| {
-            let value = given
-                .iter()
-                .find(|(name, _)| *name == key)
-                .and_then(|(_, value)| *value);
-            value.ok_or((key, false))
-        };
-        Ok(match self.model {
-            ModelName::Ogden => Material::Ogden {
-                mu_kpa: number("mu_kpa")?,
-                alpha: number("alpha")?,
-            },
-            ModelName::NeoHookean => Material::NeoHookean {
-                mu_kpa: number("mu_kpa")?,
-            },
-            ModelName::MooneyRivlin => Material::MooneyRivlin {
-                c10_kpa: number("c10_kpa")?,
-                c01_kpa: number("c01_kpa")?,
-            },
-            ModelName::Yeoh => Material::Yeoh {
-                c10_kpa: number("c10_kpa")?,
-                c20_kpa: number("c20_kpa")?,
-            },
-        })
-    }
-}
-
-impl ModelName {
-    fn name(self) -> &'static str {
-        match self {
-            ModelName::Ogden => "ogden",
-            ModelName::NeoHookean => "neo-hookean",
-            ModelName::MooneyRivlin => "mooney-rivlin",
-            ModelName::Yeoh => "yeoh",
-        }
-    }
-
-    /// Keys of the parameters of a model.
-    fn keys(self) -> &'static [&'static str] {
-        match self {
-            ModelName::Ogden => &["mu_kpa", "alpha"],
-            ModelName::NeoHookean => &["mu_kpa"],
-            ModelName::MooneyRivlin => &["c10_kpa", "c01_kpa"],
-            ModelName::Yeoh => &["c10_kpa", "c20_kpa"],
-        }
-    }
-}
-
 impl CaseFile {
     /// Checks every number.
     ///
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
     pub fn resolve(self) -> Result<Case, InputError> {
-        let displacement_mm = self.within("base.displacement_mm", self.base.displacement_mm, [-1e6, 1e6], "mm")?;
-        let slope = self.base.slope;
-        let slope = slope.map(|slope| self.within("base.slope", slope, [-1e6, 1e6], ""));
+        self.in_ranges("base", &self.base)?;
+        self.in_ranges("needle", &self.needle)?;
         if self.base.slope.is_some() && self.base.pivot_mm.is_some() {
             let found = "`pivot_mm` of a base whose `slope` is prescribed";
             return Err(self.wrong_keys(
@@ -119,8 +55,8 @@ impl CaseFile {
             self.number(format!("{table}.{}", error.key), error)
         })?;
         let base = Base {
-            displacement_mm,
-            slope: slope.transpose()?,
+            displacement_mm: self.base.displacement_mm,
+            slope: self.base.slope,
         };
         let measured_mm = self.measured_mm()?;
         Ok(Case {
@@ -129,14 +65,6 @@ impl CaseFile {
             measured_mm,
             file: self,
         })
-    }
-
-    fn within(&self, key: &str, found: f64, [low, high]: [f64; 2], unit: &str) -> Result<f64, InputError> {
-        let expected = format!("{low} to {high} {unit}");
-        match (low..=high).contains(&found) {
-            true => Ok(found),
-            false => Err(self.fault(key, InvalidFile::number(found, expected))),
-        }
     }
 
     /// Bending stiffness, given or of a rod or tube.
@@ -150,7 +78,7 @@ impl CaseFile {
         if let Some(stiffness) = needle.bending_stiffness_nmm2 {
             let beside = section.iter().find(|(_, given)| given.is_some());
             return match beside {
-                None => self.within("needle.bending_stiffness_nmm2", stiffness, [1e-6, 1e12], "N mm^2"),
+                None => Ok(stiffness),
                 Some((key, _)) => {
                     let found = format!("`{key}` beside `bending_stiffness_nmm2`");
                     let expected = "one of them: the stiffness follows from modulus and diameters";
@@ -167,8 +95,6 @@ impl CaseFile {
             let expected = "`young_gpa` and `diameter_mm`, or `bending_stiffness_nmm2`";
             return Err(self.wrong_keys(format!("needle.{missing}"), format!("no `{missing}`"), expected));
         };
-        let young_gpa = self.within("needle.young_gpa", young_gpa, [1e-3, 1e4], "GPa")?;
-        let outer_mm = self.within("needle.diameter_mm", outer_mm, [0.01, 10.0], "mm")?;
         let inner_mm = needle.inner_diameter_mm.unwrap_or(0.0);
         if !(0.0..outer_mm).contains(&inner_mm) {
             let expected = format!("0 to below the outer diameter, {outer_mm} mm");

@@ -1,8 +1,5 @@
 //! Mass-spring cylinder of a scenario, and the anatomy before it is placed.
 
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-
 use super::file::ScenarioFile;
 use super::labels::Labels;
 use super::tissue::TissueModel;
@@ -16,36 +13,6 @@ use crate::tracking::trajectory::Trajectory;
 
 /// Default length of the cylinder relative to the path of the tip: its far end is fixed.
 const BEYOND: f64 = 1.25;
-
-/// Cylinder of masses and springs around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end are
-/// fixed; its tissue is a single material.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct CylinderSpec {
-    /// Young's modulus, kPa (above 0). Default 10.
-    pub young_kpa: Option<f64>,
-    /// Density, kg/m^3 (above 0). Default 1000.
-    pub density_kg_per_m3: Option<f64>,
-    /// Rate at which a free node loses its velocity, 1/s (0 or more). Default 200.
-    pub damping_per_s: Option<f64>,
-    /// Damping of each spring over its stiffness, s (0 or more). Default 1e-4.
-    pub spring_damping_s: Option<f64>,
-    /// Radius, mm (above 0). Default 25.
-    pub radius_mm: Option<f64>,
-    /// Length below the skin, mm (above 0). Default: 1.25 times the path of the tip.
-    pub length_mm: Option<f64>,
-    /// Number of rings of nodes around the axis (1 to 64). Default 5.
-    pub rings: Option<u32>,
-    /// Number of nodes of the first ring (3 to 12). Default 6.
-    pub sectors: Option<u32>,
-    /// Number of layers of elements along the axis (2 to 1000). Default: layers as thick as rings are wide.
-    pub layers: Option<u32>,
-    /// The tip node is penetrated when the far face is nearer than this fraction of its circumference (0.005 to 0.2). Default
-    /// 0.05.
-    pub lambda: Option<f64>,
-    /// Maximum number of substeps of a step (1 to 4096). Default 100.
-    pub most_substeps: Option<u32>,
-}
 
 impl ScenarioFile {
     /// Parameters of the cylinder, for the mass-spring model.
@@ -81,7 +48,13 @@ impl ScenarioFile {
             let found = "a probe in contact with a mass-spring model, which has no part for it";
             return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
         }
-        let parameters = parameters(&spec.cylinder.unwrap_or_default(), path);
+        let mut parameters = spec.cylinder.unwrap_or_default();
+        let keys = path.keys();
+        let way = keys
+            .iter()
+            .map(|key| (key.pose.position_mm() - keys[0].pose.position_mm()).norm());
+        let way = way.fold(0.0, f64::max);
+        parameters.length_mm.get_or_insert((BEYOND * way).max(1.0));
         parameters.check().map_err(|error| self.spring_fault(error))?;
         Ok(Some(parameters))
     }
@@ -106,31 +79,5 @@ impl ScenarioFile {
         let regions = vec![0; elements.len()];
         TetMesh::new(tissue.reference, elements, regions)
             .map_err(|error| self.fault("tissue.cylinder", Cause::Mesh(error)))
-    }
-}
-
-fn parameters(spec: &CylinderSpec, path: &Trajectory) -> Parameters {
-    let usual = Parameters::default();
-    let keys = path.keys();
-    let way = keys
-        .iter()
-        .map(|key| (key.pose.position_mm() - keys[0].pose.position_mm()).norm());
-    let way = way.fold(0.0, f64::max);
-    let length_mm = spec.length_mm.unwrap_or((BEYOND * way).max(1.0));
-    let radius_mm = spec.radius_mm.unwrap_or(usual.radius_mm);
-    let rings = spec.rings.map_or(usual.rings, |rings| rings as usize);
-    let layers = (length_mm * rings as f64 / radius_mm).round().clamp(2.0, 1000.0) as usize;
-    Parameters {
-        young_kpa: spec.young_kpa.unwrap_or(usual.young_kpa),
-        density_kg_per_m3: spec.density_kg_per_m3.unwrap_or(usual.density_kg_per_m3),
-        damping_per_s: spec.damping_per_s.unwrap_or(usual.damping_per_s),
-        spring_damping_s: spec.spring_damping_s.unwrap_or(usual.spring_damping_s),
-        radius_mm,
-        length_mm,
-        rings,
-        sectors: spec.sectors.map_or(usual.sectors, |sectors| sectors as usize),
-        layers: spec.layers.map_or(layers, |layers| layers as usize),
-        lambda: spec.lambda.unwrap_or(usual.lambda),
-        most_substeps: spec.most_substeps.map_or(usual.most_substeps, |most| most as usize),
     }
 }

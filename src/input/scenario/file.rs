@@ -14,6 +14,7 @@ use super::planned::PlanSpec;
 use super::points::ReportSpec;
 use super::tissue::TissueSpec;
 use crate::base::document::{self, Source, Version};
+use crate::base::range::parameters;
 use crate::gpu::AdapterChoice;
 use crate::imaging::quality::QualitySpec;
 use crate::input::Cause;
@@ -60,7 +61,7 @@ pub struct ScenarioFile {
     pub adapter: Option<AdapterChoice>,
 }
 
-document::input_file!(ScenarioFile, Cause);
+document::input_file!(ScenarioFile, Cause, in_ranges);
 
 impl ScenarioFile {
     /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.
@@ -105,18 +106,18 @@ impl<'de> Deserialize<'de> for SceneSource {
     }
 }
 
-/// Duration and time step of a run.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct RunSpec {
-    /// Time step, ms (0.01 to 100). Default 1, the usual haptic rate.
-    pub dt_ms: Option<f64>,
-    /// Duration, s (above 0, at most 1e7 steps). Default: to the end of the motions of needle and probe.
-    pub duration_s: Option<f64>,
-    /// Frames per second of simulated time (above 0, at most 1000). Default 25.
-    pub frame_rate_hz: Option<f64>,
-    /// Changes of the level of remeshing during the run (finite elements), ascending in time.
-    pub change: Vec<ChangeSpec>,
+parameters! {
+    /// Duration and time step of a run.
+    pub struct RunSpec {
+        /// Time step: 1 ms is the usual haptic rate.
+        dt_ms: f64 = 1.0, in 0.01..=100 "ms";
+        /// Duration, s (above 0, at most 1e7 steps). Default: to the end of the motions of needle and probe.
+        duration_s: Option<f64>;
+        /// Frames per second of simulated time.
+        frame_rate_hz: f64 = 25.0, above 0..=1000 "frames a second";
+        /// Changes of the level of remeshing during the run (finite elements), ascending in time.
+        change: Vec<ChangeSpec>;
+    }
 }
 
 /// A change of the level of remeshing.

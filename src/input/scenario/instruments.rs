@@ -8,60 +8,59 @@ use serde::de::{Deserializer, SeqAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use crate::base::document::RegionName;
+use crate::base::range::parameters;
 use crate::input::scene::{NeedleFrame, NeedleMotionSpec};
-use crate::mechanics::needle::BendingConstraint;
+use crate::mechanics::needle::{BendingConstraint, Bevel};
 
-/// The needle. Its motion is that of an undeflected needle: base and direction are what the hand holds.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct NeedleTable {
-    /// Bending model. Default `rigid`.
-    pub model: NeedleModel,
-    /// Length from base to tip, mm (0.1 to 1000). Default 150; 200 for `springs` and `beam`.
-    pub length_mm: Option<f64>,
-    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge); 1.28 for `springs` and `beam`.
-    pub diameter_mm: Option<f64>,
-    /// Bevelled tip, not for `constrained`. Without it the needle is symmetric.
-    pub bevel: Option<BevelSpec>,
-    /// `springs` only: stiffness of a joint between links of 10 mm, N mm per degree (above 0). Default 10.7, that of a
-    /// brachytherapy needle; joint stiffness is inversely proportional to the link length.
-    pub kappa_nmm_per_deg: Option<f64>,
-    /// `springs`, in place of `kappa_nmm_per_deg`, and `beam`: bending stiffness EI, N mm^2 (above 0). Default for `beam`: 6131, that
-    /// of the springs.
-    pub bending_stiffness_nmm2: Option<f64>,
-    /// `springs` only: length of a link, mm (0.5 to 100). Default 10.
-    pub link_mm: Option<f64>,
-    /// `beam` only: length of an element, mm (0.5 to 100). Default 5.
-    pub element_mm: Option<f64>,
-    /// `beam` only, in place of `bending_stiffness_nmm2`: Young's modulus of a solid round rod, GPa (above 0); 200 for
-    /// steel.
-    pub young_gpa: Option<f64>,
-    /// `constrained` only: limits of bending.
-    pub bending: Option<BendingConstraint>,
-    /// In place of `motion`: target of a straight insertion and withdrawal, at `plan.speed_mm_s` and with `plan.pause_s`: the name of
-    /// a label or tissue, a part of one (the largest matching label counts), or a label value. The tip goes to the innermost point of
-    /// it in the image plane. A probe without a pose is placed over it, and a mesh without `box_mm` is made around the path.
-    pub target: Option<String>,
-    /// With `target`: entry point, `"beside the probe"` or a point on the skin (LPS), mm. Beside the probe is in the image plane, the
-    /// nearest place 10 to 60 mm from an end of the array from which the path keeps 3 mm from bone and, if possible, meets no gas or
-    /// lung. Default `"beside the probe"`.
-    pub entry: Option<EntrySpec>,
-    /// Frame of `motion`: `world`, or `probe`, in which case the needle goes where the probe goes. Default `world`.
-    pub frame: Option<NeedleFrame>,
-    /// Motion, as in a scene. Tip and direction are those of the undeflected needle. Not with `plan.needle` or `target`, which
-    /// move it.
-    pub motion: Option<NeedleMotionSpec>,
-    /// Times at which a seed is deposited at the tip, s, ascending. Not with `plan.needle`, whose `seeds_mm` place
-    /// the seeds.
-    pub deposit_s: Vec<f64>,
+parameters! {
+    /// The needle. Its motion is that of an undeflected needle: base and direction are what the hand holds.
+    pub struct NeedleTable {
+        /// Bending model. Default `rigid`.
+        model: NeedleModel;
+        /// Length from base to tip. Default 150; 200 for `springs` and `beam`.
+        length_mm: Option<f64>, in 0.1..=1000 "mm";
+        /// Diameter. Default 1.27 (18 gauge); 1.28 for `springs` and `beam`.
+        diameter_mm: Option<f64>, in 0.05..=10 "mm";
+        /// Bevelled tip, not for `constrained`. Without it the needle is symmetric.
+        bevel: Option<Bevel>;
+        /// `springs` only: stiffness of a joint between links of 10 mm, N mm per degree. Default 10.7, that of a brachytherapy needle; joint
+        /// stiffness is inversely proportional to the link length.
+        kappa_nmm_per_deg: Option<f64>, above 0..=1e12;
+        /// `springs`, in place of `kappa_nmm_per_deg`, and `beam`: bending stiffness EI, N mm^2. Default for `beam`: 6131, that of the springs.
+        bending_stiffness_nmm2: Option<f64>, above 0..=1e12;
+        /// `springs` only: length of a link, at most that of the needle. Default 10.
+        link_mm: Option<f64>, in 0.5..=100 "mm";
+        /// `beam` only: length of an element, at most that of the needle. Default 5.
+        element_mm: Option<f64>, in 0.5..=100 "mm";
+        /// `beam` only, in place of `bending_stiffness_nmm2`: Young's modulus of a solid round rod, GPa; 200 for steel.
+        young_gpa: Option<f64>, above 0..=1e12;
+        /// `constrained` only: limits of bending.
+        bending: Option<BendingConstraint>;
+        /// In place of `motion`: target of a straight insertion and withdrawal, at `plan.speed_mm_s` and with `plan.pause_s`: the name of
+        /// a label or tissue, a part of one (the largest matching label counts), or a label value. The tip goes to the innermost point of
+        /// it in the image plane. A probe without a pose is placed over it, and a mesh without `box_mm` is made around the path.
+        target: Option<String>;
+        /// With `target`: entry point, `"beside the probe"` or a point on the skin (LPS), mm. Beside the probe is in the image plane, the
+        /// nearest place 10 to 60 mm from an end of the array from which the path keeps 3 mm from bone and, if possible, meets no gas or
+        /// lung. Default `"beside the probe"`.
+        entry: Option<EntrySpec>;
+        /// Frame of `motion`: `world`, or `probe`, in which case the needle goes where the probe goes. Default `world`.
+        frame: Option<NeedleFrame>;
+        /// Motion, as in a scene. Tip and direction are those of the undeflected needle. Not with `plan.needle` or `target`, which
+        /// move it.
+        motion: Option<NeedleMotionSpec>;
+        /// Times at which a seed is deposited at the tip, s, ascending. Not with `plan.needle`, whose `seeds_mm` place
+        /// the seeds.
+        deposit_s: Vec<f64>;
+    }
 }
 
 /// Value of `entry` that searches for an entry in the image plane.
 pub(super) const BESIDE: &str = "beside the probe";
 
 /// Entry point of a needle.
-#[derive(Clone, Debug, PartialEq, JsonSchema)]
-#[schemars(untagged)]
+#[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged)]
 pub enum EntrySpec {
     /// `"beside the probe"`.
     Named(String),
@@ -107,48 +106,27 @@ pub enum NeedleModel {
     Beam,
 }
 
-/// A bevelled tip.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BevelSpec {
-    /// Lateral offset of the cut at the tip from the centre line, mm (0 to 5): about 0.6 for a brachytherapy
-    /// needle.
-    pub r_mm: f64,
-    /// Length of the bevelled end, mm (above 0, shorter than the needle). Default 18: fitted to the deflection of 10.4 mm in
-    /// Goksel et al. 2011, figure 10c, with `r_mm = 0.6`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub length_mm: Option<f64>,
-}
-
-/// The probe as a rigid cylinder in frictionless contact with tissue. It moves with the scene's probe, and tissue is at rest at
-/// its initial pose.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct ContactProbeSpec {
-    /// Radius of the cylinder, mm (above 0, at most 100).
-    pub radius_mm: f64,
-    /// Length of the cylinder behind its leading end, mm (above 0, at most 1000).
-    pub length_mm: f64,
-    /// Direction of the cylinder's axis in the probe frame, towards the leading end; any length. Default `[0, 0, -1]`.
-    #[serde(default)]
-    pub axis: Option<[f64; 3]>,
-    /// Centre of the leading end in the probe frame, mm. Default: on the axis of a cylinder on whose surface the centre of the
-    /// array lies, level with it.
-    #[serde(default)]
-    pub end_mm: Option<[f64; 3]>,
-    /// Restricts contact to nodes of this region on the surface of the mesh. Default: any region.
-    #[serde(default)]
-    pub surface_of: Option<RegionName>,
-    /// Restricts contact to nodes within this distance of the cylinder's surface, mm (0 to 100), anywhere along its motion.
-    /// Default 4.
-    #[serde(default)]
-    pub within_mm: Option<f64>,
-    /// Takes every n-th ring of these nodes along the axis (1 to 1000): fewer contacts, faster and coarser. A ring is about a node
-    /// thick. Default 1.
-    #[serde(default)]
-    pub thinning: Option<u32>,
-    /// Two points of the axis, mm behind the leading end, that drive the probe: its force is split between them. Default: all
-    /// force acts at the end.
-    #[serde(default)]
-    pub driven_at_mm: Option<[f64; 2]>,
+parameters! {
+    /// The probe as a rigid cylinder in frictionless contact with tissue. It moves with the scene's probe, and tissue is at rest at
+    /// its initial pose.
+    pub struct ContactProbeSpec with required keys {
+        /// Radius of the cylinder.
+        radius_mm: f64, above 0..=100 "mm";
+        /// Length of the cylinder behind its leading end.
+        length_mm: f64, above 0..=1000 "mm";
+        /// Direction of the cylinder's axis in the probe frame, towards the leading end; any length. Default `[0, 0, -1]`.
+        axis: Option<[f64; 3]>;
+        /// Centre of the leading end in the probe frame, mm. Default: on the axis of a cylinder on whose surface the centre of the
+        /// array lies, level with it.
+        end_mm: Option<[f64; 3]>;
+        /// Restricts contact to nodes of this region on the surface of the mesh. Default: any region.
+        surface_of: Option<RegionName>;
+        /// Restricts contact to nodes within this distance of the cylinder's surface, anywhere along its motion. Default 4.
+        within_mm: Option<f64>, in 0..=100 "mm";
+        /// Takes every n-th ring of these nodes along the axis: fewer contacts, faster and coarser. A ring is about a node thick. Default 1.
+        thinning: Option<u32>, in 1..=1000;
+        /// Two points of the axis, mm behind the leading end, that drive the probe: its force is split between them. Default: all
+        /// force acts at the end.
+        driven_at_mm: Option<[f64; 2]>;
+    }
 }

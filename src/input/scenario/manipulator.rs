@@ -8,6 +8,7 @@ use serde::Deserialize;
 
 use super::file::ScenarioFile;
 use crate::base::random::{normal, seed_words};
+use crate::base::range::parameters;
 use crate::input::InputError;
 use crate::input::scene::{NeedleKeyframe, Scene};
 use crate::mechanics::insertion::Wrench;
@@ -64,25 +65,16 @@ impl PostureKey {
     }
 }
 
-/// Six-axis force sensor: the force and torque on the base of the needle, with white noise.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct SensorSpec {
-    /// Standard deviation of each component of the force in a step, N (0 to 100). Default 0.02.
-    pub noise_n: f64,
-    /// Standard deviation of each component of the torque in a step, N mm (0 to 1e4). Default 0.5.
-    pub noise_nmm: f64,
-    /// Seed of the noise. Default 0.
-    pub seed: u64,
-}
-
-impl Default for SensorSpec {
-    fn default() -> Self {
-        Self {
-            noise_n: 0.02,
-            noise_nmm: 0.5,
-            seed: 0,
-        }
+parameters! {
+    /// Six-axis force sensor: the force and torque on the base of the needle, with white noise.
+    #[derive(Copy)]
+    pub struct SensorSpec {
+        /// Standard deviation of each component of the force in a step.
+        noise_n: f64 = 0.02, in 0..=100 "N";
+        /// Standard deviation of each component of the torque in a step.
+        noise_nmm: f64 = 0.5, in 0..=1e4 "N mm";
+        /// Seed of the noise. Default 0.
+        seed: u64;
     }
 }
 
@@ -248,20 +240,7 @@ impl ScenarioFile {
                 )
             })?;
         }
-        let sensor = "manipulator.sensor";
-        self.number(
-            format!("{sensor}.noise_n"),
-            spec.sensor.noise_n,
-            |x| (0.0..=100.0).contains(&x),
-            "0 to 100 N",
-        )?;
-        let range = |x: f64| (0.0..=1e4).contains(&x);
-        self.number(
-            format!("{sensor}.noise_nmm"),
-            spec.sensor.noise_nmm,
-            range,
-            "0 to 1e4 N mm",
-        )?;
+        self.in_ranges("manipulator.sensor", &spec.sensor)?;
         for (at, key) in spec.keyframes.iter().enumerate() {
             let path = format!("manipulator.keyframes[{at}]");
             let after = at

@@ -11,10 +11,9 @@ use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
 use crate::anatomy::volume::LabelVolume;
-use crate::base::document::{InvalidFile, RegionName};
+use crate::base::document::RegionName;
 use crate::input::InputError;
 use crate::input::scene::Scene;
-use crate::input::scene::deform::NODES;
 use crate::input::statics::selection::{Choice, Odd, axes, ordered};
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
@@ -99,10 +98,6 @@ impl ScenarioFile {
         notes: &mut Vec<String>,
     ) -> Result<TetMesh, InputError> {
         let nodes = self.tissue.nodes.unwrap_or(DEFAULT_NODES);
-        if !(NODES[0]..=NODES[1]).contains(&nodes) {
-            let (found, expected) = (f64::from(nodes), "8 to 1000000 nodes");
-            return Err(self.fault("tissue.nodes", InvalidFile::number(found, expected)));
-        }
         let volume = scene.anatomy.volume.undivided();
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);

@@ -67,10 +67,8 @@ impl ScenarioFile {
             let found = "a change of level of a model that has none";
             return Err(self.wrong_keys("run.change", found, "`tissue.model = \"finite-element\"`"));
         }
-        let spacing = spec.contact_spacing_mm.unwrap_or(1.0);
-        let range = |x: f64| (0.1..=100.0).contains(&x);
         Ok(Modelling {
-            contact_spacing_mm: self.number("tissue.contact_spacing_mm", spacing, range, "0.1 to 100 mm")?,
+            contact_spacing_mm: spec.contact_spacing_mm.unwrap_or(1.0),
             model: spec.model,
             level,
             precision,

@@ -5,10 +5,10 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
+use crate::input::InputError;
 use crate::input::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
-use crate::input::{Cause, InputError};
-use crate::mechanics::needle::{self, BEVEL_MM, Bevel, beam::bending_stiffness_nmm2};
-use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, DIAMETER_MM, LENGTH_MM};
+use crate::mechanics::needle::{self, Bevel, Shaft, beam::bending_stiffness_nmm2};
+use crate::tracking::needle::{BendingConstraint, DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM};
 use crate::tracking::pose::Pose;
 use crate::tracking::world::World;
 
@@ -93,6 +93,8 @@ impl ScenarioFile {
     /// Returns the needle settings, every number checked.
     pub(super) fn needle_settings(&self) -> Result<NeedleSettings, InputError> {
         let table = self.needle_table()?;
+        self.in_ranges("needle", table)?;
+        self.in_ranges("needle.bending", table.bending.as_ref())?;
         let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
         let of_models: [(&str, bool, &[NeedleModel], &str); 5] = [
             (
@@ -131,15 +133,10 @@ impl ScenarioFile {
             NeedleModel::Springs | NeedleModel::Beam => SPRINGS_MM,
             _ => [DEFAULT_LENGTH_MM, DEFAULT_DIAMETER_MM],
         };
-        let within = |key: &'static str, found: f64, [low, high]: [f64; 2], expected| {
-            self.number(format!("needle.{key}"), found, |x| (low..=high).contains(&x), expected)
-        };
         let length_mm = table.length_mm.unwrap_or(usual[0]);
-        let length_mm = within("length_mm", length_mm, LENGTH_MM, "0.1 to 1000 mm")?;
-        let diameter_mm = table.diameter_mm.unwrap_or(usual[1]);
         Ok(NeedleSettings {
             length_mm,
-            diameter_mm: within("diameter_mm", diameter_mm, DIAMETER_MM, "0.05 to 10 mm")?,
+            diameter_mm: table.diameter_mm.unwrap_or(usual[1]),
             bending: self.bending(table, length_mm)?,
         })
     }
@@ -149,32 +146,26 @@ impl ScenarioFile {
             NeedleModel::Rigid => Ok(Bending::None {
                 bevel: self.bevel(table, length_mm)?,
             }),
-            NeedleModel::Constrained => {
-                let constraint = table.bending.unwrap_or_default();
-                constraint.validate().map_err(|error| {
-                    let key = error.key().unwrap_or_default();
-                    self.fault(format!("needle.bending.{key}"), Cause::Tracking(error))
-                })?;
-                Ok(Bending::Constrained(constraint))
-            }
+            NeedleModel::Constrained => Ok(Bending::Constrained(table.bending.unwrap_or_default())),
             NeedleModel::Springs => self.springs(table, length_mm),
             NeedleModel::Beam => self.beam(table, length_mm),
         }
     }
 
     fn bevel(&self, table: &NeedleTable, length_mm: f64) -> Result<Option<Bevel>, InputError> {
-        let Some(bevel) = table.bevel else { return Ok(None) };
-        let range = |x: f64| (0.0..=5.0).contains(&x);
-        let r_mm = self.number("needle.bevel.r_mm", bevel.r_mm, range, "0 to 5 mm")?;
-        let range = |x: f64| x > 0.0 && x < length_mm;
-        let expected = "above 0, less than the needle's length, mm";
-        let length_mm = self.number(
-            "needle.bevel.length_mm",
-            bevel.length_mm.unwrap_or(BEVEL_MM),
-            range,
-            expected,
-        )?;
-        Ok(Some(Bevel { r_mm, length_mm }))
+        let shaft = Shaft {
+            length_mm,
+            ..Shaft::default()
+        };
+        let checked = table.bevel.map_or(Ok(()), |bevel| bevel.check(&shaft));
+        checked.map_err(|error| self.wrong_keys(format!("needle.{}", error.key), error.found, error.expected))?;
+        Ok(table.bevel)
+    }
+
+    /// Length of a link or an element, mm.
+    fn part(&self, key: &str, found: f64, length_mm: f64) -> Result<f64, InputError> {
+        let key = format!("needle.{key}");
+        self.number(key, found, |x| x <= length_mm, "at most the needle's length, mm")
     }
 
     fn springs(&self, table: &NeedleTable, length_mm: f64) -> Result<Bending, InputError> {
@@ -182,28 +173,11 @@ impl ScenarioFile {
             let found = "both `kappa_nmm_per_deg` and `bending_stiffness_nmm2`";
             return Err(self.wrong_keys("needle.kappa_nmm_per_deg", found, "one of them"));
         }
-        let above = |key: &str, found: f64| {
-            let key = format!("needle.{key}");
-            self.number(key, found, |x| x > 0.0 && x <= 1e12, "above 0, at most 1e12")
-        };
-        let stiffness_nmm2 = match table.bending_stiffness_nmm2 {
-            Some(stiffness) => above("bending_stiffness_nmm2", stiffness)?,
-            None => {
-                let kappa = table.kappa_nmm_per_deg.unwrap_or(KAPPA_NMM_PER_DEG);
-                above("kappa_nmm_per_deg", kappa)?.to_degrees() * LINK_MM
-            }
-        };
-        let link_mm = table.link_mm.unwrap_or(LINK_MM);
-        let range = |x: f64| (0.5..=100.0).contains(&x) && x <= length_mm;
-        let link_mm = self.number(
-            "needle.link_mm",
-            link_mm,
-            range,
-            "0.5 to 100 mm, at most the needle's length",
-        )?;
+        let kappa = table.kappa_nmm_per_deg.unwrap_or(KAPPA_NMM_PER_DEG);
+        let of_kappa = kappa.to_degrees() * LINK_MM;
         Ok(Bending::Springs {
-            stiffness_nmm2,
-            link_mm,
+            stiffness_nmm2: table.bending_stiffness_nmm2.unwrap_or(of_kappa),
+            link_mm: self.part("link_mm", table.link_mm.unwrap_or(LINK_MM), length_mm)?,
             bevel: self.bevel(table, length_mm)?,
         })
     }
@@ -213,25 +187,15 @@ impl ScenarioFile {
             let found = "both `young_gpa` and `bending_stiffness_nmm2`";
             return Err(self.wrong_keys("needle.young_gpa", found, "one of them"));
         }
-        let above = |key: &str, found: f64| {
-            let key = format!("needle.{key}");
-            self.number(key, found, |x| x > 0.0 && x <= 1e12, "above 0, at most 1e12")
-        };
         let stiffness_nmm2 = match (table.bending_stiffness_nmm2, table.young_gpa) {
-            (Some(stiffness), _) => above("bending_stiffness_nmm2", stiffness)?,
-            (None, Some(young)) => {
-                let diameter = table.diameter_mm.unwrap_or(SPRINGS_MM[1]);
-                bending_stiffness_nmm2(above("young_gpa", young)?, diameter)
-            }
+            (Some(stiffness), _) => stiffness,
+            (None, Some(young)) => bending_stiffness_nmm2(young, table.diameter_mm.unwrap_or(SPRINGS_MM[1])),
             (None, None) => KAPPA_NMM_PER_DEG.to_degrees() * LINK_MM,
         };
         let element_mm = table.element_mm.unwrap_or(needle::ELEMENT_MM.min(length_mm));
-        let range = |x: f64| (0.5..=100.0).contains(&x) && x <= length_mm;
-        let expected = "0.5 to 100 mm, at most the needle's length";
-        let element_mm = self.number("needle.element_mm", element_mm, range, expected)?;
         Ok(Bending::Beam {
             stiffness_nmm2,
-            element_mm,
+            element_mm: self.part("element_mm", element_mm, length_mm)?,
             bevel: self.bevel(table, length_mm)?,
         })
     }

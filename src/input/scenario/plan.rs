@@ -3,7 +3,7 @@
 use nalgebra::{Point3, Unit};
 
 use super::file::ScenarioFile;
-use super::planned::{DEFAULT_PAUSE_S, DEFAULT_SPEED_MM_S, PlanSpec, PlannedNeedle};
+use super::planned::{PlannedNeedle, TargetSpec};
 use crate::input::InputError;
 use crate::input::scene::NeedleKeyframe;
 use crate::tracking::template::Template;
@@ -54,23 +54,16 @@ impl ScenarioFile {
     /// Targets of the plan.
     pub(super) fn targets(&self) -> Result<Vec<Target>, InputError> {
         let specs = self.plan.iter().flat_map(|plan| &plan.target);
-        let one = |(at, spec): (usize, &super::planned::TargetSpec)| {
+        let one = |(at, spec): (usize, &TargetSpec)| {
+            let table = format!("plan.target[{at}]");
+            self.in_ranges(&table, spec)?;
             Ok(Target {
                 name: spec.name.clone(),
-                at_mm: self.place(&format!("plan.target[{at}].at_mm"), spec.at_mm)?,
-                radius_mm: self.radius(at, spec)?,
+                at_mm: self.place(&format!("{table}.at_mm"), spec.at_mm)?,
+                radius_mm: spec.radius_mm,
             })
         };
         specs.enumerate().map(one).collect()
-    }
-
-    fn radius(&self, at: usize, spec: &super::planned::TargetSpec) -> Result<f64, InputError> {
-        let found = spec.radius_mm.unwrap_or(0.0);
-        let key = format!("plan.target[{at}].radius_mm");
-        match (0.0..=100.0).contains(&found) {
-            true => Ok(found),
-            false => Err(self.wrong_keys(&key, format!("{found}"), "0 to 100")),
-        }
     }
 
     /// Planned insertions of a needle of the given length (mm), if there are any.
@@ -99,22 +92,9 @@ impl ScenarioFile {
 
     /// Start (s), and default speed (mm/s) and pause at full depth (s) of the needles.
     pub(super) fn pace(&self) -> Result<[f64; 3], InputError> {
-        let plan = self.plan.as_ref();
-        let stated = |of: fn(&PlanSpec) -> Option<f64>, usual: f64| plan.and_then(of).unwrap_or(usual);
-        let time = |key: &str, found: f64, [low, high]: [f64; 2], expected| {
-            self.number(format!("plan.{key}"), found, |x| (low..=high).contains(&x), expected)
-        };
-        let pause_s = stated(|plan| plan.pause_s, DEFAULT_PAUSE_S);
-        let pause_s = time("pause_s", pause_s, [0.01, 1000.0], "0.01 to 1000 s")?;
-        let start_s = time("start_s", stated(|plan| plan.start_s, 0.0), [0.0, 1e6], "0 to 1e6 s")?;
-        let speed_mm_s = stated(|plan| plan.speed_mm_s, DEFAULT_SPEED_MM_S);
-        Ok([start_s, self.speed("plan.speed_mm_s".to_owned(), speed_mm_s)?, pause_s])
-    }
-
-    /// Speed of insertion, mm/s.
-    fn speed(&self, key: String, found: f64) -> Result<f64, InputError> {
-        let range = |x: f64| x > 0.0 && x <= 1000.0;
-        self.number(key, found, range, "a speed above 0, at most 1000 mm/s")
+        self.in_ranges("plan", self.plan.as_ref())?;
+        let plan = self.plan.clone().unwrap_or_default();
+        Ok([plan.start_s, plan.speed_mm_s, plan.pause_s])
     }
 
     /// One insertion, given the length of the needle (mm), the default speed (mm/s), and the pause (s) after each stroke.
@@ -126,7 +106,9 @@ impl ScenarioFile {
         now_s: &mut f64,
         made: &mut Insertions,
     ) -> Result<(), InputError> {
-        let key = |key: &str| format!("plan.needle[{at}].{key}");
+        let table = format!("plan.needle[{at}]");
+        let key = |key: &str| format!("{table}.{key}");
+        self.in_ranges(&table, needle)?;
         let hole = template.hole(&needle.hole).map_err(|unknown| {
             let help = unknown.meant.map(|meant| format!("did you mean \"{meant}\"?"));
             let found = format!("\"{}\"", unknown.found);
@@ -139,10 +121,7 @@ impl ScenarioFile {
             reach,
             "above 0 and less than the needle's length, mm",
         )?;
-        let speed = match needle.speed_mm_s {
-            Some(speed) => self.speed(key("speed_mm_s"), speed)?,
-            None => speed_mm_s,
-        };
+        let speed = needle.speed_mm_s.unwrap_or(speed_mm_s);
         let direction = template.direction.into_inner();
         let mut frame = |time_s: f64, depth: f64| {
             made.keyframes.push(NeedleKeyframe {
@@ -204,9 +183,8 @@ impl ScenarioFile {
             let found = format!("{:?}", spec.direction.unwrap_or_default());
             return Err(self.wrong_keys(key("direction"), found, "`x_axis` cross `y_axis`, or its opposite"));
         }
+        self.in_ranges("plan.template", spec)?;
         let spacing = spec.spacing_mm.unwrap_or(DEFAULT_SPACING_MM);
-        let range = |x: f64| x > 0.0 && x <= 100.0;
-        let spacing = self.number(key("spacing_mm"), spacing, range, "above 0, at most 100 mm")?;
         for (which, names) in [("columns", &spec.names.columns), ("rows", &spec.names.rows)] {
             let odd = (0..names.len()).find(|at| names[*at].is_empty() || names[..*at].contains(&names[*at]));
             let key = key(&format!("names.{which}"));

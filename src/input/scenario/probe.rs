@@ -53,19 +53,10 @@ impl ScenarioFile {
         let Some(spec) = &self.contact_probe else {
             return Ok(None);
         };
+        self.in_ranges("contact_probe", spec)?;
         let in_probe = self.cylinder(spec)?;
         let within = spec.within_mm.unwrap_or(WITHIN_MM);
-        let within = self.number(
-            "contact_probe.within_mm",
-            within,
-            |x| (0.0..=100.0).contains(&x),
-            "0 to 100 mm",
-        )?;
         let thinning = spec.thinning.unwrap_or(1);
-        if !(1..=1000).contains(&thinning) {
-            let found = format!("{thinning}");
-            return Err(self.wrong_keys("contact_probe.thinning", found, "a whole number from 1 to 1000"));
-        }
         for (at, driven) in spec.driven_at_mm.iter().flatten().enumerate() {
             let key = format!("contact_probe.driven_at_mm[{at}]");
             self.number(key, *driven, |x| x.abs() <= 1000.0, "-1000 to 1000 mm")?;
@@ -121,20 +112,10 @@ impl ScenarioFile {
 
     /// Transform from the frame of the cylinder to the probe frame.
     fn cylinder(&self, spec: &ContactProbeSpec) -> Result<Isometry3<f64>, InputError> {
-        let size = |key: &str, found, most, expected| {
-            self.number(
-                format!("contact_probe.{key}"),
-                found,
-                |x| x > 0.0 && x <= most,
-                expected,
-            )
-        };
-        let radius = size("radius_mm", spec.radius_mm, 100.0, "above 0, at most 100 mm")?;
-        size("length_mm", spec.length_mm, 1000.0, "above 0, at most 1000 mm")?;
         let axis = self.direction("contact_probe.axis", spec.axis.unwrap_or([0.0, 0.0, -1.0]))?;
         let end = match spec.end_mm {
             Some(end) => self.place("contact_probe.end_mm", end)?,
-            None => Point3::new(0.0, -radius, 0.0),
+            None => Point3::new(0.0, -spec.radius_mm, 0.0),
         };
         // Any rotation about the axis will do: the contact frame does not roll with the probe.
         let turn = UnitQuaternion::rotation_between(&Vector3::z(), &axis)

@@ -17,8 +17,6 @@ use super::points::Reported;
 use super::probe::{Contact, rigid};
 use super::regions::Regions;
 use super::stiffened::Stiffened;
-use crate::base::document::InvalidFile;
-use crate::base::range::Ranges;
 use crate::gpu::Gpu;
 use crate::imaging::quality::QualitySpec;
 use crate::input::InputError;
@@ -300,15 +298,12 @@ impl ScenarioFile {
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
     pub fn resolve(&self, base_dir: &Path, progress: impl FnMut(f32)) -> Result<Scenario, InputError> {
-        let quality = self.quality();
-        if let Some((key, found, expected)) = quality.out_of_range().filter(|_| self.quality.is_some()) {
-            return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
-        }
-        let dt_s = self.step_s()?;
-        let frame_s = self.frame_s()?;
+        self.in_ranges("quality", self.quality.as_ref())?;
+        self.in_ranges("run", &self.run)?;
         let modelling = self.modelling()?;
         let stiffening = self.stiffening()?;
         let needle = self.needle_settings()?;
+        self.in_ranges("tissue", &self.tissue)?;
         self.mover()?;
         let mut targets = self.targets()?;
         let (mut scene, Moving { deposits, guides, .. }, aim) = self.scene_with(&needle, base_dir)?;
@@ -320,7 +315,7 @@ impl ScenarioFile {
         }));
         let still = || self.wrong_keys("needle", "a needle that does not move", "one that does");
         let path = scene.needle_path().cloned().ok_or_else(still)?;
-        let timing = self.timing(&scene, &path, [dt_s, frame_s])?;
+        let timing = self.timing(&scene, &path)?;
         let manipulator = self.guided(path.tip(), scene.probe_path())?;
         self.check_deposits(&deposits, &timing)?;
         let changes = self.changes(&timing)?;
@@ -365,7 +360,7 @@ impl ScenarioFile {
             modelling,
             gpu,
             changes,
-            quality,
+            quality: self.quality(),
             needle,
             deposits,
             guides,
@@ -488,26 +483,14 @@ impl ScenarioFile {
         Ok(format!("{self:?} {scene:?} {folder:?}"))
     }
 
-    fn step_s(&self) -> Result<f64, InputError> {
-        let found = self.run.dt_ms.unwrap_or(1.0);
-        let dt_ms = self.number("run.dt_ms", found, |x| (0.01..=100.0).contains(&x), "0.01 to 100 ms")?;
-        Ok(dt_ms * 1e-3)
-    }
-
-    fn frame_s(&self) -> Result<f64, InputError> {
-        let found = self.run.frame_rate_hz.unwrap_or(25.0);
-        let range = |x: f64| x > 0.0 && x <= 1000.0;
-        let rate = self.number(
-            "run.frame_rate_hz",
-            found,
-            range,
-            "above 0, at most 1000 frames a second",
-        )?;
-        Ok(1.0 / rate)
-    }
-
-    fn timing(&self, scene: &Scene, path: &NeedlePath, [dt_s, frame_s]: [f64; 2]) -> Result<Timing, InputError> {
-        let RunSpec { duration_s, .. } = self.run;
+    fn timing(&self, scene: &Scene, path: &NeedlePath) -> Result<Timing, InputError> {
+        let RunSpec {
+            dt_ms,
+            duration_s,
+            frame_rate_hz,
+            ..
+        } = self.run;
+        let dt_s = dt_ms * 1e-3;
         let (needle, probe) = (path.tip(), scene.probe_path());
         let moves = probe.keys().len() > 1;
         let spans = [(needle, true), (probe, moves)].into_iter().filter(|(_, moves)| *moves);
@@ -523,7 +506,7 @@ impl ScenarioFile {
             start_s,
             dt_s,
             steps: (duration / dt_s - REACHED).ceil().max(1.0) as u64,
-            frame_s,
+            frame_s: 1.0 / frame_rate_hz,
         })
     }
 }

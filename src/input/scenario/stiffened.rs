@@ -1,52 +1,51 @@
 //! Stiffening and viscoelastic tissue: its tables, and the features that it excludes.
 
 use nalgebra::{Point3, Unit, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
 use super::tissue::TissueModel;
+use crate::base::range::parameters;
 use crate::input::InputError;
 use crate::input::statics::SchemeName;
 use crate::mechanics::insertion::nonlinear::{Options, Viscosity, in_body, obstacle};
 use crate::mechanics::insertion::{Anatomy, InvalidSetup};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
-use crate::mechanics::tissue::nonlinear::{Solid, Stiffening};
+use crate::mechanics::tissue::nonlinear::{Options as SolverOptions, Scheme, Solid, Stiffening};
 use crate::tracking::trajectory::{Key, Trajectory};
 
 /// Largest sideways motion of a needle in tissue, mm: rounding of the numbers in a file.
 const SIDEWAYS_MM: f64 = 0.05;
 
-/// Solver for the steps of stiffening tissue.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct StepSolverSpec {
-    /// Solution scheme. Default `modified-newton`.
-    pub scheme: Option<SchemeName>,
-    /// Convergence tolerance: largest residual force over the largest force (above 0, below 1). Euler steps have none.
-    /// Default 1e-6.
-    pub tolerance: Option<f64>,
-    /// Maximum number of iterations of each substep (1 to 10000). Default 400.
-    pub iterations: Option<u32>,
-    /// Longest path of the tip through tissue in a substep, mm (0.001 to 100). Default 0.5.
-    pub part_mm: Option<f64>,
+parameters! {
+    /// Solver for the steps of stiffening tissue.
+    #[derive(Copy)]
+    pub struct StepSolverSpec {
+        /// Solution scheme. Default `modified-newton`.
+        scheme: Option<SchemeName>;
+        /// Convergence tolerance: largest residual force over the largest force. Euler steps have none.
+        tolerance: f64 = 1e-6, above 0..1;
+        /// Maximum number of iterations of each substep.
+        iterations: u32 = 400, in 1..=10000;
+        /// Longest path of the tip through tissue in a substep.
+        part_mm: f64 = 0.5, in 0.001..=100 "mm";
+    }
 }
 
-/// Viscosity of fractional order, the same for all tissue.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct TissueViscositySpec {
-    /// Order k of the derivative (0, elastic, to 1, viscous); moduli are in kPa s^k. Default 0.1, that of porcine
-    /// liver.
-    pub order: Option<f64>,
-    /// Memory variable. Default `load-integral`, that of Kobayashi et al. 2010.
-    #[serde(alias = "law")]
-    pub memory: Option<Memory>,
-    /// Bound on the relative error of the memory (1e-13 to 1e-2). Default 1e-6.
-    pub tolerance: Option<f64>,
+parameters! {
+    /// Viscosity of fractional order, the same for all tissue.
+    #[derive(Copy)]
+    pub struct TissueViscositySpec {
+        /// Order k of the derivative: 0 is elastic, 1 viscous, 0.1 porcine liver. Moduli are in kPa s^k.
+        order: f64 = 0.1, in 0..=1;
+        /// Memory variable. Default `load-integral`, that of Kobayashi et al. 2010.
+        #[serde(alias = "law")]
+        memory: Memory;
+        /// Bound on the relative error of the memory.
+        tolerance: f64 = 1e-6, in 1e-13..=1e-2;
+    }
 }
 
 /// Stiffening tissue.
@@ -109,7 +108,10 @@ impl ScenarioFile {
             return Ok(None);
         }
         self.no_others()?;
-        Ok(Some((creeps.then(|| self.viscosity()).transpose()?, self.steps()?)))
+        self.in_ranges("tissue.solver", spec.solver.as_ref())?;
+        self.in_ranges("tissue.viscosity", spec.viscosity.as_ref())?;
+        let TissueViscositySpec { order, memory, .. } = spec.viscosity.unwrap_or_default();
+        Ok(Some((creeps.then_some(Viscosity { order, memory }), self.steps())))
     }
 
     /// Refuses keys that belong to other models.
@@ -142,39 +144,20 @@ impl ScenarioFile {
         Ok(())
     }
 
-    fn viscosity(&self) -> Result<Viscosity, InputError> {
-        let spec = self.tissue.viscosity.unwrap_or_default();
-        let order = spec.order.unwrap_or(0.1);
-        let range = |x: f64| (0.0..=1.0).contains(&x);
-        Ok(Viscosity {
-            order: self.number("tissue.viscosity.order", order, range, "0 to 1")?,
-            memory: spec.memory.unwrap_or_default(),
-        })
-    }
-
-    fn steps(&self) -> Result<Options, InputError> {
-        let mut options = Options::default();
+    /// Settings of a step; with viscosity, those of its memory.
+    fn steps(&self) -> Options {
         let spec = self.tissue.solver.unwrap_or_default();
-        let solving = &mut options.solving;
-        solving.scheme = spec.scheme.map_or(solving.scheme, Into::into);
-        if let Some(found) = spec.tolerance {
-            let range = |x: f64| x > 0.0 && x < 1.0;
-            solving.tolerance = self.number("tissue.solver.tolerance", found, range, "above 0, below 1")?;
+        let scheme = spec.scheme.map_or(Scheme::MODIFIED, Into::into);
+        Options {
+            solving: SolverOptions {
+                scheme,
+                tolerance: spec.tolerance,
+                iterations: spec.iterations as usize,
+            },
+            part_mm: spec.part_mm,
+            memory_tolerance: self.tissue.viscosity.unwrap_or_default().tolerance,
+            ..Options::default()
         }
-        if let Some(found) = spec.iterations {
-            let range = |x: f64| (1.0..=10_000.0).contains(&x);
-            self.number("tissue.solver.iterations", found.into(), range, "1 to 10000")?;
-            solving.iterations = found as usize;
-        }
-        if let Some(found) = spec.part_mm {
-            let range = |x: f64| (0.001..=100.0).contains(&x);
-            options.part_mm = self.number("tissue.solver.part_mm", found, range, "0.001 to 100 mm")?;
-        }
-        if let Some(found) = self.tissue.viscosity.and_then(|viscosity| viscosity.tolerance) {
-            let range = |x: f64| (1e-13..=1e-2).contains(&x);
-            options.memory_tolerance = self.number("tissue.viscosity.tolerance", found, range, "1e-13 to 1e-2")?;
-        }
-        Ok(options)
     }
 
     /// Refuses a path that the needle cannot follow: sideways in tissue, or into bone.

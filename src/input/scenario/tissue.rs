@@ -5,10 +5,11 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::cylinder::CylinderSpec;
 use super::stiffened::{StepSolverSpec, TissueViscositySpec};
 use crate::base::document::RegionName;
+use crate::base::range::parameters;
 use crate::input::statics::selection::CylinderChoice;
+use crate::mechanics::insertion::spring::Parameters;
 use crate::mechanics::insertion::{Bone, Interaction, Peak};
 use crate::mechanics::mesh::file::Unit;
 use crate::mechanics::tissue::remesh::{Level, Precision};
@@ -16,51 +17,51 @@ use crate::mechanics::tissue::remesh::{Level, Precision};
 /// Default number of nodes of a mesh made from the scene's volume: that of Goksel et al. 2011.
 pub const DEFAULT_NODES: u32 = 3300;
 
-/// Model of tissue deformation.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct TissueSpec {
-    /// Tissue model. Default `finite-element`.
-    pub model: TissueModel,
-    /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS). Its regions are label values of the scene's volume, or have a
-    /// `[[tissue.material]]` each. Default: one made from the scene's volume.
-    pub mesh: Option<PathBuf>,
-    /// Length unit of the coordinates in `mesh`: `mm`, `cm` or `m`. Default `mm`.
-    pub mesh_unit: Unit,
-    /// Name of the cell array (or physical groups) of `mesh` that numbers the regions. Default: the first of the
-    /// common names.
-    pub region_array: Option<String>,
-    /// Maximum number of nodes of a mesh made from the scene's volume (8 to 1000000). Default 3300.
-    pub nodes: Option<u32>,
-    /// Part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of it.
-    pub box_mm: Option<[[f64; 3]; 2]>,
-    /// Whether the elements of a mesh made from the scene's volume are finer along the needle's path. Default: true
-    /// for `finite-element`, false for the other models.
-    pub along_path: Option<bool>,
-    /// Labels excluded from the mesh, such as gel or air: names or values.
-    pub outside: Vec<RegionName>,
-    /// Which part of the compliance is updated after each change of the mesh (finite elements). Default `exact`.
-    pub level: Option<Level>,
-    /// Device that stores and updates a dense inverse, at levels I to IV. Default `cpu`.
-    pub device: Option<DeviceName>,
-    /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one supported there; the exact level always
-    /// uses `f64`.
-    pub precision: Option<Precision>,
-    /// Source of the compliance. Default `on-demand` for the exact level, `dense` for all others.
-    pub columns: Option<ColumnsName>,
-    /// Minimum distance between nodes on the needle, mm (0.1 to 100; finite elements): a node of the mesh is moved to the tip when the tip has
-    /// left all elements around the last such node and is at least this far from it. Default 1.
-    pub contact_spacing_mm: Option<f64>,
-    /// Cylinder of a mass-spring model.
-    pub cylinder: Option<CylinderSpec>,
-    /// Solver for the steps of a nonlinear or viscoelastic model.
-    pub solver: Option<StepSolverSpec>,
-    /// Viscosity of a viscoelastic model.
-    pub viscosity: Option<TissueViscositySpec>,
-    /// Materials of regions, where they differ from the scene's tissues.
-    pub material: Vec<MaterialSpec>,
-    /// Fixed nodes.
-    pub fix: Vec<FixSpec>,
+parameters! {
+    /// Model of tissue deformation.
+    pub struct TissueSpec {
+        /// Tissue model. Default `finite-element`.
+        model: TissueModel;
+        /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS). Its regions are label values of the scene's volume, or have a
+        /// `[[tissue.material]]` each. Default: one made from the scene's volume.
+        mesh: Option<PathBuf>;
+        /// Length unit of the coordinates in `mesh`: `mm`, `cm` or `m`. Default `mm`.
+        mesh_unit: Unit;
+        /// Name of the cell array (or physical groups) of `mesh` that numbers the regions. Default: the first of the
+        /// common names.
+        region_array: Option<String>;
+        /// Maximum number of nodes of a mesh made from the scene's volume. Default 3300.
+        nodes: Option<u32>, in 8..=1000000 "nodes";
+        /// Part of the volume that is meshed, as two opposite corners, mm; `inf` leaves a side open. Default: all of it.
+        box_mm: Option<[[f64; 3]; 2]>;
+        /// Whether the elements of a mesh made from the scene's volume are finer along the needle's path. Default: true
+        /// for `finite-element`, false for the other models.
+        along_path: Option<bool>;
+        /// Labels excluded from the mesh, such as gel or air: names or values.
+        outside: Vec<RegionName>;
+        /// Which part of the compliance is updated after each change of the mesh (finite elements). Default `exact`.
+        level: Option<Level>;
+        /// Device that stores and updates a dense inverse, at levels I to IV. Default `cpu`.
+        device: Option<DeviceName>;
+        /// Precision of a dense inverse. Default `f64`, on a GPU `f32`, the only one supported there; the exact level always
+        /// uses `f64`.
+        precision: Option<Precision>;
+        /// Source of the compliance. Default `on-demand` for the exact level, `dense` for all others.
+        columns: Option<ColumnsName>;
+        /// Minimum distance between nodes on the needle (finite elements): a node of the mesh is moved to the tip when the tip has left all
+        /// elements around the last such node and is at least this far from it. Default 1.
+        contact_spacing_mm: Option<f64>, in 0.1..=100 "mm";
+        /// Cylinder of a mass-spring model.
+        cylinder: Option<Parameters>;
+        /// Solver for the steps of a nonlinear or viscoelastic model.
+        solver: Option<StepSolverSpec>;
+        /// Viscosity of a viscoelastic model.
+        viscosity: Option<TissueViscositySpec>;
+        /// Materials of regions, where they differ from the scene's tissues.
+        material: Vec<MaterialSpec>;
+        /// Fixed nodes.
+        fix: Vec<FixSpec>;
+    }
 }
 
 /// Tissue model.
@@ -101,7 +102,7 @@ pub enum ColumnsName {
 }
 
 /// Material of a region. Keys left open are taken from the scene's tissue of that label.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MaterialSpec {
     /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions without their own
@@ -139,7 +140,7 @@ pub struct MaterialSpec {
 }
 
 /// Fixed nodes: by number, or the intersection of a box, a cylinder, a region, its surface and the surface of the mesh.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FixSpec {
     /// Node numbers from 0 in the order of the mesh file.

@@ -3,16 +3,11 @@
 use super::error::At;
 use super::file::{SceneFile, VolumeSpec};
 use crate::anatomy::phantom::Phantom;
-use crate::base::document::InvalidFile;
-use crate::base::range::Ranges;
 use crate::imaging::effects::Effects;
 use crate::imaging::synth::tables::ImageSize;
 use crate::input::InputError;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
-
-/// Maximum number of frames of a scene.
-const MAX_FRAMES: u32 = 1_000_000;
 
 /// Frame settings of a scene, independent of its content.
 pub(super) struct Framing {
@@ -33,9 +28,8 @@ impl SceneFile {
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
     ) -> Result<Framing, InputError> {
-        if let Some((key, found, expected)) = self.quality.and_then(|quality| quality.out_of_range()) {
-            return Err(self.fault(format!("quality.{key}"), InvalidFile::number(found, expected)));
-        }
+        self.in_ranges("quality", self.quality.as_ref())?;
+        self.in_ranges("motion", self.motion.as_ref())?;
         let volume = self.volume()?;
         let table = self.probe_table(plus, notes, warnings);
         let probe = match table {
@@ -67,13 +61,6 @@ impl SceneFile {
         effects
             .validate()
             .map_err(|error| self.fault(format!("effects.{}", error.key), error))?;
-        if let Some(frames) = self.motion.as_ref().and_then(|motion| motion.frames)
-            && !(1..=MAX_FRAMES).contains(&frames)
-        {
-            let found = f64::from(frames);
-            let expected = "1 to 1000000 frames";
-            return Err(self.fault("motion.frames", InvalidFile::number(found, expected)));
-        }
         Ok(Framing {
             probe,
             open_grid: [

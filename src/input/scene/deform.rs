@@ -6,49 +6,45 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix4, Vector3};
 use schemars::JsonSchema;
+use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
-use serde::{Deserialize, Serialize};
 
 use super::error::At;
 use super::file::SceneFile;
 use crate::anatomy::volume::LabelVolume;
 use crate::base::document::InvalidFile;
+use crate::base::range::parameters;
 use crate::input::InputError;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::{Displacement, TetMesh};
 
 /// Default number of nodes of a mesh over the volume.
 pub const DEFAULT_NODES: u32 = 5000;
-/// Minimum and maximum number of nodes of a mesh over the volume: one cell, and what still deforms at interactive
-/// rates.
-pub const NODES: [u32; 2] = [8, 1_000_000];
-
-/// A deformation of the tissue: `field`, `mesh`, or both.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct DeformSpec {
-    /// Approximate number of nodes of the mesh over the volume (8 to 1000000). Default 5000; not with `mesh`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub nodes: Option<u32>,
-    /// A displacement field, or a list of fields whose displacements add up.
-    #[serde(deserialize_with = "one_or_more", skip_serializing_if = "Vec::is_empty")]
-    #[schemars(with = "OneOrMore")]
-    pub field: Vec<Displacement>,
-    /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS, mm) in place of one over the volume.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub mesh: Option<PathBuf>,
-    /// Name of the point array of `mesh` that holds displacements in mm. Default `displacement`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub array: Option<String>,
-    /// Duration of the ramp from no deformation to full deformation, s, above 0. Default: full deformation at all
-    /// times.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub ramp_s: Option<f64>,
-    /// In place of `ramp_s`: points `[time_s, fraction]` in ascending time, with linear interpolation of the
-    /// fraction of the deformation between them and constant values outside.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub amplitude: Option<Vec<[f64; 2]>>,
+parameters! {
+    /// A deformation of the tissue: `field`, `mesh`, or both.
+    pub struct DeformSpec {
+        /// Approximate number of nodes of the mesh over the volume. Default 5000; not with `mesh`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        nodes: Option<u32>, in 8..=1000000 "nodes";
+        /// A displacement field, or a list of fields whose displacements add up.
+        #[serde(deserialize_with = "one_or_more", skip_serializing_if = "Vec::is_empty")]
+        #[schemars(with = "OneOrMore")]
+        field: Vec<Displacement>;
+        /// Tetrahedral mesh (`.vtu`, `.vtk`, `.msh`; LPS, mm) in place of one over the volume.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        mesh: Option<PathBuf>;
+        /// Name of the point array of `mesh` that holds displacements in mm. Default `displacement`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        array: Option<String>;
+        /// Duration of the ramp from no deformation to full deformation. Default: full deformation at all times.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        ramp_s: Option<f64>, above 0..=1e9 "s";
+        /// In place of `ramp_s`: points `[time_s, fraction]` in ascending time, with linear interpolation of the
+        /// fraction of the deformation between them and constant values outside.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        amplitude: Option<Vec<[f64; 2]>>;
+    }
 }
 
 /// Forms in which `field` may be written.
@@ -136,6 +132,7 @@ impl SceneFile {
     /// Returns the deformation of the scene, if it has one.
     pub(super) fn deformation(&self, volume: &LabelVolume, base: &Path) -> Result<Option<Deformation>, InputError> {
         let Some(spec) = &self.deform else { return Ok(None) };
+        self.in_ranges("deform", spec)?;
         for (at, field) in spec.field.iter().enumerate() {
             field
                 .validate()
@@ -173,11 +170,6 @@ impl SceneFile {
             ));
         }
         let nodes = spec.nodes.unwrap_or(DEFAULT_NODES);
-        if !(NODES[0]..=NODES[1]).contains(&nodes) {
-            let found = f64::from(nodes);
-            let expected = "8 to 1000000 nodes";
-            return Err(self.fault("deform.nodes", InvalidFile::number(found, expected)));
-        }
         TetMesh::over_affine_box(&box_of(volume), nodes as usize).at(self, "deform")
     }
 
@@ -212,8 +204,7 @@ impl SceneFile {
             (Some(_), Some(_)) => {
                 Err(self.wrong_keys("deform.ramp_s", "both `ramp_s` and `amplitude`", "at most one of them"))
             }
-            (Some(ramp), None) if ramp > 0.0 && ramp <= LATEST_S => Ok(vec![[0.0, 0.0], [ramp, 1.0]]),
-            (Some(ramp), None) => Err(number("deform.ramp_s", ramp, "seconds above 0, at most 1e9")),
+            (Some(ramp), None) => Ok(vec![[0.0, 0.0], [ramp, 1.0]]),
             (None, Some(points)) => {
                 if points.is_empty() {
                     return Err(self.wrong_keys("deform.amplitude", "no points", "at least one `[time_s, share]`"));

@@ -13,14 +13,12 @@ use crate::anatomy::phantom::Phantom;
 use crate::anatomy::volume::complete::Unlabelled;
 use crate::anatomy::volume::texture::{Seam, Values};
 use crate::base::document::{self, Source, Version};
-use crate::base::matrix::Rows;
-use crate::base::range::parameters;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
 use crate::input::Cause;
 use crate::tracking::placement::ScanPlane;
-use crate::tracking::pose::PoseSpec;
-use crate::tracking::probe::ProbeSpec;
+use crate::tracking::pose::{PoseSpec, pose_table};
+use crate::tracking::probe::{ImageSpec, ProbeSpec};
 use crate::tracking::world::World;
 
 /// A scene file. Paths are relative to the folder of the file.
@@ -75,7 +73,7 @@ pub struct SceneFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(SceneFile, Cause);
+document::input_file!(SceneFile, Cause, in_ranges);
 
 impl SceneFile {
     /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin
@@ -144,91 +142,32 @@ pub struct VolumeSpec {
     pub preset: Option<Preset>,
 }
 
-/// Constant pose of the probe: stated, or placed over a target. Rotations apply to either, and to the default pose.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct PoseTable {
-    /// Target under the probe: the name of a label, a tissue or a TotalSegmentator class, a part of one such as
-    /// `kidney` (the largest matching label counts), or a label value.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub target: Option<String>,
-    /// Orientation of the scan plane of an automatically placed probe. Default: the one that shows more.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub plane: Option<ScanPlane>,
-    /// World axes of the pose: `lps` (default), or `ras` as in 3D Slicer.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub world: Option<World>,
-    /// Centre of the array in the world, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub position_mm: Option<[f64; 3]>,
-    /// Axial direction of the probe in the world; any length.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub direction: Option<[f64; 3]>,
-    /// Approximate direction of the marked side in the world. Default: the patient's left, or the feet if the probe
-    /// points along the left-right axis.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub lateral: Option<[f64; 3]>,
-    /// Probe-to-world transform, mm: rigid.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub matrix: Option<Rows>,
-    /// Rotation about the axial direction, degrees. Default 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rotate_deg: Option<f64>,
-    /// Rotation within the image plane, degrees. Default 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub rock_deg: Option<f64>,
-    /// Rotation out of the image plane, degrees. Default 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tilt_deg: Option<f64>,
+pose_table! {
+    /// Constant pose of the probe: stated, or placed over a target. Rotations apply to either, and to the default pose.
+    #[derive(Default)]
+    pub struct PoseTable {
+        /// Target under the probe: the name of a label, a tissue or a TotalSegmentator class, a part of one such as
+        /// `kidney` (the largest matching label counts), or a label value.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        target: Option<String>;
+        /// Orientation of the scan plane of an automatically placed probe. Default: the one that shows more.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        plane: Option<ScanPlane>;
+        /// World axes of the pose: `lps` (default), or `ras` as in 3D Slicer.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        world: Option<World>;
+    }
 }
 
 impl PoseTable {
     /// Returns the pose keys, in LPS.
     pub fn pose(&self) -> PoseSpec {
-        PoseSpec {
-            position_mm: self.position_mm,
-            direction: self.direction,
-            lateral: self.lateral,
-            rotate_deg: self.rotate_deg,
-            rock_deg: self.rock_deg,
-            tilt_deg: self.tilt_deg,
-            matrix: self.matrix,
-        }
-        .in_lps(self.world.unwrap_or_default())
+        PoseSpec::from(self).in_lps(self.world.unwrap_or_default())
     }
 
     /// Whether the table states the pose itself, rather than a change to a pose determined otherwise.
     pub fn is_explicit(&self) -> bool {
         self.position_mm.is_some() || self.direction.is_some() || self.lateral.is_some() || self.matrix.is_some()
-    }
-}
-
-/// Placement of the pixels of a frame.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum GridSpec {
-    /// The complete sector in `width` by `height` square pixels.
-    #[default]
-    Fitted,
-    /// The pixels of the recording that moves the probe, by its size (or that in its PLUS configuration) and its
-    /// calibration.
-    Recorded,
-}
-
-parameters! {
-    /// Pixels of the frame.
-    #[derive(Copy)]
-    pub struct ImageSpec {
-        /// Placement of the pixels. Default `fitted`.
-        grid: GridSpec;
-        /// Columns. With `recorded`, `width` and `height` are those of the recording, without `margin`.
-        width: u32 = 640, in 1..=16384;
-        /// Rows.
-        height: u32 = 480, in 1..=16384;
-        /// Fraction of the image left free on each side of the sector.
-        margin: f64 = 0.02, in 0..=0.45;
-        /// Grey level outside the sector (0 to 255). Default 0.
-        fill: u8;
     }
 }
 

@@ -6,35 +6,35 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::base::matrix::Rows;
+use crate::base::range::parameters;
 use crate::tracking::needle::{BendingConstraint, NeedleSpec};
 use crate::tracking::trajectory::{Interpolation, KeyframeSpec};
 use crate::tracking::world::World;
 
-/// Motion of the probe: at most one of `keyframes`, `csv` and `sequence`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct MotionSpec {
-    /// Number of frames, spread evenly over the time of the motion (1 to 1000000). Default: one per valid pose of a
-    /// tracked sequence or row of a CSV path; 25 per second of a path through keyframes or of a ramp, at most 1000;
-    /// else 1.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub frames: Option<u32>,
-    /// World axes of keyframes, CSV path or tracked sequence: `lps` (default), or `ras` as in 3D Slicer.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub world: Option<World>,
-    /// Interpolation of positions between poses. Default `linear`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub interpolation: Option<Interpolation>,
-    /// Timed poses.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub keyframes: Option<Vec<KeyframeSpec>>,
-    /// CSV file with one timed pose per row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`, `dy`,
-    /// `dz` (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub csv: Option<PathBuf>,
-    /// A tracked sequence.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub sequence: Option<SequenceSpec>,
+parameters! {
+    /// Motion of the probe: at most one of `keyframes`, `csv` and `sequence`.
+    pub struct MotionSpec {
+        /// Number of frames, spread evenly over the time of the motion. Default: one per valid pose of a tracked sequence or row of a CSV path; 25
+        /// per second of a path through keyframes or of a ramp, at most 1000; else 1.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        frames: Option<u32>, in 1..=1000000 "frames";
+        /// World axes of keyframes, CSV path or tracked sequence: `lps` (default), or `ras` as in 3D Slicer.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        world: Option<World>;
+        /// Interpolation of positions between poses. Default `linear`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        interpolation: Option<Interpolation>;
+        /// Timed poses.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        keyframes: Option<Vec<KeyframeSpec>>;
+        /// CSV file with one timed pose per row: `time_s`, `x_mm`, `y_mm`, `z_mm` and `qw`, `qx`, `qy`, `qz` or `dx`, `dy`,
+        /// `dz` (and `lx`, `ly`, `lz`), or `time_s` and `m00` to `m33`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        csv: Option<PathBuf>;
+        /// A tracked sequence.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        sequence: Option<SequenceSpec>;
+    }
 }
 
 /// Probe path from a tracked sequence file of PLUS. Matrices act on column vectors, lengths in mm.

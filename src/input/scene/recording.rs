@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::Matrix4;
 
 use super::error::At;
-use super::file::{GridSpec, ImageSpec, SceneFile};
+use super::file::SceneFile;
 use super::paths::SequenceSpec;
 use crate::base::document::nearest;
 use crate::base::matrix::Rows;
@@ -14,7 +14,7 @@ use crate::imaging::synth::tables::ImageSize;
 use crate::input::{Cause, InputError};
 use crate::tracking::calibration::Calibration;
 use crate::tracking::plus::PlusConfig;
-use crate::tracking::probe::ProbeSpec;
+use crate::tracking::probe::{GridSpec, ImageSpec, ProbeSpec};
 use crate::tracking::sequence::{Sequence, SequenceFrame, TrackedTransform, chain, ends, merged};
 use crate::tracking::trajectory::{TrackedFrame, Trajectory};
 

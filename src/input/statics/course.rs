@@ -5,6 +5,7 @@ mod check;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::base::range::parameters;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{Options, Scheme, Slope};
 use crate::mechanics::tissue::viscoelastic::point::Method;
@@ -26,26 +27,16 @@ pub enum Model {
     Viscoelastic,
 }
 
-/// Solver of a nonlinear problem.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct SolverSpec {
-    /// Solution scheme. Default `newton`.
-    pub scheme: SchemeName,
-    /// Convergence tolerance: largest residual force over the largest force, above 0 and below 1. Euler steps have none.
-    /// Default 1e-9.
-    pub tolerance: f64,
-    /// Maximum number of iterations of a step (1 to 1000). Default 60.
-    pub iterations: u32,
-}
-
-impl Default for SolverSpec {
-    fn default() -> Self {
-        SolverSpec {
-            scheme: SchemeName::default(),
-            tolerance: Options::default().tolerance,
-            iterations: Options::default().iterations as u32,
-        }
+parameters! {
+    /// Solver of a nonlinear problem.
+    #[derive(Copy)]
+    pub struct SolverSpec {
+        /// Solution scheme. Default `newton`.
+        scheme: SchemeName;
+        /// Convergence tolerance: largest residual force over the largest force. Euler steps have none.
+        tolerance: f64 = 1e-9, above 0..1;
+        /// Maximum number of iterations of a step.
+        iterations: u32 = 60, in 1..=1000;
     }
 }
 
@@ -63,27 +54,17 @@ pub enum SchemeName {
     Newton,
 }
 
-/// The viscosity of tissue.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ViscositySpec {
-    /// Order k of the derivative, 0 (elastic) to 1 (viscous); moduli are in kPa s^k. Default 0.1, that of porcine
-    /// liver.
-    pub order: f64,
-    /// Memory variable. Default `load-integral`.
-    #[serde(alias = "law")]
-    pub memory: Memory,
-    /// Quadrature of the history. Default `exponentials`.
-    pub rule: Method,
-}
-
-impl Default for ViscositySpec {
-    fn default() -> Self {
-        ViscositySpec {
-            order: 0.1,
-            memory: Memory::default(),
-            rule: Method::default(),
-        }
+parameters! {
+    /// The viscosity of tissue.
+    #[derive(Copy)]
+    pub struct ViscositySpec {
+        /// Order k of the derivative: 0 is elastic, 1 viscous, 0.1 porcine liver. Moduli are in kPa s^k.
+        order: f64 = 0.1, in 0..=1;
+        /// Memory variable. Default `load-integral`.
+        #[serde(alias = "law")]
+        memory: Memory;
+        /// Quadrature of the history. Default `exponentials`.
+        rule: Method;
     }
 }
 

@@ -9,6 +9,7 @@ use serde::Deserialize;
 use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
 use super::selection::CylinderChoice;
 use crate::base::document::{self, RegionName, Source, Version};
+use crate::base::range::parameters;
 use crate::input::Cause;
 use crate::mechanics::mesh::file::Unit;
 
@@ -58,27 +59,28 @@ pub struct ProblemFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(ProblemFile, Cause);
+document::input_file!(ProblemFile, Cause, in_ranges);
 
-/// Material of a region, or of all regions without their own.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct MaterialSpec {
-    /// Region: its name, a part of its name, or its number. Without one the material applies to all other regions.
-    pub region: Option<RegionName>,
-    /// Young's modulus, kPa, above 0. Required unless `shear_kpa` is given.
-    pub young_kpa: Option<f64>,
-    /// In place of `young_kpa`: shear modulus G, kPa, above 0. Young's modulus is 2 (1 + poisson) G.
-    pub shear_kpa: Option<f64>,
-    /// Poisson's ratio, above -1 and below 0.5.
-    pub poisson: f64,
-    /// Relative strain (0 or more) above which the tissue stiffens, for nonlinear and viscoelastic tissue; sqrt(3)/2 times a knee in
-    /// simple shear. Default: no stiffening.
-    pub knee_strain: Option<f64>,
-    /// Stiffening coefficient (0 or more): a in E (1 + a (strain - knee_strain)^2).
-    pub stiffening: Option<f64>,
-    /// Density, kg/m^3 (above 0, at most 1e6): about 1050 for soft tissue. Required with `gravity_m_per_s2`.
-    pub density_kg_per_m3: Option<f64>,
+parameters! {
+    /// Material of a region, or of all regions without their own.
+    #[derive(Default)]
+    pub struct MaterialSpec with required keys {
+        /// Region: its name, a part of its name, or its number. Without one the material applies to all other regions.
+        region: Option<RegionName>;
+        /// Young's modulus, kPa, above 0. Required unless `shear_kpa` is given.
+        young_kpa: Option<f64>;
+        /// In place of `young_kpa`: shear modulus G, kPa, above 0. Young's modulus is 2 (1 + poisson) G.
+        shear_kpa: Option<f64>;
+        /// Poisson's ratio, above -1 and below 0.5.
+        poisson: f64;
+        /// Relative strain (0 or more) above which the tissue stiffens, for nonlinear and viscoelastic tissue; sqrt(3)/2 times a knee in
+        /// simple shear. Default: no stiffening.
+        knee_strain: Option<f64>;
+        /// Stiffening coefficient (0 or more): a in E (1 + a (strain - knee_strain)^2).
+        stiffening: Option<f64>;
+        /// Density: about 1050 for soft tissue. Required with `gravity_m_per_s2`.
+        density_kg_per_m3: Option<f64>, above 0..=1e6 "kg/m^3";
+    }
 }
 
 /// Prescribed displacements of nodes: selected by number, or as the intersection of a box, a cylinder, a region, its surface and the

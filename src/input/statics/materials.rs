@@ -5,14 +5,10 @@ use std::collections::BTreeMap;
 use super::course::Model;
 use super::file::{MaterialSpec, ProblemFile};
 use super::resolve::Regions;
-use crate::base::document::InvalidFile;
 use crate::input::InputError;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::Stiffening;
-
-/// Largest density, kg/m^3.
-const DENSEST: f64 = 1e6;
 
 /// Material of a region.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -73,12 +69,7 @@ impl ProblemFile {
         let key = |name: &str| format!("{table}.{name}");
         let material = Material::given(spec.young_kpa, spec.shear_kpa, spec.poisson);
         let material = material.map_err(|error| self.fault(key(&error.key), error))?;
-        if let Some(found) = spec.density_kg_per_m3
-            && !(found > 0.0 && found <= DENSEST)
-        {
-            let expected = "above 0, at most 1e6 kg/m^3";
-            return Err(self.fault(key("density_kg_per_m3"), InvalidFile::number(found, expected)));
-        }
+        self.in_ranges(table, spec)?;
         match (spec.knee_strain, spec.stiffening) {
             (None, None) => Ok(Stiffening::linear(material)),
             (knee, _) if self.model == Model::Linear => {

@@ -5,6 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::base::document::InvalidFile;
+use crate::base::range::{Ranges, parameters};
 use crate::input::Cause;
 use crate::mechanics::mesh::TetMesh;
 
@@ -16,21 +17,22 @@ pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 /// Default distance of a node from the wall of a cylinder, mm.
 const WITHIN_MM: f64 = 1.0;
 
-/// An endless cylinder that selects nodes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CylinderChoice {
-    /// A point of the axis, mm.
-    pub at_mm: [f64; 3],
-    /// Direction of the axis; any length.
-    pub axis: [f64; 3],
-    /// Radius, mm (above 0).
-    pub radius_mm: f64,
-    /// Nodes selected: those `inside`, those `outside`, or those near the `wall`. Default `wall`.
-    #[serde(default)]
-    pub part: CylinderPart,
-    /// With `wall`: largest distance of a node from it, mm (0 or more). Default 1.
-    pub within_mm: Option<f64>,
+parameters! {
+    /// An endless cylinder that selects nodes.
+    #[derive(Copy)]
+    pub struct CylinderChoice with required keys {
+        /// A point of the axis, mm.
+        at_mm: [f64; 3];
+        /// Direction of the axis; any length.
+        axis: [f64; 3];
+        /// Radius.
+        radius_mm: f64, above 0 "mm";
+        /// Nodes selected: those `inside`, those `outside`, or those near the `wall`. Default `wall`.
+        #[serde(default)]
+        part: CylinderPart;
+        /// With `wall`: largest distance of a node from it. Default 1.
+        within_mm: Option<f64>, in 0 "mm";
+    }
 }
 
 /// Part of space that a cylinder selects; nodes on the wall are in each.
@@ -49,15 +51,13 @@ pub enum CylinderPart {
 impl CylinderChoice {
     /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd number.
     fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, Odd> {
-        let number = |name: &str, found: f64, holds: bool, expected: &str| match found.is_finite() && holds {
-            true => Ok(found),
-            false => Err(Box::new((
-                format!("{key}.{name}"),
-                InvalidFile::number(found, expected).into(),
-            ))),
-        };
-        for (at, &found) in self.at_mm.iter().enumerate() {
-            number(&format!("at_mm[{at}]"), found, true, "a coordinate, mm")?;
+        let number =
+            |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected).into())));
+        if let Some((name, found, expected)) = self.out_of_range() {
+            return number(format!("{key}.{name}"), found, expected);
+        }
+        if let Some(at) = self.at_mm.iter().position(|x| !x.is_finite()) {
+            return number(format!("{key}.at_mm[{at}]"), self.at_mm[at], "a coordinate, mm");
         }
         let axis = Vector3::from(self.axis);
         let Some(axis) = axis
@@ -67,9 +67,7 @@ impl CylinderChoice {
             let expected = "finite numbers that are not all zero";
             return Err(keys(format!("{key}.axis"), format!("{:?}", self.axis), expected));
         };
-        let radius = number("radius_mm", self.radius_mm, self.radius_mm > 0.0, "above 0 mm")?;
-        let within = self.within_mm.unwrap_or(WITHIN_MM);
-        let within = number("within_mm", within, within >= 0.0, "0 mm or more")?;
+        let (radius, within) = (self.radius_mm, self.within_mm.unwrap_or(WITHIN_MM));
         if self.within_mm.is_some() && self.part != CylinderPart::Wall {
             let found = "`within_mm` of a part that has no wall";
             return Err(keys(format!("{key}.within_mm"), found, "`part = \"wall\"`"));

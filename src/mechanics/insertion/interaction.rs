@@ -5,40 +5,39 @@ use std::fmt::Debug;
 use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
-use crate::base::range::{OutOfRange, check};
+use crate::base::range::{OutOfRange, Ranges, check, parameters};
 use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 
 /// Distance between samples around the tip, mm.
 const AROUND_MM: f64 = 0.25;
 
-/// Force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
-/// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from
-/// the tip it is [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters of the tissue that surrounds
-/// it, so that the force is continuous where the tip crosses from one tissue into another.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Peak {
-    /// Force per length within `width_mm` of the tip while the needle cuts, in place of the friction there, N/mm (0 or
-    /// more).
-    pub density_n_per_mm: f64,
-    /// Length from the tip over which the peak acts, mm (above 0).
-    pub width_mm: f64,
+parameters! {
+    /// Force per length near the tip that some tissues show in place of a cutting force at the tip alone: the three-parameter
+    /// density (peak, width, shaft) of Dehghan et al. 2008, section "Needle shaft force distribution". Beyond `width_mm` from
+    /// the tip it is [`Interaction::friction_n_per_mm`]. Each length of shaft has the parameters of the tissue that surrounds
+    /// it, so that the force is continuous where the tip crosses from one tissue into another.
+    #[derive(Copy)]
+    pub struct Peak with required keys {
+        /// Force per length within `width_mm` of the tip while the needle cuts, in place of the friction there.
+        density_n_per_mm: f64, in 0 "N/mm";
+        /// Length from the tip over which the peak acts.
+        width_mm: f64, above 0 "mm";
+    }
 }
 
-/// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The depth of the tip is
-/// limited to `penetration_mm`: from there on the needle lags behind the hand, and the force stays at its limit,
-/// `stiffness_n_per_mm` x `penetration_mm`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Bone {
-    /// Force per mm of depth, N/mm (above 0).
-    pub stiffness_n_per_mm: f64,
-    /// Maximum depth of the tip, mm (above 0). At the end of the step in which bone is met, the mass-spring model may exceed
-    /// it by the advance in one substep.
-    pub penetration_mm: f64,
+parameters! {
+    /// Bone: a penalty force on the tip, against its direction, in proportion to its depth in the bone. The depth of the tip is
+    /// limited to `penetration_mm`: from there on the needle lags behind the hand, and the force stays at its limit,
+    /// `stiffness_n_per_mm` x `penetration_mm`.
+    #[derive(Copy)]
+    pub struct Bone with required keys {
+        /// Force per mm of depth.
+        stiffness_n_per_mm: f64, above 0 "N/mm";
+        /// Maximum depth of the tip. At the end of the step in which bone is met, the mass-spring model may exceed it by the advance in one
+        /// substep.
+        penetration_mm: f64, above 0 "mm";
+    }
 }
 
 impl Bone {
@@ -125,30 +124,17 @@ impl Interaction {
     /// # Errors
     /// [`OutOfRange`].
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let (negative, zero, ratio) = (
-            "a finite number of 0 or more",
-            "a finite number above 0",
-            "a finite number of 1 or more",
-        );
         for (key, found) in [
             ("friction_n_per_mm", self.friction_n_per_mm),
             ("cutting_n", self.cutting_n),
             ("puncture_n", self.puncture_n),
         ] {
-            check(key, found, found >= 0.0, negative)?;
+            check(key, found, found >= 0.0, "a finite number of 0 or more")?;
         }
-        check("static_ratio", self.static_ratio, self.static_ratio >= 1.0, ratio)?;
-        if let Some(peak) = &self.peak {
-            let density = peak.density_n_per_mm;
-            check("density_n_per_mm", density, density >= 0.0, negative)?;
-            check("width_mm", peak.width_mm, peak.width_mm > 0.0, zero)?;
-        }
-        if let Some(bone) = &self.bone {
-            let stiffness = bone.stiffness_n_per_mm;
-            check("stiffness_n_per_mm", stiffness, stiffness > 0.0, zero)?;
-            check("penetration_mm", bone.penetration_mm, bone.penetration_mm > 0.0, zero)?;
-        }
-        Ok(())
+        let ratio = self.static_ratio;
+        check("static_ratio", ratio, ratio >= 1.0, "a finite number of 1 or more")?;
+        self.peak.map_or(Ok(()), |peak| peak.check_ranges())?;
+        self.bone.map_or(Ok(()), |bone| bone.check_ranges())
     }
 }
 

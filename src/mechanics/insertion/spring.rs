@@ -95,7 +95,7 @@ impl MassSpring {
         let (skin_nodes, least_dihedral_deg) = (cylinder.skin_nodes, cylinder.least_dihedral_deg);
         let imaged = [cylinder.mesh.elements(), &cylinder.cap].concat().into();
         let network = Network::new(cylinder, &parameters);
-        let most = 4 * parameters.layers;
+        let most = 4 * parameters.layers();
         Ok(MassSpring {
             spacing_mm: network.shortest_edge_mm(),
             parameters,

@@ -18,6 +18,7 @@
 //! | [`material`] | hyperelastic materials in compression: stress, tangent modulus and its rate |
 //! | [`problem`] | needle, layers and elements, validated |
 //! | `foundation` | reaction and its derivatives over an element |
+//! | [`spec`] | tables of a case file |
 //! | `sweep` | the linear equations of one Newton step, from tip to base and back |
 //! | `newton` | Newton's method with a line search and load steps |
 //! | [`shape`] | solution: deflection, reaction, centres of motion |
@@ -33,6 +34,7 @@ pub mod material;
 mod newton;
 pub mod problem;
 pub mod shape;
+pub mod spec;
 mod sweep;
 
 pub use material::{Compression, Material};

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::base::range::{OutOfRange, check};
+use crate::base::range::{OutOfRange, Ranges, check, parameters};
 
 /// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel et
 /// al. 2011, section III-C).
@@ -39,21 +39,29 @@ impl Shaft {
 /// PVC of 20 kPa, 140 mm deep, on cells of 10 mm (9.4 mm on cells of 5 mm).
 pub const BEVEL_MM: f64 = 18.0;
 
-/// The bevel of a needle's tip, as a tilt of the last part of its centre line (Goksel et al. 2011, section III-C).
-///
-/// Tissue is cut at the edge of the tip, which lies off the centre line. The cut tissue then slides onto the centre line, so
-/// it is pulled to one side, away from the edge; its elastic response pushes the needle the other way, towards the edge, and
-/// a flexible needle follows. The tip is placed `r_mm` off the centre line towards +x of the frame of the last link, which
-/// is the side to which the needle deflects: roll of the base steers it, for the shaft has no torsion.
-///
-/// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is not a dimension of the needle but is
-/// fitted: Goksel et al. 2011 find 0.6 mm for a brachytherapy needle of 0.64 mm radius.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bevel {
-    /// Distance of the tip from the centre line, mm (0 to 5, below `length_mm`). With 0 the needle has no bevel.
-    pub r_mm: f64,
-    /// Length of the tilted part, mm (above 0, at most that of the needle); usually [`BEVEL_MM`].
-    pub length_mm: f64,
+parameters! {
+    /// The bevel of a needle's tip, as a tilt of the last part of its centre line (Goksel et al. 2011, section III-C).
+    ///
+    /// Tissue is cut at the edge of the tip, which lies off the centre line. The cut tissue then slides onto the centre line, so
+    /// it is pulled to one side, away from the edge; its elastic response pushes the needle the other way, towards the edge, and
+    /// a flexible needle follows. The tip is placed `r_mm` off the centre line towards +x of the frame of the last link, which
+    /// is the side to which the needle deflects: roll of the base steers it, for the shaft has no torsion.
+    ///
+    /// In three dimensions the cut runs around a rim, not through one point, so `r_mm` is not a dimension of the needle but is
+    /// fitted: Goksel et al. 2011 find 0.6 mm for a brachytherapy needle of 0.64 mm radius.
+    #[derive(Copy)]
+    #[schemars(rename = "BevelSpec")]
+    pub struct Bevel with required keys {
+        /// Distance of the tip from the centre line, less than `length_mm`. With 0 the needle has no bevel.
+        r_mm: f64, in 0..=5 "mm";
+        /// Length of the tilted part, at most that of the needle. Default 18: fitted to the deflection of 10.4 mm in Goksel et al. 2011, figure 10c.
+        #[serde(default = "usual_length")]
+        length_mm: f64, above 0 "mm";
+    }
+}
+
+fn usual_length() -> f64 {
+    BEVEL_MM
 }
 
 impl Bevel {
@@ -63,11 +71,21 @@ impl Bevel {
     /// [`OutOfRange`].
     pub fn check(&self, shaft: &Shaft) -> Result<(), OutOfRange> {
         let (r, length) = (self.r_mm, self.length_mm);
-        let fits = length > 0.0 && length <= shaft.length_mm;
-        let expected = "above 0, at most the length of the needle";
-        check("bevel_length_mm", length, fits, expected)?;
-        let holds = (0.0..=5.0).contains(&r) && r < length;
-        check("bevel_r_mm", r, holds, "0 to 5, below the length of the bevel")
+        let checked = self
+            .check_ranges()
+            .and_then(|()| {
+                check(
+                    "length_mm",
+                    length,
+                    length <= shaft.length_mm,
+                    "at most the length of the needle",
+                )
+            })
+            .and_then(|()| check("r_mm", r, r < length, "less than the length of the bevel"));
+        checked.map_err(|error| OutOfRange {
+            key: format!("bevel.{}", error.key),
+            ..error
+        })
     }
 
     /// Returns the direction of the tilted part in the frame of its link.

@@ -14,6 +14,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Guide, Posture};
+use crate::base::range::parameters;
 use crate::tracking::TrackingError;
 
 /// Period of the controller, s.
@@ -32,49 +33,32 @@ pub enum Control {
     Ideal,
 }
 
-/// Flexible rack, ball screw, encoder and controller of a slide.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Drive {
-    /// Dead band of the rack, mm of its travel (0 to 50). Default 4.
-    pub dead_band_mm: f64,
-    /// Stiffness of the rack, N/mm (0.01 to 1e6). Default 2.
-    pub stiffness_n_per_mm: f64,
-    /// Friction of the rack in its guide tube, N (0 to 1000). Default 3.
-    pub friction_n: f64,
-    /// Pitch radius of the pinions, mm (0.5 to 100). Default 4.
-    pub pinion_mm: f64,
-    /// Lead of the ball screw, mm a turn (0.1 to 50). Default 2.
-    pub lead_mm: f64,
-    /// Efficiency of the screw (0.01 to 0.5: self-locking). Default 0.3.
-    pub efficiency: f64,
-    /// Counts of the encoder a turn (1 to 1e6). Default 2000: 1 um.
-    pub counts_per_turn: f64,
-    /// Proportional gain, 1/s (0 to 1000). Default 100.
-    pub proportional_per_s: f64,
-    /// Integral gain, 1/s^2 (0 to 1e5). Default 500.
-    pub integral_per_s2: f64,
-    /// Highest speed of a slide, mm/s (0.1 to 1000). Default 20.
-    pub speed_mm_s: f64,
-    /// Force on the needle against its insertion, N (0 to 100): the lost motion of slide III depends on it. Default 0.
-    pub load_n: f64,
-}
-
-impl Default for Drive {
-    fn default() -> Self {
-        Self {
-            dead_band_mm: 4.0,
-            stiffness_n_per_mm: 2.0,
-            friction_n: 3.0,
-            pinion_mm: 4.0,
-            lead_mm: 2.0,
-            efficiency: 0.3,
-            counts_per_turn: 2000.0,
-            proportional_per_s: 100.0,
-            integral_per_s2: 500.0,
-            speed_mm_s: 20.0,
-            load_n: 0.0,
-        }
+parameters! {
+    /// Flexible rack, ball screw, encoder and controller of a slide.
+    #[derive(Copy)]
+    pub struct Drive {
+        /// Dead band of the rack, mm of its travel.
+        dead_band_mm: f64 = 4.0, in 0..=50;
+        /// Stiffness of the rack, N/mm.
+        stiffness_n_per_mm: f64 = 2.0, in 0.01..=1e6;
+        /// Friction of the rack in its guide tube, N.
+        friction_n: f64 = 3.0, in 0..=1000;
+        /// Pitch radius of the pinions, mm.
+        pinion_mm: f64 = 4.0, in 0.5..=100;
+        /// Lead of the ball screw, mm a turn.
+        lead_mm: f64 = 2.0, in 0.1..=50;
+        /// Efficiency of the screw: at most 0.5, so that it is self-locking.
+        efficiency: f64 = 0.3, in 0.01..=0.5;
+        /// Counts of the encoder a turn: 2000 is 1 um.
+        counts_per_turn: f64 = 2000.0, in 1..=1e6;
+        /// Proportional gain, 1/s.
+        proportional_per_s: f64 = 100.0, in 0..=1000;
+        /// Integral gain, 1/s^2.
+        integral_per_s2: f64 = 500.0, in 0..=1e5;
+        /// Highest speed of a slide, mm/s.
+        speed_mm_s: f64 = 20.0, in 0.1..=1000;
+        /// Force on the needle against its insertion, N: the lost motion of slide III depends on it.
+        load_n: f64 = 0.0, in 0..=100;
     }
 }
 
@@ -84,23 +68,7 @@ impl Drive {
     /// # Errors
     /// [`TrackingError`] with the key.
     pub fn check(&self) -> Result<(), TrackingError> {
-        let numbers = [
-            ("dead_band_mm", self.dead_band_mm, [0.0, 50.0]),
-            ("stiffness_n_per_mm", self.stiffness_n_per_mm, [0.01, 1e6]),
-            ("friction_n", self.friction_n, [0.0, 1000.0]),
-            ("pinion_mm", self.pinion_mm, [0.5, 100.0]),
-            ("lead_mm", self.lead_mm, [0.1, 50.0]),
-            ("efficiency", self.efficiency, [0.01, 0.5]),
-            ("counts_per_turn", self.counts_per_turn, [1.0, 1e6]),
-            ("proportional_per_s", self.proportional_per_s, [0.0, 1000.0]),
-            ("integral_per_s2", self.integral_per_s2, [0.0, 1e5]),
-            ("speed_mm_s", self.speed_mm_s, [0.1, 1000.0]),
-            ("load_n", self.load_n, [0.0, 100.0]),
-        ];
-        for (key, found, range) in numbers {
-            crate::tracking::error::within("manipulator.drive", key, found, range)?;
-        }
-        Ok(())
+        crate::tracking::error::in_ranges("manipulator.drive", self)
     }
 
     /// Travel of the slide for a travel of the rack of 1 mm, mm: `lead / (2 pi r)`.

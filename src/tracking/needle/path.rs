@@ -46,7 +46,7 @@ impl NeedlePath {
         entry_mm: Point3<f64>,
         entry_direction: Vector3<f64>,
     ) -> Result<Self, TrackingError> {
-        constraint.validate()?;
+        in_ranges("needle", &constraint)?;
         self.entry = Some(Entry {
             constraint,
             point: super::point("entry_mm", entry_mm.into())?,
@@ -124,11 +124,6 @@ impl NeedlePath {
 // Bending constraint of a tracked needle.
 
 impl BendingConstraint {
-    /// Checks every number against its documented range.
-    pub fn validate(&self) -> Result<(), TrackingError> {
-        in_ranges("needle", self)
-    }
-
     /// Returns the constrained shape of a needle whose straight measured pose enters at `entry_mm`: from the measured hub to
     /// the entry point, then along the constrained direction for the remaining length. A needle too short to reach the entry
     /// point, or with its hub on it, is left as measured.
@@ -153,6 +148,7 @@ impl BendingConstraint {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::range::Ranges;
 
     #[test]
     fn the_needle_turns_along_the_great_circle() {
@@ -248,8 +244,8 @@ mod tests {
     fn ranges_are_checked() {
         let read = |text: &str| toml::from_str::<BendingConstraint>(text).expect(text);
         assert_eq!(read(""), BendingConstraint::default());
-        assert!(read("max_weight = 1.5").validate().is_err());
-        assert!(read("delta_mm = nan").validate().is_err());
+        assert!(read("max_weight = 1.5").check_ranges().is_err());
+        assert!(read("delta_mm = nan").check_ranges().is_err());
         assert!(toml::from_str::<BendingConstraint>("alpha = 60").is_err());
     }
 }

@@ -5,14 +5,11 @@ use std::ops::Range;
 use nalgebra::Matrix4;
 use rayon::prelude::*;
 
-use super::{BeamGrid, Bounds};
-use crate::tracking::TrackingError;
+use super::{BeamGrid, Bounds, ImageSpec};
+use crate::tracking::error::{TrackingError, in_range};
 
 /// Value in [`scan_map`] for a pixel outside the sector. Inside it the line coordinate is never negative.
 pub const OUTSIDE: [f32; 2] = [-1.0, -1.0];
-
-/// Largest width and height of a frame, pixels.
-const MAX_SIDE: usize = 16384;
 
 /// Pixels of a frame in the probe's plane: columns towards the marked side (x), rows away from the transducer (y), which is
 /// PLUS's orientation MF. Integer coordinates are pixel centres. Pixels are square, except those of a calibrated recording.
@@ -40,15 +37,8 @@ impl ImageGrid {
         steps_mm: [[f64; 2]; 2],
         origin_mm: [f64; 2],
     ) -> Result<Self, TrackingError> {
-        if !((1..=MAX_SIDE).contains(&width) && (1..=MAX_SIDE).contains(&height)) {
-            let key = if (1..=MAX_SIDE).contains(&height) {
-                "width"
-            } else {
-                "height"
-            };
-            let text = format!("image size {width}x{height}; expected 1 to 16384 pixels a side");
-            return Err(TrackingError::at(key, text));
-        }
+        in_range::<ImageSpec>("image", "width", width as f64)?;
+        in_range::<ImageSpec>("image", "height", height as f64)?;
         let grid = Self {
             width,
             height,
@@ -65,12 +55,9 @@ impl ImageGrid {
     }
 
     /// Creates the largest view of the complete sector: centred laterally, its near edge at the top as on scanners, with
-    /// a `margin` (fraction of the width and of the height, 0 to 0.45) on each side.
+    /// a `margin` (fraction of the width and of the height) on each side.
     pub fn fit(beam: &BeamGrid, width: usize, height: usize, margin: f64) -> Result<Self, TrackingError> {
-        if !(0.0..=0.45).contains(&margin) {
-            let text = format!("margin {margin}; expected 0 to 0.45 of the image on each side");
-            return Err(TrackingError::at("margin", text));
-        }
+        in_range::<ImageSpec>("image", "margin", margin)?;
         let Bounds { min, max } = beam.bounds_mm();
         let room = [width, height].map(|pixels| pixels as f64 * (1.0 - 2.0 * margin));
         let pixel = ((max[0] - min[0]) / room[0]).max((max[1] - min[1]) / room[1]);

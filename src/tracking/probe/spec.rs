@@ -60,6 +60,35 @@ impl fmt::Display for ProbeKind {
     }
 }
 
+/// Placement of the pixels of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum GridSpec {
+    /// The complete sector in `width` by `height` square pixels.
+    #[default]
+    Fitted,
+    /// The pixels of the recording that moves the probe, by its size (or that in its PLUS configuration) and its
+    /// calibration.
+    Recorded,
+}
+
+parameters! {
+    /// Pixels of the frame.
+    #[derive(Copy)]
+    pub struct ImageSpec {
+        /// Placement of the pixels. Default `fitted`.
+        grid: GridSpec;
+        /// Columns. With `recorded`, `width` and `height` are those of the recording, without `margin`.
+        width: u32 = 640, in 1..=16384;
+        /// Rows.
+        height: u32 = 480, in 1..=16384;
+        /// Fraction of the image left free on each side of the sector.
+        margin: f64 = 0.02, in 0..=0.45;
+        /// Grey level outside the sector (0 to 255). Default 0.
+        fill: u8;
+    }
+}
+
 parameters! {
     /// A probe as written in a file; `Probe::try_from` validates it.
     #[derive(Copy)]

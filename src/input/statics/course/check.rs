@@ -29,31 +29,8 @@ impl ProblemFile {
             let expected = "a [history] with `time_s`, `factor` and `step_s`";
             return Err(self.wrong_keys("model", "viscoelastic tissue without a history", expected));
         }
-        let solver = self.solver.unwrap_or_default();
-        let number = |key: &str, found: f64, right: bool, expected| match right {
-            true => Ok(()),
-            false => Err(self.fault(key, InvalidFile::number(found, expected))),
-        };
-        let (tolerance, iterations) = (solver.tolerance, f64::from(solver.iterations));
-        number(
-            "solver.tolerance",
-            tolerance,
-            tolerance > 0.0 && tolerance < 1.0,
-            "above 0 and below 1",
-        )?;
-        number(
-            "solver.iterations",
-            iterations,
-            (1.0..=1000.0).contains(&iterations),
-            "1 to 1000",
-        )?;
-        let order = self.viscosity.unwrap_or_default().order;
-        number(
-            "viscosity.order",
-            order,
-            (0.0..=1.0).contains(&order),
-            "0 (elastic) to 1 (viscous)",
-        )?;
+        self.in_ranges("solver", self.solver.as_ref())?;
+        self.in_ranges("viscosity", self.viscosity.as_ref())?;
         let course = self.course();
         self.check_times(&course)?;
         self.factors("history.factor", &course.factor, &course)?;

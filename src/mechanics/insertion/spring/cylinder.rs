@@ -1,55 +1,39 @@
 //! Parameters of the mass-spring model, and the cylinder of tetrahedra around the path of the needle.
 
-use crate::base::range::check;
+use crate::base::range::{Ranges, parameters};
 use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::quality::Quality;
 
-/// Parameters of the mass-spring model. The tissue is one material throughout (Zhu et al. 2007, section 2.2).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Parameters {
-    /// Young's modulus, kPa (above 0).
-    pub young_kpa: f64,
-    /// Density, kg/m^3 (above 0).
-    pub density_kg_per_m3: f64,
-    /// Rate at which a free node loses its velocity, 1/s (0 or more): damping in proportion to mass.
-    pub damping_per_s: f64,
-    /// Ratio of a spring's damping to its stiffness, s (0 or more). It reduces the stable step.
-    pub spring_damping_s: f64,
-    /// Radius of the cylinder of tissue around the path, mm (above 0). Its side is fixed.
-    pub radius_mm: f64,
-    /// Length of the cylinder below the skin, mm (above 0). Its far end is fixed.
-    pub length_mm: f64,
-    /// Number of rings of nodes around the axis (1 to 64).
-    pub rings: usize,
-    /// Number of nodes of the first ring (3 to 12); ring i has i times as many, so that six give nearly equilateral
-    /// triangles.
-    pub sectors: usize,
-    /// Number of layers of elements along the axis (2 to 1000).
-    pub layers: usize,
-    /// Share of the far face's circumference below whose distance the tip node is penetrated (0.005 to 0.2).
-    pub lambda: f64,
-    /// Maximum number of substeps for the sake of stability (1 to 4096). In a step that would need more, less time is
-    /// simulated for the tissue: it approaches its equilibrium more slowly.
-    pub most_substeps: usize,
-}
-
-impl Default for Parameters {
-    /// Returns liver-like tissue (10 kPa), 25 mm around a path of 100 mm, nodes every 5 mm.
-    fn default() -> Self {
-        Parameters {
-            young_kpa: 10.0,
-            density_kg_per_m3: 1000.0,
-            damping_per_s: 200.0,
-            spring_damping_s: 1e-4,
-            radius_mm: 25.0,
-            length_mm: 100.0,
-            rings: 5,
-            sectors: 6,
-            layers: 20,
-            lambda: 0.05,
-            most_substeps: 100,
-        }
+parameters! {
+    /// Masses and springs in a cylinder around the path of the needle (Zhu et al. 2007, section 2.2). Its side and its far end are fixed; its tissue
+    /// is a single material, by default like liver.
+    #[derive(Copy)]
+    #[schemars(rename = "CylinderSpec")]
+    pub struct Parameters {
+        /// Young's modulus.
+        young_kpa: f64 = 10.0, in 1e-6..=1e12 "kPa";
+        /// Density.
+        density_kg_per_m3: f64 = 1000.0, in 1e-6..=1e12 "kg/m^3";
+        /// Rate at which a free node loses its velocity: damping in proportion to mass.
+        damping_per_s: f64 = 200.0, in 0..=1e12 "1/s";
+        /// Ratio of a spring's damping to its stiffness. It reduces the stable step.
+        spring_damping_s: f64 = 1e-4, in 0..=1e12 "s";
+        /// Radius.
+        radius_mm: f64 = 25.0, in 1e-6..=1e12 "mm";
+        /// Length below the skin. Default: 1.25 times the path of the tip in a scenario, else 100 mm.
+        length_mm: Option<f64>, in 1e-6..=1e12 "mm";
+        /// Number of rings of nodes around the axis.
+        rings: usize = 5, in 1..=64;
+        /// Number of nodes of the first ring; ring i has i times as many, so that six give nearly equilateral triangles.
+        sectors: usize = 6, in 3..=12;
+        /// Number of layers of elements along the axis. Default: layers as thick as rings are wide.
+        layers: Option<usize>, in 2..=1000;
+        /// The tip node is penetrated when the far face is nearer than this fraction of its circumference.
+        lambda: f64 = 0.05, in 0.005..=0.2;
+        /// Maximum number of substeps of a step for the sake of stability. In a step that would need more, less time is simulated for the tissue:
+        /// it approaches its equilibrium more slowly.
+        most_substeps: usize = 100, in 1..=4096;
     }
 }
 
@@ -64,36 +48,22 @@ impl Parameters {
     /// # Errors
     /// [`InvalidSetup::Number`], [`InvalidSetup::Large`].
     pub fn check(&self) -> Result<(), InvalidSetup> {
-        for (key, found) in [
-            ("young_kpa", self.young_kpa),
-            ("density_kg_per_m3", self.density_kg_per_m3),
-            ("radius_mm", self.radius_mm),
-            ("length_mm", self.length_mm),
-        ] {
-            check(key, found, (1e-6..=1e12).contains(&found), "a number of 1e-6 to 1e12")?;
-        }
-        for (key, found) in [
-            ("damping_per_s", self.damping_per_s),
-            ("spring_damping_s", self.spring_damping_s),
-        ] {
-            check(key, found, (0.0..=1e12).contains(&found), "a number of 0 to 1e12")?;
-        }
-        check(
-            "lambda",
-            self.lambda,
-            (0.005..=0.2).contains(&self.lambda),
-            "a number of 0.005 to 0.2",
-        )?;
-        let whole = |key, found: usize, holds: bool, expected| check(key, found as f64, holds, expected);
-        whole("rings", self.rings, (1..=64).contains(&self.rings), "1 to 64")?;
-        whole("sectors", self.sectors, (3..=12).contains(&self.sectors), "3 to 12")?;
-        whole("layers", self.layers, (2..=1000).contains(&self.layers), "2 to 1000")?;
-        let most = self.most_substeps;
-        whole("most_substeps", most, (1..=4096).contains(&most), "1 to 4096")?;
+        self.check_ranges()?;
         match self.nodes() {
             found if found > MOST_NODES => Err(InvalidSetup::Large { found }),
             _ => Ok(()),
         }
+    }
+
+    /// Length of the cylinder below the skin, mm.
+    pub fn length_mm(&self) -> f64 {
+        self.length_mm.unwrap_or(100.0)
+    }
+
+    /// Number of layers of elements along the axis.
+    pub fn layers(&self) -> usize {
+        let as_wide = (self.length_mm() * self.rings as f64 / self.radius_mm).round();
+        self.layers.unwrap_or(as_wide.clamp(2.0, 1000.0) as usize)
     }
 
     /// Returns the number of nodes of one layer.
@@ -103,7 +73,7 @@ impl Parameters {
 
     /// Returns the number of nodes of the cylinder.
     pub fn nodes(&self) -> usize {
-        (self.layers + 1) * self.nodes_of_layer()
+        (self.layers() + 1) * self.nodes_of_layer()
     }
 }
 
@@ -124,20 +94,21 @@ pub(super) struct Cylinder {
 impl Cylinder {
     pub fn new(parameters: &Parameters) -> Result<Cylinder, InvalidSetup> {
         parameters.check()?;
+        let layers = parameters.layers();
         let disc = parameters.nodes_of_layer();
         let triangles = triangles(parameters.rings, parameters.sectors);
         let mut nodes = Vec::with_capacity(parameters.nodes());
         let mut fixed = Vec::with_capacity(parameters.nodes());
-        for layer in 0..=parameters.layers {
-            let z = parameters.length_mm * layer as f64 / parameters.layers as f64;
+        for layer in 0..=layers {
+            let z = parameters.length_mm() * layer as f64 / layers as f64;
             for (ring, angle) in polar(parameters.rings, parameters.sectors) {
                 let r = parameters.radius_mm * ring as f64 / parameters.rings as f64;
                 nodes.push([r * angle.cos(), r * angle.sin(), z]);
-                fixed.push(ring == parameters.rings || layer == parameters.layers);
+                fixed.push(ring == parameters.rings || layer == layers);
             }
         }
-        let mut elements = Vec::with_capacity(3 * triangles.len() * parameters.layers);
-        for layer in 0..parameters.layers {
+        let mut elements = Vec::with_capacity(3 * triangles.len() * layers);
+        for layer in 0..layers {
             for triangle in &triangles {
                 // Each side of a prism is cut from the lower corner with the lower number, as in its neighbour.
                 let mut bottom = triangle.map(|corner| (layer * disc + corner) as u32);

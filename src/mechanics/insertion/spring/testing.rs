@@ -127,7 +127,7 @@ pub fn coarse() -> Parameters {
     Parameters {
         radius_mm: 20.0,
         rings: 3,
-        layers: 15,
+        layers: Some(15),
         ..Parameters::default()
     }
 }

@@ -113,7 +113,7 @@ impl MassSpring {
         let in_bone = self.meet_bone(before, travel, hand);
         // Side and far end are fixed: beyond them there is no element.
         let own = self.frame.inverse_transform_point(&tip.point_mm);
-        let within = own.z <= self.parameters.length_mm && own.coords.xy().norm() <= self.parameters.radius_mm;
+        let within = own.z <= self.parameters.length_mm() && own.coords.xy().norm() <= self.parameters.radius_mm;
         let found = self.network.locate(&in_front, self.body.element).filter(|_| within);
         let Some((element, _)) = found else {
             self.refuse();

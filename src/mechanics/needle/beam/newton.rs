@@ -5,9 +5,10 @@ use nalgebra::Vector2;
 use super::foundation::{self, Load};
 use super::problem::{Base, Bed, Division, Problem};
 use super::shape::Shape;
+use super::spec::BaseSpec;
 use super::sweep::{self, Change, Element, Push, Sweep};
 use super::{BeamError, TOLERANCE};
-use crate::base::range::{OutOfRange, check};
+use crate::base::range::{OutOfRange, Ranges};
 
 /// Size of corrections relative to the deflections below which the beam counts as solved too: rounding allows no better
 /// balance.
@@ -16,8 +17,6 @@ const ROUNDING: f64 = 1e-13;
 const STEPS: usize = 40;
 /// Smallest share of a Newton step, and of the base motion, that is tried.
 const SHORTEST: f64 = 1e-3;
-/// Largest displacement (mm) and slope of the base.
-const MAX_MOTION: f64 = 1e6;
 
 /// Crushed tissue that ended a trial.
 #[derive(Clone, Copy, Debug)]
@@ -92,9 +91,8 @@ impl FoundationBeam {
     /// # Errors
     /// [`BeamError`].
     pub fn solve(&mut self, base: &Base) -> Result<Shape, BeamError> {
-        let within = |key, x: f64| check(key, x, x.abs() <= MAX_MOTION, "-1e6 to 1e6");
-        within("displacement_mm", base.displacement_mm)?;
-        within("slope", base.slope.unwrap_or(0.0))?;
+        BaseSpec::check_number("displacement_mm", base.displacement_mm)?;
+        BaseSpec::check_number("slope", base.slope.unwrap_or(0.0))?;
         if base.slope.is_none() && !self.supported {
             return Err(BeamError::Unheld);
         }

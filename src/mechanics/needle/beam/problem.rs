@@ -3,7 +3,8 @@
 use std::f64::consts::PI;
 
 use super::material::{Compression, Law, Material};
-use crate::base::range::{OutOfRange, check};
+use super::spec::{BaseSpec, LayerSpec, MeshSpec, NeedleSpec};
+use crate::base::range::{OutOfRange, Ranges, check};
 
 /// Maximum number of elements of a needle.
 const MAX_ELEMENTS: f64 = 1e5;
@@ -64,16 +65,13 @@ impl Layer {
     /// # Errors
     /// [`OutOfRange`] with the key of the number.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let (thickness, length) = (self.thickness_mm, self.initial_length_mm);
-        let holds = thickness > 0.0 && thickness <= 1e4;
-        check("thickness_mm", thickness, holds, "above 0, at most 1e4 mm")?;
+        LayerSpec::check_number("thickness_mm", self.thickness_mm)?;
+        LayerSpec::check_number("friction", self.friction)?;
+        LayerSpec::check_number("min_compression_ratio", self.least_ratio)?;
+        let length = self.initial_length_mm;
         if length != f64::INFINITY {
             check("initial_length_mm", length, length > 0.0, "above 0 mm, or inf")?;
         }
-        let holds = (0.0..=1.0).contains(&self.friction);
-        check("friction", self.friction, holds, "0 to 1")?;
-        let holds = (0.0..1.0).contains(&self.least_ratio);
-        check("min_compression_ratio", self.least_ratio, holds, "0 to below 1")?;
         self.material.check()
     }
 }
@@ -84,13 +82,9 @@ impl Problem {
     /// # Errors
     /// [`OutOfRange`] with the key of the number.
     pub fn check(&self) -> Result<(), OutOfRange> {
-        let (stiffness, distance) = (self.bending_nmm2, self.control_distance_mm);
-        let holds = (1e-6..=1e12).contains(&stiffness);
-        check("bending_nmm2", stiffness, holds, "1e-6 to 1e12 N mm^2")?;
-        let holds = (0.0..=1e4).contains(&distance);
-        check("control_distance_mm", distance, holds, "0 to 1e4 mm")?;
-        let holds = (0.0..=1e4).contains(&self.pivot_mm);
-        check("pivot_mm", self.pivot_mm, holds, "0 to 1e4 mm")?;
+        NeedleSpec::check_number("bending_stiffness_nmm2", self.bending_nmm2)?;
+        BaseSpec::check_number("control_distance_mm", self.control_distance_mm)?;
+        BaseSpec::check_number("pivot_mm", self.pivot_mm)?;
         let inserted = self.inserted_mm;
         let sum: f64 = self.layers.iter().map(|layer| layer.thickness_mm).sum();
         // Layers that a user adds up by hand may miss the sum by rounding.
@@ -98,8 +92,9 @@ impl Problem {
         let expected = format!("0 to the sum of the layers, {sum} mm");
         check("inserted_mm", inserted, holds, expected)?;
         let element = self.element_mm;
-        let most = distance + inserted;
-        let holds = element > 0.0 && most / element + self.layers.len() as f64 <= MAX_ELEMENTS;
+        let most = self.control_distance_mm + inserted;
+        MeshSpec::check_number("element_mm", element)?;
+        let holds = most / element + self.layers.len() as f64 <= MAX_ELEMENTS;
         check(
             "element_mm",
             element,

@@ -178,7 +178,7 @@ fn recommendation(table: &Table) -> Option<String> {
 fn parameters([rings, layers]: [usize; 2]) -> Parameters {
     Parameters {
         rings,
-        layers,
+        layers: Some(layers),
         ..Parameters::default()
     }
 }
@@ -213,7 +213,7 @@ fn capped(parameters: Parameters) -> Result<TetMesh, StudyError> {
 }
 
 fn choices(model: &str, poisson: &str, parameters: &Parameters) -> Vec<String> {
-    let spacing = parameters.length_mm / parameters.layers as f64;
+    let spacing = parameters.length_mm() / parameters.layers() as f64;
     vec![model.to_owned(), poisson.to_owned(), format!("{spacing:.1}")]
 }
 
@@ -228,7 +228,7 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, StudyError> {
     let parameters = parameters(grid);
     let mesh = cylinder(parameters)?;
     // Supported like the mass-spring cylinder: at its side and its far end.
-    let [radius, length] = [parameters.radius_mm, parameters.length_mm].map(|it| it * (1.0 - 1e-9));
+    let [radius, length] = [parameters.radius_mm, parameters.length_mm()].map(|it| it * (1.0 - 1e-9));
     let held = (0..).zip(mesh.nodes());
     let held = held.filter(|(_, p)| p[0].hypot(p[1]) >= radius || p[2] >= length);
     let setup = Setup {
@@ -244,7 +244,7 @@ fn finite(grid: [usize; 2], poisson: f64) -> Result<Contender, StudyError> {
         mesh: mesh.clone(),
     };
     let mut finite = Finite::new(setup, |_, _| {})?;
-    finite.prefetch(&Point3::origin(), &Vector3::z(), parameters.length_mm, 0.0);
+    finite.prefetch(&Point3::origin(), &Vector3::z(), parameters.length_mm(), 0.0);
     let choices = choices(FINITE, &poisson.to_string(), &parameters);
     Ok(Contender::new(choices, &mesh, Box::new(finite)))
 }

@@ -11,9 +11,9 @@ use crate::mechanics::insertion::InvalidSetup;
 fn small() -> Parameters {
     Parameters {
         radius_mm: 10.0,
-        length_mm: 20.0,
+        length_mm: Some(20.0),
         rings: 2,
-        layers: 4,
+        layers: Some(4),
         damping_per_s: 0.0,
         spring_damping_s: 0.0,
         ..Parameters::default()
@@ -51,9 +51,9 @@ fn the_cylinder_is_whole() {
         let parameters = Parameters {
             rings,
             sectors,
-            layers,
+            layers: Some(layers),
             radius_mm: 5.0 * rings as f64,
-            length_mm: 5.0 * layers as f64,
+            length_mm: Some(5.0 * layers as f64),
             ..Parameters::default()
         };
         let cylinder = Cylinder::new(&parameters).unwrap();
@@ -64,7 +64,7 @@ fn the_cylinder_is_whole() {
         let volumes = cylinder.mesh.volumes(cylinder.mesh.nodes());
         let inner = (std::f64::consts::TAU / sides).cos();
         let total: f64 = volumes.inspect(|&volume| assert!(volume > 0.0)).sum();
-        assert!((total / (area * parameters.length_mm) - 1.0).abs() < 1e-12, "{inner}");
+        assert!((total / (area * parameters.length_mm()) - 1.0).abs() < 1e-12, "{inner}");
         // Only its surface has faces without a neighbour: as many triangles as top, bottom and side have.
         let outside = cylinder
             .mesh
@@ -77,7 +77,8 @@ fn the_cylinder_is_whole() {
     }
     assert!(Cylinder::new(&Parameters::default()).unwrap().least_dihedral_deg > 35.0);
     let thin = Cylinder::new(&Parameters {
-        length_mm: 2000.0,
+        length_mm: Some(2000.0),
+        layers: Some(20),
         ..Parameters::default()
     });
     assert!(matches!(thin, Err(InvalidSetup::Thin { .. })));
@@ -92,10 +93,10 @@ fn numbers_out_of_range_are_named() {
         ("damping_per_s", |it| it.damping_per_s = -1.0),
         ("spring_damping_s", |it| it.spring_damping_s = f64::INFINITY),
         ("radius_mm", |it| it.radius_mm = -1.0),
-        ("length_mm", |it| it.length_mm = 0.0),
+        ("length_mm", |it| it.length_mm = Some(0.0)),
         ("rings", |it| it.rings = 0),
         ("sectors", |it| it.sectors = 2),
-        ("layers", |it| it.layers = 1),
+        ("layers", |it| it.layers = Some(1)),
         ("lambda", |it| it.lambda = 0.3),
         ("most_substeps", |it| it.most_substeps = 0),
     ];
@@ -110,7 +111,7 @@ fn numbers_out_of_range_are_named() {
     }
     let large = Parameters {
         rings: 64,
-        layers: 1000,
+        layers: Some(1000),
         ..Parameters::default()
     };
     assert!(matches!(large.check(), Err(InvalidSetup::Large { .. })));
@@ -177,8 +178,8 @@ fn dynamic_matrix(it: &mut Network) -> (Vec<usize>, DMatrix<f64>) {
 fn free_vibrations_have_their_frequency() {
     let parameters = Parameters {
         rings: 1,
-        layers: 3,
-        length_mm: 24.0,
+        layers: Some(3),
+        length_mm: Some(24.0),
         ..small()
     };
     let mut it = network(&parameters);
@@ -289,9 +290,9 @@ fn beyond_twice_the_limit_it_bursts() {
 fn drawn_out_it_shows_its_modulus() {
     let parameters = Parameters {
         radius_mm: 10.0,
-        length_mm: 80.0,
+        length_mm: Some(80.0),
         rings: 2,
-        layers: 16,
+        layers: Some(16),
         damping_per_s: 100.0,
         spring_damping_s: 0.0,
         ..Parameters::default()

@@ -238,7 +238,7 @@ fn numbers_out_of_range_are_named() {
         ("link_mm", shaft, stiff, 0.1, bevel),
         ("link_mm", shaft, stiff, -10.0, bevel),
         (
-            "bevel_r_mm",
+            "bevel.r_mm",
             shaft,
             stiff,
             10.0,
@@ -248,7 +248,7 @@ fn numbers_out_of_range_are_named() {
             },
         ),
         (
-            "bevel_r_mm",
+            "bevel.r_mm",
             shaft,
             stiff,
             10.0,
@@ -258,7 +258,7 @@ fn numbers_out_of_range_are_named() {
             },
         ),
         (
-            "bevel_length_mm",
+            "bevel.length_mm",
             shaft,
             stiff,
             10.0,
@@ -268,7 +268,7 @@ fn numbers_out_of_range_are_named() {
             },
         ),
         (
-            "bevel_length_mm",
+            "bevel.length_mm",
             shaft,
             stiff,
             10.0,
