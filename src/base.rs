@@ -2,6 +2,8 @@
 
 pub mod csv;
 pub mod document;
+#[cfg(feature = "internals")]
+pub mod lossy;
 pub mod matrix;
 pub mod memory;
 pub mod output;
