@@ -33,6 +33,7 @@ pub fn check_all(test: &str, cases: &[Case]) {
         let lossy = check_lossy(case, &BIASES).unwrap_or_else(|error| panic!("{}: {error}", case.name));
         for verdict in verdicts.into_iter().chain(lossy) {
             let name = format!("{} on {}", case.name, verdict.backend);
+            println!("{name}: {:.2} of the bounds", verdict.share);
             let pixels = &verdict.pixels;
             let faults = &verdict.faults[..verdict.faults.len().min(5)];
             if pixels.outside() == 0 || faults.len() > 1 {
