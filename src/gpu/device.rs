@@ -75,7 +75,7 @@ impl Gpu {
         let limits = needs.limits(&format!("a device on '{}'", report.name), &adapter.limits())?;
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("insonify"),
-            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_features: adapter.features() & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::SHADER_F64),
             required_limits: limits.clone(),
             ..Default::default()
         };
@@ -156,6 +156,11 @@ impl Gpu {
 
     pub(super) fn counter(&self) -> &Counter {
         &self.counter
+    }
+
+    /// Whether shaders of the device can compute in f64.
+    pub fn has_f64(&self) -> bool {
+        self.device.features().contains(wgpu::Features::SHADER_F64)
     }
 
     /// Whether the device can time passes.
