@@ -117,21 +117,45 @@ fn entries(@builtin(global_invocation_id) id: vec3<u32>) {
     entries_out[1u + id.y * params.columns + id.x] = bank[source] - sum;
 }
 
-// ---- Z = Y C. Workgroups: blocks of rows, columns up to the padding.
+// ---- Z = Y C. Workgroups: blocks of rows, 16 columns. A row of C is as long as the rank with its padding, which is zero.
 
 @group(0) @binding(1) var<storage, read> y: array<f32>;
-@group(0) @binding(2) var<storage, read> c: array<f32>;
+@group(0) @binding(2) var<storage, read> c4: array<vec4<f32>>;
+
+// Columns from `rank` to the next multiple of 16.
+fn padded() -> u32 {
+    return (params.rank + DEPTH - 1u) / DEPTH * DEPTH;
+}
+
+fn set_aside(to: u32, values: vec4<f32>) {
+    strip_out[to] = values.x;
+    strip_out[to + SIDE] = values.y;
+    strip_out[to + 2u * SIDE] = values.z;
+    strip_out[to + 3u * SIDE] = values.w;
+}
 
 @compute @workgroup_size(128)
 fn product(@builtin(global_invocation_id) id: vec3<u32>) {
-    let column = id.y;
-    var sum = 0.0;
-    if column < params.rank {
-        for (var k = 0u; k < params.rank; k++) {
-            sum += y[strip_at(id.x, k)] * c[column * params.rank + k];
-        }
+    let first = id.y * DEPTH;
+    let wide4 = padded() / 4u;
+    let from = strip_at(id.x, 0u);
+    var s0 = vec4<f32>();
+    var s1 = vec4<f32>();
+    var s2 = vec4<f32>();
+    var s3 = vec4<f32>();
+    for (var k = 0u; k < params.rank; k++) {
+        let left = y[from + k * SIDE];
+        let at = k * wide4 + first / 4u;
+        s0 += left * c4[at];
+        s1 += left * c4[at + 1u];
+        s2 += left * c4[at + 2u];
+        s3 += left * c4[at + 3u];
     }
-    strip_out[strip_at(id.x, column)] = sum;
+    let to = strip_at(id.x, first);
+    set_aside(to, s0);
+    set_aside(to + 4u * SIDE, s1);
+    set_aside(to + 8u * SIDE, s2);
+    set_aside(to + 12u * SIDE, s3);
 }
 
 // ---- Level I: A -= Y Z^T, tile by tile. Workgroups: the tiles of the bank.

@@ -124,10 +124,14 @@ fn capacitance(@builtin(local_invocation_index) own: u32) {
 
     let reciprocal = f32(1.0lf / condition);
     let solved = condition < HUGE && reciprocal >= params.limit;
-    for (var at = own; at < entries; at += 256u) {
-        let i = at % rank;
-        let j = at / rank;
-        if i > j {
+    let wide = padded();
+    for (var at = own; at < rank * wide; at += 256u) {
+        let i = at / wide;
+        let j = at % wide;
+        if j >= rank {
+            c_out[at] = 0.0;
+        }
+        if j >= rank || i > j {
             continue;
         }
         var sum = 0.0lf;
@@ -137,8 +141,8 @@ fn capacitance(@builtin(local_invocation_index) own: u32) {
             sum += row + column;
         }
         let mean = select(0.0, f32(0.5lf * sum), solved);
-        c_out[j * rank + i] = mean;
-        c_out[i * rank + j] = mean;
+        c_out[j * wide + i] = mean;
+        c_out[i * wide + j] = mean;
     }
     if own == 0u {
         result[0] = select(-1.0, reciprocal, solved);

@@ -294,7 +294,8 @@ impl DeviceStore {
     }
 
     fn send_capacitance(&self, c: MatRef<'_, f64>) -> Result<(), GpuError> {
-        let values = c.col_iter().flat_map(|column| column.iter());
+        let padding = vec![0.0; padded(c.nrows()) as usize - c.nrows()];
+        let values = c.col_iter().flat_map(|column| column.iter().chain(&padding));
         let values: Vec<f32> = values.map(|x| *x as f32).collect();
         self.strips.c.write(&self.gpu, 0, &values)
     }
@@ -377,7 +378,7 @@ impl DeviceStore {
         };
         let rank = whole.rank as usize;
         let take = (!matches!(lead, Lead::None)).then(|| self.take_columns(rank));
-        let width = [self.blocks(), padded(rank), 1];
+        let width = [self.blocks(), padded(rank) / DEPTH as u32, 1];
         let product = one(&self.passes.product, &self.strips.product, width);
         let height = [self.blocks(), whole.rows, 1];
         let rows = self.of_banks(&self.passes.update_rows, |bank| &bank.update_rows, 0, height);
