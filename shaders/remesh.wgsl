@@ -122,7 +122,7 @@ fn entries(@builtin(global_invocation_id) id: vec3<u32>) {
 @group(0) @binding(1) var<storage, read> y: array<f32>;
 @group(0) @binding(2) var<storage, read> c4: array<vec4<f32>>;
 
-// Columns from `rank` to the next multiple of 16.
+// Columns in use, with their padding.
 fn padded() -> u32 {
     return (params.rank + DEPTH - 1u) / DEPTH * DEPTH;
 }
@@ -138,13 +138,13 @@ fn set_aside(to: u32, values: vec4<f32>) {
 fn product(@builtin(global_invocation_id) id: vec3<u32>) {
     let first = id.y * DEPTH;
     let wide4 = padded() / 4u;
-    let from = strip_at(id.x, 0u);
+    let own = strip_at(id.x, 0u);
     var s0 = vec4<f32>();
     var s1 = vec4<f32>();
     var s2 = vec4<f32>();
     var s3 = vec4<f32>();
     for (var k = 0u; k < params.rank; k++) {
-        let left = y[from + k * SIDE];
+        let left = y[own + k * SIDE];
         let at = k * wide4 + first / 4u;
         s0 += left * c4[at];
         s1 += left * c4[at + 1u];
