@@ -14,7 +14,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`tiles`] | passes and their parameters; lower triangle in tiles, spread over buffers within the binding limit |
-//! | [`strips`] | columns set aside for an update, and what is computed from them |
+//! | `strips` | columns set aside for an update, and what is computed from them |
 //! | [`store`] | inverse on a device |
 
 pub mod store;
