@@ -19,8 +19,6 @@ pub enum Bias {
     /// Truncation.
     TowardZero,
     AwayFromZero,
-    /// Towards positive infinity.
-    Up,
 }
 
 thread_local! {
@@ -76,7 +74,6 @@ impl Draw {
             Bias::Random(_) => self.bit(0),
             Bias::TowardZero => exact < 0.0,
             Bias::AwayFromZero => exact > 0.0,
-            Bias::Up => true,
         }
     }
 
@@ -237,6 +234,10 @@ impl Real for Lossy {
 
     fn truncate(self) -> i32 {
         self.value as i32
+    }
+
+    fn integer(self) -> i32 {
+        self.value.integer()
     }
 
     fn pick(numbers: &Numbers) -> &[Self] {
