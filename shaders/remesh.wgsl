@@ -17,11 +17,15 @@ struct Params {
     // The bank: its first tile, and how many.
     first_tile: u32,
     tiles: u32,
-    // Entries of the lists.
+    // Entries of the lists of rows and of columns, and where these begin.
     rows: u32,
     columns: u32,
+    rows_from: u32,
+    columns_from: u32,
     // Whether a sum begins or goes on.
     add: u32,
+    // Smallest reciprocal condition of I + dK G.
+    limit: f32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -87,42 +91,78 @@ fn take(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
-// ---- Entries at the rows and columns of the lists, row by row. Workgroups: columns by 64, rows.
+// ---- Entries at the rows and columns of the lists, row by row, less Y Z^T there. Workgroups: columns by 64, rows. They follow
+// the first value, which is the reciprocal condition.
 
 @group(0) @binding(3) var<storage, read_write> entries_out: array<f32>;
+@group(0) @binding(4) var<storage, read> y_near: array<f32>;
+@group(0) @binding(5) var<storage, read> z_near: array<f32>;
 
 @compute @workgroup_size(64)
 fn entries(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.columns {
         return;
     }
-    let source = entry_at(lists[id.y], lists[params.rows + id.x]);
-    if source != 0xffffffffu {
-        entries_out[id.y * params.columns + id.x] = bank[source];
+    let row = lists[params.rows_from + id.y];
+    let column = lists[params.columns_from + id.x];
+    let source = entry_at(row, column);
+    if source == 0xffffffffu {
+        return;
     }
+    // As level I has it: Y of the lower row, Z of the upper.
+    var sum = 0.0;
+    for (var k = 0u; k < params.rank; k++) {
+        sum += y_near[strip_at(max(row, column), k)] * z_near[strip_at(min(row, column), k)];
+    }
+    entries_out[1u + id.y * params.columns + id.x] = bank[source] - sum;
 }
 
-// ---- Z = Y C. Workgroups: blocks of rows, columns up to the padding.
+// ---- Z = Y C. Workgroups: blocks of rows, 16 columns. A row of C is as long as the rank with its padding, which is zero.
 
 @group(0) @binding(1) var<storage, read> y: array<f32>;
-@group(0) @binding(2) var<storage, read> c: array<f32>;
+@group(0) @binding(2) var<storage, read> c4: array<vec4<f32>>;
+
+// Columns in use, with their padding.
+fn padded() -> u32 {
+    return (params.rank + DEPTH - 1u) / DEPTH * DEPTH;
+}
+
+fn set_aside(to: u32, values: vec4<f32>) {
+    strip_out[to] = values.x;
+    strip_out[to + SIDE] = values.y;
+    strip_out[to + 2u * SIDE] = values.z;
+    strip_out[to + 3u * SIDE] = values.w;
+}
 
 @compute @workgroup_size(128)
 fn product(@builtin(global_invocation_id) id: vec3<u32>) {
-    let column = id.y;
-    var sum = 0.0;
-    if column < params.rank {
-        for (var k = 0u; k < params.rank; k++) {
-            sum += y[strip_at(id.x, k)] * c[column * params.rank + k];
-        }
+    let first = id.y * DEPTH;
+    let wide4 = padded() / 4u;
+    let own = strip_at(id.x, 0u);
+    var s0 = vec4<f32>();
+    var s1 = vec4<f32>();
+    var s2 = vec4<f32>();
+    var s3 = vec4<f32>();
+    for (var k = 0u; k < params.rank; k++) {
+        let left = y[own + k * SIDE];
+        let at = k * wide4 + first / 4u;
+        s0 += left * c4[at];
+        s1 += left * c4[at + 1u];
+        s2 += left * c4[at + 2u];
+        s3 += left * c4[at + 3u];
     }
-    strip_out[strip_at(id.x, column)] = sum;
+    let to = strip_at(id.x, first);
+    set_aside(to, s0);
+    set_aside(to + 4u * SIDE, s1);
+    set_aside(to + 8u * SIDE, s2);
+    set_aside(to + 12u * SIDE, s3);
 }
 
 // ---- Level I: A -= Y Z^T, tile by tile. Workgroups: the tiles of the bank.
 //
 // An invocation holds 4 rows of 16 columns: 64 sums, fed for each k by one group of four of Y, which neighbours read as one
-// line, and four of Z, which all 32 of a row share. The tile itself is read and written once, line by line.
+// line, and four of Z, which all 32 of a row share. The tile itself is read and written once, line by line; at the end, so that
+// the sum rounds at its own size and not, at each term, at that of the tile.
 
 @group(0) @binding(1) var<storage, read_write> bank4: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read> y4: array<vec4<f32>>;
@@ -206,7 +246,7 @@ fn update_all(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation
     bank4[to + 15u * SIDE4] -= a15;
 }
 
-// ---- Levels II and III: the same in the rows and columns of the first list, ascending. Workgroups: blocks of rows, the list.
+// ---- Levels II and III: the same in the rows and columns of the list of rows, ascending. Workgroups: blocks of rows, the list.
 
 @group(0) @binding(1) var<storage, read_write> bank_rows: array<f32>;
 @group(0) @binding(3) var<storage, read> z: array<f32>;
@@ -218,13 +258,13 @@ fn is_named(row: u32) -> bool {
     var high = params.rows;
     while low < high {
         let middle = (low + high) / 2u;
-        if named[middle] < row {
+        if named[params.rows_from + middle] < row {
             low = middle + 1u;
         } else {
             high = middle;
         }
     }
-    return low < params.rows && named[low] == row;
+    return low < params.rows && named[params.rows_from + low] == row;
 }
 
 @group(0) @binding(2) var<storage, read> y_rows: array<f32>;
@@ -232,7 +272,7 @@ fn is_named(row: u32) -> bool {
 @compute @workgroup_size(128)
 fn update_rows(@builtin(global_invocation_id) id: vec3<u32>) {
     let i = id.x;
-    let r = named[id.y];
+    let r = named[params.rows_from + id.y];
     // An entry of two named rows belongs to the one with the larger number.
     if i >= params.size || (i > r && is_named(i)) {
         return;

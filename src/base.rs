@@ -3,6 +3,8 @@
 pub mod cache;
 pub mod csv;
 pub mod document;
+#[cfg(feature = "internals")]
+pub mod lossy;
 pub mod matrix;
 pub mod memory;
 pub mod output;

@@ -11,6 +11,7 @@
 //! | [`buffer`] | [`StorageBuffer`]: checked, labelled storage |
 //! | [`recorder`] | [`Recorder`]: dispatches and copies of one submission |
 //! | [`readback`] | [`Readback`]: bytes back to the CPU through one persistent staging buffer |
+//! | [`traffic`] | [`Traffic`]: counts of submissions, waits and bytes |
 //! | [`timing`] | [`Timer`]: GPU time of each pass, where timestamps are supported |
 //! | [`texture_out`] | [`TextureOut`]: a grey frame left on the GPU |
 //!
@@ -65,6 +66,7 @@ pub mod recorder;
 pub(crate) mod testing;
 pub mod texture_out;
 pub mod timing;
+pub mod traffic;
 
 pub use access::Access;
 pub use adapter::{AdapterChoice, AdapterReport};
@@ -77,3 +79,4 @@ pub use readback::Readback;
 pub use recorder::{Dispatch, Recorder};
 pub use texture_out::{TextureOut, row_stride};
 pub use timing::Timer;
+pub use traffic::Traffic;

@@ -47,6 +47,7 @@ impl StorageBuffer {
             return gpu.check();
         }
         self.check_span("written", byte_offset, bytes.len() as u64)?;
+        gpu.counter().sent(whole_words(bytes.len() as u64));
         let (words, tail) = bytes.split_at(bytes.len() - bytes.len() % WORD as usize);
         gpu.scoped(&self.label, || {
             if !words.is_empty() {
@@ -168,6 +169,7 @@ impl Parameters {
 
     /// Uploads all slots in one write, effective before the next submission.
     pub fn write(&self, gpu: &Gpu) -> Result<(), GpuError> {
+        gpu.counter().sent(self.values.len() as u64);
         gpu.scoped(&self.label, || {
             gpu.queue().write_buffer(&self.buffer, 0, &self.values);
             Ok(())

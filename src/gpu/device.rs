@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use super::adapter::{self, AdapterChoice, AdapterReport};
 use super::faults::check_limit;
+use super::traffic::{Counter, Traffic};
 use super::{Faults, GpuError, Recorder};
 
 /// Default time limit for waiting on the GPU: Windows resets a GPU after 2 s, software Vulkan on a busy machine
@@ -62,6 +63,7 @@ pub struct Gpu {
     device: wgpu::Device,
     queue: wgpu::Queue,
     faults: Faults,
+    counter: Arc<Counter>,
     patience: Duration,
 }
 
@@ -73,7 +75,7 @@ impl Gpu {
         let limits = needs.limits(&format!("a device on '{}'", report.name), &adapter.limits())?;
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("insonify"),
-            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_features: adapter.features() & (wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::SHADER_F64),
             required_limits: limits.clone(),
             ..Default::default()
         };
@@ -97,6 +99,7 @@ impl Gpu {
             device,
             queue,
             faults,
+            counter: Arc::default(),
             patience: PATIENCE,
         })
     }
@@ -116,6 +119,7 @@ impl Gpu {
             device,
             queue,
             faults: Faults::default(),
+            counter: Arc::default(),
             patience: PATIENCE,
         })
     }
@@ -143,6 +147,20 @@ impl Gpu {
     /// Store of the errors that reach a handler or callback.
     pub fn faults(&self) -> &Faults {
         &self.faults
+    }
+
+    /// Submissions, waits and transfers since the device was opened, those of all clones together.
+    pub fn traffic(&self) -> Traffic {
+        self.counter.total()
+    }
+
+    pub(super) fn counter(&self) -> &Counter {
+        &self.counter
+    }
+
+    /// Whether shaders of the device can compute in f64.
+    pub fn has_f64(&self) -> bool {
+        self.device.features().contains(wgpu::Features::SHADER_F64)
     }
 
     /// Whether the device can time passes.
@@ -186,6 +204,7 @@ impl Gpu {
             let descriptor = wgpu::CommandEncoderDescriptor { label: Some(label) };
             let mut encoder = self.device.create_command_encoder(&descriptor);
             record(&mut Recorder::new(self, &mut encoder))?;
+            self.counter.submitted();
             Ok(self.queue.submit([encoder.finish()]))
         })
     }
@@ -203,6 +222,7 @@ impl Gpu {
     /// Waits until a submission and all before it are complete (`None`: the last one); `what` names the work in errors.
     pub fn wait_for(&self, what: &str, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
         let timeout = Some(self.patience);
+        self.counter.waited();
         self.poll(
             what,
             wgpu::PollType::Wait {

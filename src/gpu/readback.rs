@@ -63,16 +63,39 @@ impl Readback {
         self.read_rows(gpu, bytes, length, length)
     }
 
+    /// Reads as [`Readback::read`] does, and waits for no work after `submission`, which has the copy.
+    pub fn read_after<T: Pod>(
+        &mut self,
+        gpu: &Gpu,
+        submission: wgpu::SubmissionIndex,
+        out: &mut [T],
+    ) -> Result<(), GpuError> {
+        let bytes: &mut [u8] = bytemuck::cast_slice_mut(out);
+        let length = bytes.len();
+        self.read_waiting(gpu, Some(submission), bytes, length, length)
+    }
+
     /// Reads as [`Readback::read`] does, from rows of `row_bytes` that start `stride` bytes apart, into `out`
     /// without gaps.
     pub fn read_rows(&mut self, gpu: &Gpu, out: &mut [u8], row_bytes: usize, stride: usize) -> Result<(), GpuError> {
+        self.read_waiting(gpu, None, out, row_bytes, stride)
+    }
+
+    fn read_waiting(
+        &mut self,
+        gpu: &Gpu,
+        submission: Option<wgpu::SubmissionIndex>,
+        out: &mut [u8],
+        row_bytes: usize,
+        stride: usize,
+    ) -> Result<(), GpuError> {
         if out.is_empty() {
             return gpu.check();
         }
         self.check_rows(out.len(), row_bytes, stride)?;
         gpu.scoped(&self.label, || {
             self.request();
-            let waited = gpu.wait(&self.label);
+            let waited = gpu.wait_for(&self.label, submission);
             let copied = waited.and_then(|()| self.copy_rows(out, row_bytes, stride));
             self.release(gpu);
             copied

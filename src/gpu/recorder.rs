@@ -75,6 +75,7 @@ impl<'a> Recorder<'a> {
     /// Copies the first bytes of a buffer, as many as `readback` holds, to be read after submission.
     pub fn read_back(&mut self, buffer: &StorageBuffer, readback: &Readback) -> Result<(), GpuError> {
         buffer.check_span("read back", 0, readback.bytes())?;
+        self.gpu.counter().fetched(readback.bytes());
         self.encoder
             .copy_buffer_to_buffer(buffer.raw(), 0, readback.raw(), 0, readback.bytes());
         Ok(())

@@ -2,20 +2,23 @@
 //!
 //! [`follow`] creates a [`Remesher`](crate::mechanics::tissue::remesh::Remesher) like those of [`levels`](crate::mechanics::tissue::remesh::levels),
 //! with which it shares all but the [`Store`](crate::mechanics::tissue::remesh::levels::Store); `Adaptation::replace` switches to it during a run,
-//! and with [`maker`] an insertion uses a GPU. The inverse stays on the device. After each change, the rows and columns around the moved node are
-//! read back (G, some 48 x 48 values), C = (I + dK G)^-1 dK is computed from them in f64 and uploaded, and K^c is read back. Both products are fused
-//! into one pass over the tiles of the lower triangle, which reads and writes each once: at rank 48 that is 24 multiply-adds per byte moved, about
-//! the machine balance of data-centre GPUs.
+//! and with [`maker`] an insertion uses a GPU. The inverse stays on the device. After each change, dK goes up, the columns Y around the moved node
+//! are taken, C = (I + dK G)^-1 dK is computed from their rows G in f64, and K^c comes back, in one submission. The update of all entries is a second
+//! one, for which nobody waits: a pass over the tiles of the lower triangle, which reads and writes each once. At rank 48 that is 24 multiply-adds
+//! per byte moved, about the machine balance of data-centre GPUs. On a device without f64, and where the capacitance matrix is ill-conditioned,
+//! G is read back and C computed on the CPU, which then accepts or refuses it.
 //!
-//! The base stays in CPU memory and is uploaded again for a rebuild; all device memory is freed with the store.
+//! The base stays on the device, too, unless memory does not suffice for both: a rebuild is then one update from a fresh upload. All device memory
+//! is freed with the store.
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`passes`] | passes of `shaders/remesh.wgsl`, and their parameters |
-//! | [`tiles`] | lower triangle in tiles, spread over buffers within the binding limit |
+//! | [`tiles`] | passes and their parameters; lower triangle in tiles, spread over buffers within the binding limit |
+//! | `strips` | columns set aside for an update, and what is computed from them |
 //! | [`store`] | inverse on a device |
 
 pub mod store;
+mod strips;
 pub mod tiles;
 
 use std::sync::Arc;

@@ -38,7 +38,11 @@ use nalgebra::{Matrix4, Vector3};
 use slack::{Slack, Step};
 
 use crate::anatomy::volume::VolumeError;
+#[cfg(feature = "internals")]
+use crate::base::lossy::{self, Bias, Lossy};
 use crate::gpu::Gpu;
+#[cfg(feature = "internals")]
+use crate::imaging::synth::cpu::CpuExecutor;
 use crate::imaging::synth::layers::Beam;
 use crate::imaging::synth::local_origin::LocalFrame;
 use crate::imaging::synth::tables::{Anatomy, Settings};
@@ -120,6 +124,7 @@ impl Case {
 }
 
 /// Beam-space state after each pass of the plan, in order, relative to the local origin as the passes use it.
+#[derive(Default)]
 struct Trail {
     passes: Vec<&'static str>,
     beams: Vec<Beam>,
@@ -141,7 +146,7 @@ impl Trail {
 /// Result of comparing a twin with the reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verdict {
-    /// `cpu` or the name of the GPU adapter.
+    /// `cpu`, the name of the GPU adapter, or the bias of the least accurate arithmetic.
     pub backend: String,
     /// Number of samples in beam space, each compared after every pass.
     pub samples: usize,
@@ -163,11 +168,67 @@ pub fn check(case: &Case, gpus: &[Gpu]) -> Result<Vec<Verdict>, SynthError> {
     let mut exact = case.exact()?;
     let trail = Trail::of(&mut exact, &case.state)?;
     let twins = case.twins(gpus)?.into_iter();
-    twins.map(|twin| follow(case, &mut exact, &trail, twin)).collect()
+    twins
+        .map(|mut synth| {
+            let twin = Twin {
+                trail: Trail::of(&mut synth, &case.state)?,
+                pixels: synth.render(&case.state)?.pixels.clone(),
+                // WGSL leaves the direction open; in software it is that of the CPU.
+                to_nearest: synth.gpu().is_none_or(|gpu| gpu.report().software),
+                backend: synth
+                    .gpu()
+                    .map_or_else(|| synth.backend().to_owned(), |gpu| gpu.report().name.clone()),
+            };
+            follow(case, &mut exact, &trail, twin)
+        })
+        .collect()
 }
 
-fn follow(case: &Case, exact: &mut Synthesizer, trail: &Trail, mut twin: Synthesizer) -> Result<Verdict, SynthError> {
-    let own = Trail::of(&mut twin, &case.state)?;
+/// Compares the least accurate arithmetic that WGSL allows with the reference, as [`check`] does a GPU: once for each bias.
+///
+/// # Errors
+/// [`SynthError`] if a backend cannot render the scene.
+#[cfg(feature = "internals")]
+pub fn check_lossy(case: &Case, biases: &[Bias]) -> Result<Vec<Verdict>, SynthError> {
+    let mut exact = case.exact()?;
+    let trail = Trail::of(&mut exact, &case.state)?;
+    let mut local = LocalFrame::new(exact.tables().origin);
+    local.take(&case.state);
+    let state = local.of(&case.state);
+    let verdicts = biases.iter().map(|&bias| {
+        let (plan, tables) = (exact.plan(), exact.tables());
+        let twin = lossy::with(bias, || -> Result<Twin, SynthError> {
+            let mut cpu = CpuExecutor::<Lossy>::new(plan, tables)?;
+            let mut own = Trail::default();
+            for planned in &plan.passes {
+                cpu.run(std::slice::from_ref(planned), tables, state)?;
+                own.passes.push(planned.pass.name);
+                own.beams.push(Beam::of_store(&cpu.store, tables));
+            }
+            Ok(Twin {
+                trail: own,
+                pixels: cpu.store.pixels,
+                to_nearest: false,
+                backend: format!("{bias:?}"),
+            })
+        })?;
+        follow(case, &mut exact, &trail, twin)
+    });
+    verdicts.collect()
+}
+
+/// Result of a backend that is compared with the reference.
+struct Twin {
+    trail: Trail,
+    pixels: Vec<u8>,
+    /// Whether its sums and products are rounded to nearest.
+    to_nearest: bool,
+    /// See [`Verdict::backend`].
+    backend: String,
+}
+
+fn follow(case: &Case, exact: &mut Synthesizer, trail: &Trail, twin: Twin) -> Result<Verdict, SynthError> {
+    let own = twin.trail;
     let mut local = LocalFrame::new(exact.tables().origin);
     local.take(&case.state);
     let empty = Beam::default();
@@ -175,19 +236,19 @@ fn follow(case: &Case, exact: &mut Synthesizer, trail: &Trail, mut twin: Synthes
     if own.passes != trail.passes {
         slack.fault(format!("passes {:?} instead of {:?}", own.passes, trail.passes));
     }
-    for (at, (pass, twin)) in trail.passes.iter().zip(&own.beams).enumerate() {
+    for (at, (pass, found)) in trail.passes.iter().zip(&own.beams).enumerate() {
         let step = Step {
             case,
             tables: exact.tables(),
             state: local.of(&case.state),
             before: at.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
             after: &trail.beams[at],
-            twin,
+            twin: found,
         };
         let earlier = slack.faults.len();
         slack::carry(pass, &step, &mut slack)?;
         slack::compare(&step, &mut slack);
-        if *pass == "speckle_lateral" {
+        if *pass == "speckle_lateral" && twin.to_nearest {
             speckle::check_typical(&step, &mut slack);
         }
         for fault in &mut slack.faults[earlier..] {
@@ -195,11 +256,9 @@ fn follow(case: &Case, exact: &mut Synthesizer, trail: &Trail, mut twin: Synthes
         }
     }
     let last = trail.beams.last().unwrap_or(&empty);
-    let pixels = pixels::compare(case, exact, last, &mut slack, &mut twin)?;
+    let pixels = pixels::compare(case, exact, last, &mut slack, twin.pixels)?;
     Ok(Verdict {
-        backend: twin
-            .gpu()
-            .map_or_else(|| twin.backend().to_owned(), |gpu| gpu.report().name.clone()),
+        backend: twin.backend,
         samples: last.lines * last.samples,
         labels_apart: slack.labels_apart,
         share: slack.share,

@@ -191,7 +191,8 @@ fn every_shader_belongs_to_an_effect_to_remeshing_or_to_echoes_or_is_shared() {
         if path.is_file() {
             let stem = path.file_stem().and_then(|stem| stem.to_str()).expect("a name");
             assert!(
-                ["remesh", "echoes"].contains(&stem) || REGISTRY.iter().any(|effect| effect.name == stem),
+                ["remesh", "remesh_capacitance", "echoes"].contains(&stem)
+                    || REGISTRY.iter().any(|effect| effect.name == stem),
                 "no effect is called {stem}"
             );
         }

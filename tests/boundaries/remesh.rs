@@ -4,26 +4,27 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use insonify::gpu::Access;
-use insonify::mechanics::remesh_gpu::tiles::SIDE;
-use insonify::mechanics::remesh_gpu::tiles::{ALL, Params, SHADER};
+use insonify::mechanics::remesh_gpu::tiles::{ALL, MOST_RANK, Params, SHADER, SHADER_F64, SIDE};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 
 use super::shaders::block_of;
 
-fn parse() -> (Module, ModuleInfo) {
+fn parse(shader: &str, capabilities: Capabilities) -> (Module, ModuleInfo) {
     let module =
-        naga::front::wgsl::parse_str(SHADER).unwrap_or_else(|error| panic!("{}", error.emit_to_string(SHADER)));
-    let info = Validator::new(ValidationFlags::all(), Capabilities::empty())
+        naga::front::wgsl::parse_str(shader).unwrap_or_else(|error| panic!("{}", error.emit_to_string(shader)));
+    let info = Validator::new(ValidationFlags::all(), capabilities)
         .validate(&module)
-        .unwrap_or_else(|error| panic!("{}", error.emit_to_string(SHADER)));
+        .unwrap_or_else(|error| panic!("{}", error.emit_to_string(shader)));
     (module, info)
 }
 
 #[test]
 fn the_passes_of_remeshing_are_those_declared() {
-    let (module, info) = parse();
+    let (plain, _) = parse(SHADER, Capabilities::empty());
+    let (module, info) = parse(SHADER_F64, Capabilities::FLOAT64);
     assert_eq!(module.entry_points.len(), ALL.len());
+    assert_eq!(plain.entry_points.len(), ALL.len() - 1, "without the one in f64");
     for pass in ALL {
         let place = module.entry_points.iter().position(|entry| entry.name == pass.entry);
         let place = place.unwrap_or_else(|| panic!("no entry point {}", pass.entry));
@@ -73,7 +74,7 @@ fn the_passes_of_remeshing_are_those_declared() {
 
 #[test]
 fn the_parameters_and_the_tiles_of_remeshing_are_those_of_its_shader() {
-    let (module, _) = parse();
+    let (module, _) = parse(SHADER, Capabilities::empty());
     let (members, span) = block_of(&module);
     assert_eq!(span, size_of::<Params>());
     for (name, offset) in [
@@ -84,10 +85,14 @@ fn the_parameters_and_the_tiles_of_remeshing_are_those_of_its_shader() {
         ("tiles", offset_of!(Params, tiles)),
         ("rows", offset_of!(Params, rows)),
         ("columns", offset_of!(Params, columns)),
+        ("rows_from", offset_of!(Params, rows_from)),
+        ("columns_from", offset_of!(Params, columns_from)),
         ("add", offset_of!(Params, add)),
+        ("limit", offset_of!(Params, limit)),
     ] {
         assert_eq!(members.get(name), Some(&offset), "{name}");
     }
-    assert_eq!(members.len(), 8);
+    assert_eq!(members.len(), 11);
     assert!(SHADER.contains(&format!("const SIDE = {SIDE}u;")));
+    assert!(SHADER_F64.contains(&format!("const MOST = {MOST_RANK}u;")));
 }

@@ -1,7 +1,8 @@
 //! Scenes that are compared on every backend.
 
+use insonify::base::lossy::Bias;
 pub use insonify::study::parity::Case;
-use insonify::study::parity::check;
+use insonify::study::parity::{check, check_lossy};
 
 use insonify::imaging::synth::tables::Settings;
 
@@ -14,14 +15,19 @@ pub fn random(name: impl Into<String>, settings: Settings) -> Case {
     Case::new(name, scenes::random_anatomy(), settings, scenes::oblique_pose())
 }
 
+/// Directions of rounding of the least accurate arithmetic that WGSL allows.
+pub const BIASES: [Bias; 3] = [Bias::Random(1), Bias::TowardZero, Bias::AwayFromZero];
+
 /// Compares the twins with the reference after every pass and at the pixels, for each of the cases.
 pub fn check_all(test: &str, cases: &[Case]) {
     let gpus: Vec<_> = gpu_or_skip(test).into_iter().collect();
     for case in cases {
         let verdicts = check(case, &gpus).unwrap_or_else(|error| panic!("{}: {error}", case.name));
         assert_eq!(verdicts.len(), 1 + gpus.len(), "{}: a verdict a backend", case.name);
-        for verdict in verdicts {
+        let lossy = check_lossy(case, &BIASES).unwrap_or_else(|error| panic!("{}: {error}", case.name));
+        for verdict in verdicts.into_iter().chain(lossy) {
             let name = format!("{} on {}", case.name, verdict.backend);
+            println!("{name}: {:.2} of the bounds", verdict.share);
             let pixels = &verdict.pixels;
             let faults = &verdict.faults[..verdict.faults.len().min(5)];
             if pixels.outside() == 0 || faults.len() > 1 {

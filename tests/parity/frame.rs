@@ -2,8 +2,9 @@
 
 use insonify::gpu::{Gpu, Readback, row_stride};
 use insonify::imaging::synth::Synthesizer;
+use insonify::study::parity::check_lossy;
 
-use super::case::{Case, check_all};
+use super::case::{BIASES, Case, check_all};
 use super::scenes;
 use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::image::assert_within;
@@ -120,13 +121,15 @@ fn realistic_frames_differ_by_one_grey_level_at_most() {
         .pixels
         .clone();
     let gpus: Vec<_> = gpu_or_skip("realistic frames").into_iter().collect();
-    for mut twin in case.twins(&gpus).expect("backends") {
-        let frame = twin.render(&case.state).expect("a frame");
+    let twins = case.twins(&gpus).expect("backends").into_iter();
+    let frames = twins.map(|mut twin| twin.render(&case.state).expect("a frame").pixels.clone());
+    let lossy = check_lossy(&case, &BIASES).expect("verdicts").into_iter();
+    for pixels in frames.chain(lossy.map(|verdict| verdict.pixels.found)) {
         let allowed: Vec<[u8; 2]> = exact
             .iter()
             .map(|&g| [g.saturating_sub(1), g.saturating_add(1)])
             .collect();
-        assert_within("realistic frame", [320, 240], &frame.pixels, &exact, &allowed);
+        assert_within("realistic frame", [320, 240], &pixels, &exact, &allowed);
         assert!(
             exact.iter().filter(|&&grey| grey > 40).count() > 5000,
             "something is to be seen"

@@ -14,6 +14,7 @@ mod frame;
 mod geometry;
 mod insertion;
 mod interface;
+mod lossy;
 mod needle;
 mod noise;
 mod quantise;

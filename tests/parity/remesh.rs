@@ -3,12 +3,13 @@
 
 use std::sync::Arc;
 
+use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef};
 use insonify::gpu::GpuError;
 use insonify::mechanics::remesh_gpu::{DeviceStore, follow, tiles};
 use insonify::mechanics::tissue::remesh::levels::{Levels, Store, Which};
 use insonify::mechanics::tissue::remesh::{
-    Adaptation, AdaptedMesh, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source, State,
+    Adaptation, AdaptedMesh, Change, Level, Options, Precision, Rebuilt, RemeshError, Remesher, Source, State,
 };
 use insonify::mechanics::tissue::symmetric::Symmetric;
 
@@ -113,10 +114,20 @@ fn updates_of_every_shape_follow_the_cpu() {
         for (i, j) in (0..rank).flat_map(|i| (0..rank).map(move |j| (i, j))) {
             assert_eq!(g[(i, j)], y[(columns[i], j)], "{case}: G");
         }
-        store.update(c.as_ref(), None).unwrap();
+        let near = choose(size, size.min(20));
+        let block = store.update(c.as_ref(), None, &near).unwrap();
+        let found = all(&mut store);
+        for (i, j) in (0..near.len()).flat_map(|i| (0..near.len()).map(move |j| (i, j))) {
+            let (row, column) = (near[i], near[j]);
+            let (ahead, bound) = ((block[(i, j)] - found[(row, column)]).abs(), exact.bound[(row, column)]);
+            assert!(
+                ahead <= bound,
+                "{case}: ({row}, {column}) is {ahead:e} ahead, allowed {bound:e}"
+            );
+        }
         let mut twin = (*base).clone();
         twin.rank_update(y_single.as_ref(), c_single.as_ref()).unwrap();
-        exact.check(all(&mut store).as_ref(), |i, j| f64::from(twin.get(i, j)), &case);
+        exact.check(found.as_ref(), |i, j| f64::from(twin.get(i, j)), &case);
 
         // From the base again, in batches of columns: the same to within the rounding of the batches.
         let mut narrow = DeviceStore::new(&gpu, Arc::clone(&base), rank.div_ceil(3), bank).unwrap();
@@ -132,7 +143,7 @@ fn updates_of_every_shape_follow_the_cpu() {
         let rows = choose(size, rank.div_ceil(3));
         let mut store = DeviceStore::new(&gpu, Arc::clone(&base), rank, bank).unwrap();
         store.take(Which::Current, &columns).unwrap();
-        store.update(c.as_ref(), Some(&rows)).unwrap();
+        store.update(c.as_ref(), Some(&rows), &[]).unwrap();
         let mut twin = (*base).clone();
         twin.update_rows(&rows, y_single.as_ref(), c_single.as_ref()).unwrap();
         let named = |i: usize| rows.binary_search(&i).is_ok();
@@ -152,6 +163,139 @@ fn updates_of_every_shape_follow_the_cpu() {
             assert_eq!(found[(i, j)], found[(j, i)], "{case}: one value for both triangles");
         }
     }
+}
+
+/// A symmetric matrix of noise in f64, as large as `scale`.
+fn noisy(rank: usize, scale: f64) -> Mat<f64> {
+    Mat::from_fn(rank, rank, |i, j| {
+        scale * noise(9 << 40 | (i.max(j) as u64) << 20 | i.min(j) as u64)
+    })
+}
+
+/// (I + dK G)^-1 dK by faer, G at rows and columns of `base`.
+fn solved(base: &Symmetric<f32>, columns: &[usize], change: &Mat<f64>) -> Mat<f64> {
+    let rank = columns.len();
+    let g = Mat::from_fn(rank, rank, |i, j| f64::from(base.get(columns[i], columns[j])));
+    let matrix = Mat::<f64>::identity(rank, rank) + change * g;
+    matrix.partial_piv_lu().solve(change)
+}
+
+#[test]
+fn a_capacitance_matrix_solved_on_the_device_is_that_of_exact_arithmetic() {
+    let Some(gpu) = gpu_or_skip("a capacitance matrix") else {
+        return;
+    };
+    if !gpu.has_f64() {
+        println!("SKIPPED: no f64 on the GPU for a capacitance matrix");
+        return;
+    }
+    let tile = tiles::bytes_of(1);
+    // I + dK G = [0 -1/2; 3/4 4] has no first pivot on its diagonal; (G^-1 + dK)^-1 by hand.
+    let base = Arc::new(Symmetric::from_fn(2, |i, j| [[0.5, 0.25], [0.25, 1.0]][i][j]));
+    let mut store = DeviceStore::new(&gpu, base, 2, tile).unwrap();
+    let change = Mat::from_fn(2, 2, |i, j| [[-2.0, 0.0], [0.0, 3.0]][i][j]);
+    let (_, found) = store
+        .apply(&[0, 1], change.as_ref(), 1e-10, None, &[0, 1])
+        .unwrap()
+        .unwrap();
+    for (i, j, expected) in [
+        (0, 0, 29.0 / 6.0),
+        (1, 0, 2.0 / 3.0),
+        (0, 1, 2.0 / 3.0),
+        (1, 1, 1.0 / 3.0),
+    ] {
+        let far = (found[(i, j)] - expected).abs();
+        assert!(far <= 16.0 * UNIT * 29.0 / 6.0, "({i}, {j}) is off by {far:e}");
+    }
+    // Entries of dK G far above 1 and without order, so that each column needs its pivot found.
+    for (size, rank, bank) in [
+        (1, 1, tile),
+        (129, 17, tile),
+        (300, 48, 2 * tile),
+        (300, 128, 64 * tile),
+    ] {
+        let case = format!("{size} rows, rank {rank}");
+        let base = Arc::new(symmetric(size, 5));
+        let columns = choose(size, rank);
+        let change = noisy(rank, 10.0);
+        let c = solved(&base, &columns, &change);
+        let y = Mat::from_fn(size, rank, |i, k| f64::from(base.get(i, columns[k])));
+        let exact = Exact::of(&base, &y, &c);
+        // C is rounded to f32 as well.
+        let exact = Exact {
+            bound: Mat::from_fn(size, size, |i, j| 2.0 * exact.bound[(i, j)]),
+            value: exact.value,
+        };
+        let near = choose(size, size.min(20));
+        let rows = choose(size, rank.div_ceil(3));
+        for rows in [None, Some(&rows[..])] {
+            let mut store = DeviceStore::new(&gpu, Arc::clone(&base), rank, bank).unwrap();
+            let (condition, block) = store
+                .apply(&columns, change.as_ref(), 1e-10, rows, &near)
+                .unwrap()
+                .unwrap_or_else(|| panic!("{case}: refused"));
+            assert!((1e-7..=1.0).contains(&condition), "{case}: {condition:e}");
+            let found = all(&mut store);
+            let named = |i: usize| rows.is_none_or(|rows| rows.binary_search(&i).is_ok());
+            for (i, j) in (0..size).flat_map(|i| (0..size).map(move |j| (i, j))) {
+                let (value, bound) = match named(i) || named(j) {
+                    true => (exact.value[(i, j)], exact.bound[(i, j)]),
+                    false => (f64::from(base.get(i, j)), 0.0),
+                };
+                let far = (found[(i, j)] - value).abs();
+                assert!(far <= bound, "{case}: ({i}, {j}) off by {far:e}, allowed {bound:e}");
+            }
+            for (i, j) in (0..near.len()).flat_map(|i| (0..near.len()).map(move |j| (i, j))) {
+                let (row, column) = (near[i], near[j]);
+                let apart = (block[(i, j)] - found[(row, column)]).abs();
+                // The same sum, but for products fused with it.
+                assert!(
+                    apart <= exact.bound[(row, column)],
+                    "{case}: ({row}, {column}) is {apart:e} ahead"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn a_rebuild_on_the_device_is_that_from_a_fresh_upload() {
+    let Some(gpu) = gpu_or_skip("a rebuild of an inverse") else {
+        return;
+    };
+    let (size, rank, bank) = (300, 40, 2 * tiles::bytes_of(1));
+    let base = Arc::new(symmetric(size, 6));
+    let columns = choose(size, rank);
+    let c = noisy(rank, 0.1);
+    let mut fresh = DeviceStore::new(&gpu, Arc::clone(&base), rank, bank).unwrap();
+    fresh.take(Which::Current, &columns).unwrap();
+    fresh.update(c.as_ref(), None, &[]).unwrap();
+    let expected = all(&mut fresh);
+    let mut sent = Vec::new();
+    for is_kept in [true, false] {
+        let mut store = DeviceStore::new(&gpu, Arc::clone(&base), 16, bank).unwrap();
+        if !is_kept {
+            store.free_base();
+        }
+        // Moves away from the base, in rows that the rebuild must bring back.
+        let others: Vec<usize> = columns.iter().map(|column| column + 1).take(16).collect();
+        store.take(Which::Current, &others).unwrap();
+        store.update(noisy(16, 1.0).as_ref(), None, &[]).unwrap();
+        assert_ne!(all(&mut store), expected);
+        let before = gpu.traffic();
+        let g = store.take(Which::Base, &columns).unwrap();
+        assert_eq!(g[(1, 2)], f64::from(base.get(columns[1], columns[2])));
+        store.restart(c.as_ref()).unwrap();
+        sent.push((gpu.traffic() - before).bytes_up);
+        assert_eq!(all(&mut store), expected, "base kept: {is_kept}");
+    }
+    // Rows of zeros below the last are not sent.
+    let whole = tiles::bytes_of(size - size % tiles::SIDE)..=tiles::bytes_of(size);
+    assert!(
+        whole.contains(&(sent[1] - sent[0])),
+        "the base, and nothing else: {sent:?}"
+    );
+    assert!(sent[0] < 10_000, "{sent:?}");
 }
 
 #[test]
@@ -323,6 +467,106 @@ fn levels_two_and_three_are_right_in_their_rows_and_rebuild_when_switched_up() {
             "level {level}, rebuilt: off by {off:e}, allowed {allowed:e}"
         );
         assert_eq!(device.remesher().state(), State::Current);
+    }
+}
+
+/// A change whose capacitance matrix has an eigenvalue of `eigenvalue` and is the identity otherwise.
+fn nearly_singular(remesher: &mut dyn Remesher, mut change: Change, eigenvalue: f64) -> Change {
+    let support: Vec<usize> = change.support.iter().map(|dof| *dof as usize).collect();
+    let g = remesher.compliance(&support, &support).unwrap();
+    let v = |i: usize| noise(i as u64 + 77);
+    let rank = support.len();
+    let sum = (0..rank).flat_map(|i| (0..rank).map(move |j| (i, j)));
+    let sum: f64 = sum.map(|(i, j)| v(i) * g[(i, j)] * v(j)).sum();
+    change.stiffness = Mat::from_fn(rank, rank, |i, j| (eigenvalue - 1.0) * v(i) * v(j) / sum);
+    change
+}
+
+#[test]
+fn an_ill_conditioned_change_is_refused_as_on_the_cpu() {
+    let Some(gpu) = gpu_or_skip("ill-conditioned changes") else {
+        return;
+    };
+    for level in [Level::I, Level::II, Level::III] {
+        let mut mesh = mesh(0.45);
+        let source = single(&mesh);
+        let Source::Single(base) = &source else {
+            panic!("single is single")
+        };
+        let options = Options {
+            check_every: 0,
+            ..Options::default()
+        };
+        let mut device = follow(&gpu, &mesh, &source, level, options).unwrap();
+        let mut host = Levels::<f32>::new(&mesh, Arc::clone(base), level, options).unwrap();
+        let contacts = contacts(&mesh);
+        let (node, position) = nth_move(&mesh, &free_nodes(&mesh), 3);
+        let change = mesh.move_node(node, position).unwrap();
+        let every: Vec<usize> = (0..mesh.dofs().free()).collect();
+        let mut refused = Vec::new();
+        for remesher in [&mut device as &mut dyn Remesher, &mut host] {
+            remesher.set_contacts(&contacts).unwrap();
+            let before = remesher.compliance(&every, &every).unwrap();
+            let condensed = remesher.condensed().to_owned();
+            let bad = nearly_singular(remesher, change.clone(), 1e-13);
+            refused.push(remesher.remesh(&mesh, &bad).unwrap_err());
+            assert!(matches!(refused[0], RemeshError::Singular { .. }), "{}", refused[0]);
+            assert_eq!(remesher.compliance(&every, &every).unwrap(), before, "level {level}");
+            assert_eq!(remesher.condensed(), condensed.as_ref(), "level {level}");
+            assert_eq!(remesher.state(), State::Current);
+            // Badly conditioned, and not beyond the limit.
+            let poor = nearly_singular(remesher, change.clone(), 1e-6);
+            let report = remesher.remesh(&mesh, &poor).unwrap();
+            let condition = report.reciprocal_condition;
+            assert!((1e-10..1e-5).contains(&condition), "level {level}: {condition:e}");
+        }
+        assert_eq!(refused[0], refused[1], "level {level}");
+    }
+}
+
+#[test]
+fn a_move_waits_once_and_sends_little() {
+    let Some(gpu) = gpu_or_skip("counts of a move") else {
+        return;
+    };
+    for level in [Level::I, Level::II, Level::III] {
+        let mut mesh = mesh(0.45);
+        let options = Options {
+            check_every: 0,
+            ..Options::default()
+        };
+        let mut device = follow(&gpu, &mesh, &single(&mesh), level, options).unwrap();
+        let contacts = contacts(&mesh);
+        device.set_contacts(&contacts).unwrap();
+        let (node, position) = nth_move(&mesh, &free_nodes(&mesh), 3);
+        let change = mesh.move_node(node, position).unwrap();
+        let before = gpu.traffic();
+        let report = device.remesh(&mesh, &change).unwrap();
+        let moved = gpu.traffic() - before;
+        // All entries are updated in a submission of their own; without f64 G comes back first.
+        let (updates, fetches) = (u64::from(level == Level::I), u64::from(!gpu.has_f64()));
+        assert_eq!(
+            (report.rebuilt, moved.submissions, moved.waits),
+            (None, 1 + updates + fetches, 1 + fetches),
+            "level {level}"
+        );
+        if gpu.has_f64() {
+            let named = match level {
+                Level::I => 0,
+                Level::II => report.rank,
+                _ => 3,
+            };
+            let lists = 4 * (report.rank + contacts.len() + named);
+            let expected = 8 * report.rank.pow(2) + lists + 2 * 256;
+            assert_eq!(moved.bytes_up, expected as u64, "level {level}");
+            let values = (1 + contacts.len().pow(2)).next_power_of_two();
+            assert_eq!(moved.bytes_down, 4 * values as u64, "level {level}");
+        }
+        let before = gpu.traffic();
+        device.refresh(&mesh).unwrap();
+        let rebuilt = gpu.traffic() - before;
+        assert_eq!((rebuilt.submissions, rebuilt.waits), (3, 1), "level {level}");
+        assert!(rebuilt.bytes_up < 50_000, "{rebuilt:?}");
     }
 }
 

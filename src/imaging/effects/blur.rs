@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::range::parameters;
 use crate::base::real::Real;
@@ -93,8 +93,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: true,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(tables: &Tables) -> Verdict {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::range::parameters;
 use crate::base::real::Real;
@@ -63,8 +63,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: per_sample,
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(tables: &Tables) -> Verdict {

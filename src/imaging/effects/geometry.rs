@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::buffers::{POSITION, RAYS};
 use super::common::{plane_step, rows};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
@@ -32,8 +32,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: per_sample,
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(_: &Tables) -> Verdict {

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
 use super::common::{rows, scatterers};
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::slice::{Beyond, LabelReader};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::seed_words;
@@ -104,8 +104,7 @@ const fn interface_pass(entry: &'static str, bindings: &'static [(&'static Buffe
         params,
         workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
         flips: false,
-        cpu: run::<f32>,
-        cpu_f64: run::<f64>,
+        cpu: reference!(run),
     }
 }
 

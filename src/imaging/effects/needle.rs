@@ -16,7 +16,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::seed_words;
 use crate::base::range::parameters;
@@ -120,8 +120,7 @@ const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, 
         params,
         workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
         flips: false,
-        cpu: run::<f32>,
-        cpu_f64: run::<f64>,
+        cpu: reference!(run),
     }
 }
 

@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{IMAGE, SCAN_MAP};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::{hash3, pcg3d, seed_words};
 use crate::base::range::parameters;
@@ -50,8 +50,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: |tables, band| [groups(tables.width(), 64), band.rows, 1],
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(tables: &Tables) -> Verdict {

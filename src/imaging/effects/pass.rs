@@ -3,6 +3,8 @@
 use bytemuck::Pod;
 
 use super::buffers::Buffer;
+#[cfg(feature = "internals")]
+use crate::base::lossy::Lossy;
 pub use crate::gpu::Access;
 use crate::imaging::synth::slab::Slab;
 use crate::imaging::synth::store::Store;
@@ -69,11 +71,33 @@ pub struct Pass {
     pub workgroups: fn(&Tables, Band) -> [u32; 3],
     /// Whether the executors swap `AMPLITUDE` and `AMPLITUDE_NEXT` after the pass.
     pub flips: bool,
-    /// CPU reference in single precision, matching the shader.
-    pub cpu: fn(&View, &mut Store<f32>),
-    /// CPU reference in double precision.
-    pub cpu_f64: fn(&View, &mut Store<f64>),
+    /// CPU reference.
+    pub cpu: Reference,
 }
+
+/// CPU reference of a pass in each scalar.
+pub struct Reference {
+    /// In single precision, matching the shader.
+    pub single: fn(&View, &mut Store<f32>),
+    /// In double precision.
+    pub double: fn(&View, &mut Store<f64>),
+    /// In the least accurate single precision that WGSL allows.
+    #[cfg(feature = "internals")]
+    pub lossy: fn(&View, &mut Store<Lossy>),
+}
+
+/// The reference of a pass, from a function that is generic over the scalar.
+macro_rules! reference {
+    ($($run:ident)::+) => {
+        crate::imaging::effects::pass::Reference {
+            single: $($run)::+::<f32>,
+            double: $($run)::+::<f64>,
+            #[cfg(feature = "internals")]
+            lossy: $($run)::+::<crate::base::lossy::Lossy>,
+        }
+    };
+}
+pub(crate) use reference;
 
 /// Number of workgroups of `size` invocations that cover `count`.
 pub fn groups(count: usize, size: u32) -> u32 {

@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{IMAGE, PIXELS};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
@@ -27,8 +27,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: |tables, band| [groups(tables.words_per_row(), 64), band.rows, 1],
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(_: &Tables) -> Verdict {

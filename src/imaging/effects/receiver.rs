@@ -19,7 +19,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::point_spread::PointSpread;
 use super::shadow::average_db_cm;
 use super::{Effect, Parameters, Stage, Verdict};
@@ -142,8 +142,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(tables: &Tables) -> Verdict {

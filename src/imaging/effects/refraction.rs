@@ -17,7 +17,7 @@ use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, LABEL, LABEL_ROWS};
 use super::common::spacing;
-use super::pass::{Access::*, Band, ParamBlock, Pass, View};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::range::parameters;
 use crate::base::real::Real;
@@ -96,8 +96,7 @@ static PASSES: &[Pass] = &[
         params,
         workgroups: |tables, _| [1, (tables.lines() / reach(tables)) as u32, 1],
         flips: false,
-        cpu: phases::<f32>,
-        cpu_f64: phases::<f64>,
+        cpu: reference!(phases),
     },
     Pass {
         name: "refraction",
@@ -107,8 +106,7 @@ static PASSES: &[Pass] = &[
         params,
         workgroups: |tables, _| [1, tables.lines() as u32, 1],
         flips: false,
-        cpu: run::<f32>,
-        cpu_f64: run::<f64>,
+        cpu: reference!(run),
     },
 ];
 

@@ -19,7 +19,7 @@ use super::buffers::{
 };
 use super::common;
 use super::lateral::LateralKernel;
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
 use crate::anatomy::acoustics::Tissue;
 use crate::base::range::{check, parameters};
@@ -263,8 +263,7 @@ const fn rays_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Ac
         params,
         workgroups: |tables, _| [1, tables.lines() as u32, aperture::RAYS as u32],
         flips: false,
-        cpu: aperture::rays::<f32>,
-        cpu_f64: aperture::rays::<f64>,
+        cpu: reference!(aperture::rays),
     }
 }
 
@@ -276,8 +275,7 @@ const APERTURE: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
-    cpu: aperture::mean::<f32>,
-    cpu_f64: aperture::mean::<f64>,
+    cpu: reference!(aperture::mean),
 };
 
 /// Whether shadows widen with depth: the scene has occluders.
@@ -307,8 +305,7 @@ const fn loss_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Ac
         params,
         workgroups: |tables, _| [1, tables.lines() as u32, 1],
         flips: false,
-        cpu: losses::<f32>,
-        cpu_f64: losses::<f64>,
+        cpu: reference!(losses),
     }
 }
 
@@ -326,8 +323,7 @@ const PENUMBRA: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
-    cpu: penumbra::run::<f32>,
-    cpu_f64: penumbra::run::<f64>,
+    cpu: reference!(penumbra::run),
 };
 
 const FIND_REFLECTORS: Pass = Pass {
@@ -338,8 +334,7 @@ const FIND_REFLECTORS: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.lines(), 64), 1, 1],
     flips: false,
-    cpu: reverberation::reflectors::<f32>,
-    cpu_f64: reverberation::reflectors::<f64>,
+    cpu: reference!(reverberation::reflectors),
 };
 
 const MIRROR: Pass = Pass {
@@ -356,8 +351,7 @@ const MIRROR: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
-    cpu: mirror::run::<f32>,
-    cpu_f64: mirror::run::<f64>,
+    cpu: reference!(mirror::run),
 };
 
 const REVERBERATION: Pass = Pass {
@@ -368,8 +362,7 @@ const REVERBERATION: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
-    cpu: reverberation::run::<f32>,
-    cpu_f64: reverberation::run::<f64>,
+    cpu: reference!(reverberation::run),
 };
 
 fn wanted(tables: &Tables) -> Verdict {

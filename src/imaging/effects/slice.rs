@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
 use super::{Effect, Setting, Stage, Verdict};
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
@@ -91,8 +91,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: per_sample,
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(_: &Tables) -> Verdict {

@@ -25,7 +25,7 @@ pub use tables::SpeckleTables;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
 use super::lateral::narrowed;
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups};
+use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
 use super::point_spread::PointSpread;
 use super::{Effect, Parameters, Stage, Verdict, needle};
 use crate::base::random::seed_words;
@@ -172,8 +172,7 @@ const fn scatter_pass(entry: &'static str, bindings: &'static [(&'static Buffer,
         params,
         workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
         flips: false,
-        cpu: scatter::<f32>,
-        cpu_f64: scatter::<f64>,
+        cpu: reference!(scatter),
     }
 }
 
@@ -186,8 +185,7 @@ const ADD_SPECULAR: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
     flips: false,
-    cpu: add_specular::<f32>,
-    cpu_f64: add_specular::<f64>,
+    cpu: reference!(add_specular),
 };
 
 const AXIAL: Pass = Pass {
@@ -198,8 +196,7 @@ const AXIAL: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
     flips: false,
-    cpu: axial::<f32>,
-    cpu_f64: axial::<f64>,
+    cpu: reference!(axial),
 };
 
 const LATERAL: Pass = Pass {
@@ -210,8 +207,7 @@ const LATERAL: Pass = Pass {
     params,
     workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
     flips: false,
-    cpu: lateral::<f32>,
-    cpu_f64: lateral::<f64>,
+    cpu: reference!(lateral),
 };
 
 fn fine_lines(tables: &Tables) -> usize {

@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::anatomy::acoustics::{Tissue, bank};
 use crate::anatomy::volume::VolumeError;
@@ -94,8 +94,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: per_sample,
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(tables: &Tables) -> Verdict {

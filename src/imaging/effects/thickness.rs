@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::buffers::AMPLITUDE;
 use super::common::plane_step;
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, spread};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, reference, spread};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
 use crate::base::range::{check, parameters};
 use crate::base::real::Real;
@@ -77,8 +77,7 @@ static PASSES: &[Pass] = &[Pass {
     params,
     workgroups: |tables, _| spread(tables.lines() * tables.samples(), 64),
     flips: false,
-    cpu: run::<f32>,
-    cpu_f64: run::<f64>,
+    cpu: reference!(run),
 }];
 
 fn wanted(tables: &Tables) -> Verdict {

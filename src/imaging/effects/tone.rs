@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::buffers::{AMPLITUDE, Buffer, bytes_of, columns};
 use super::pass::{
     Access::{self, *},
-    Band, ParamBlock, Pass, View, groups,
+    Band, ParamBlock, Pass, View, groups, reference,
 };
 use super::shadow::average_db_cm;
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
@@ -202,8 +202,7 @@ const BY_HAND: Pass = pass("tone", "by_hand", const { &[(&GAIN, Read), (&AMPLITU
 
 const GAINS: Pass = Pass {
     workgroups: |_, _| [1, BANDS as u32, 1],
-    cpu: auto_gain::run::<f32>,
-    cpu_f64: auto_gain::run::<f64>,
+    cpu: reference!(auto_gain::run),
     ..pass(
         "tone_auto_gain",
         "auto_gain",
@@ -229,8 +228,7 @@ const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'st
         params,
         workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
         flips: false,
-        cpu: run::<f32>,
-        cpu_f64: run::<f64>,
+        cpu: reference!(run),
     }
 }
 

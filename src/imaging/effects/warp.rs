@@ -18,7 +18,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{ELEMENT, ELEMENT_MAPS, HITS, POSITION};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, spread};
+use super::pass::{Access::*, Band, ParamBlock, Pass, View, reference, spread};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
 use crate::imaging::synth::slab::{Slab, maps_at};
@@ -61,8 +61,7 @@ static PASSES: &[Pass] = &[
         params,
         workgroups: |_, _| [GROUPS, 1, 1],
         flips: false,
-        cpu: sort::<f32>,
-        cpu_f64: sort::<f64>,
+        cpu: reference!(sort),
     },
     Pass {
         name: "warp",
@@ -77,8 +76,7 @@ static PASSES: &[Pass] = &[
         params,
         workgroups: |tables, _| spread(tables.lines() * tables.samples() * tables.planes(), 64),
         flips: false,
-        cpu: map::<f32>,
-        cpu_f64: map::<f64>,
+        cpu: reference!(map),
     },
 ];
 

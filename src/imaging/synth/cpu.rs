@@ -5,6 +5,8 @@ use std::time::Instant;
 use super::store::Store;
 use super::tables::Tables;
 use super::{FrameState, PassTime, SynthError};
+#[cfg(feature = "internals")]
+use crate::base::lossy::Lossy;
 use crate::base::memory;
 use crate::base::real::Real;
 use crate::imaging::effects::pass::{Access, Pass, View};
@@ -18,13 +20,20 @@ pub trait PassScalar: Real {
 
 impl PassScalar for f32 {
     fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
-        pass.cpu
+        pass.cpu.single
     }
 }
 
 impl PassScalar for f64 {
     fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
-        pass.cpu_f64
+        pass.cpu.double
+    }
+}
+
+#[cfg(feature = "internals")]
+impl PassScalar for Lossy {
+    fn reference(pass: &Pass) -> fn(&View, &mut Store<Self>) {
+        pass.cpu.lossy
     }
 }
 

@@ -2,11 +2,13 @@
 
 use std::sync::Arc;
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::{Mat, MatRef};
 
-use super::tiles::{Params, Passes, SIDE, Tiles};
+use super::strips::{BankBindings, Shared, Strips};
+use super::tiles::{MOST_RANK, Params, Passes, SIDE, Tiles};
+use crate::base::memory;
 use crate::gpu::{Dispatch, Gpu, GpuError, Parameters, Pipeline, Readback, StorageBuffer, Timer};
+use crate::mechanics::tissue::compliance::Compliance;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::remesh::levels::{Store, Which};
 use crate::mechanics::tissue::remesh::{Precision, RemeshError};
@@ -14,104 +16,92 @@ use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Symmetric};
 
 /// Columns of Y that the shader processes at once; their number is padded to a multiple of this.
 const DEPTH: usize = 16;
-/// Most entries fetched by one request; larger blocks are split.
-const ENTRIES: usize = 1 << 16;
+/// Most entries fetched by one request, after the one value that precedes them; larger blocks are split.
+const ENTRIES: usize = (1 << 16) - 1;
 
-/// Inverse on a device, with its base in CPU memory. In the steady state no buffer is allocated: results are read back
-/// through staging buffers, one for each power of two of entries.
+/// Inverse on a device, and its base there, too, unless memory does not suffice. In the steady state no buffer is
+/// allocated: results are read back through staging buffers, one for each power of two of values.
 pub struct DeviceStore {
     gpu: Gpu,
     base: Arc<Symmetric<f32>>,
     tiles: Tiles,
+    base_tiles: Option<Tiles>,
     passes: Passes,
-    parameters: Parameters,
-    /// Column capacity of Y and Z.
-    stride: usize,
-    y: StorageBuffer,
-    z: StorageBuffer,
-    c: StorageBuffer,
-    lists: StorageBuffer,
-    vector: StorageBuffer,
-    sums: StorageBuffer,
-    block: StorageBuffer,
-    /// Bindings of each bank.
-    banks: Vec<BankBindings>,
-    product: wgpu::BindGroup,
-    combine: wgpu::BindGroup,
+    shared: Shared,
+    strips: Strips,
     sums_back: Readback,
-    /// Staging buffers by log2 of their capacity in entries.
+    /// Staging buffers by log2 of their capacity in values.
     blocks_back: Vec<Option<Readback>>,
-    /// Columns of the base set aside.
-    taken_base: Mat<f32>,
-    /// Number of columns of the current inverse set aside on the device.
-    taken: usize,
+    /// Columns for the following update or restart.
+    taken: Vec<usize>,
     timer: Option<Timer>,
     update_ms: Option<f64>,
 }
 
-/// Bindings of the passes that process one bank.
-struct BankBindings {
-    take: wgpu::BindGroup,
-    entries: wgpu::BindGroup,
-    update_all: wgpu::BindGroup,
-    update_rows: wgpu::BindGroup,
-    multiply: wgpu::BindGroup,
+/// What precedes Z = Y C in an update.
+#[derive(Clone, Copy)]
+enum Lead {
+    /// Nothing: Y and C are there.
+    None,
+    /// Y, and C unless the reciprocal condition is below this limit.
+    Solve(f64),
+    /// The base, and Y from it.
+    Restart,
 }
 
 impl DeviceStore {
-    /// Uploads `base` to a device in banks of at most `bank_bytes`, and allocates room for updates of rank `rank`.
+    /// Uploads `base` to a device in banks of at most `bank_bytes`, and allocates room for updates of rank `rank`. A copy
+    /// for rebuilds stays on the device; where memory does not suffice for both, rebuilds upload the base again.
     ///
     /// # Errors
     /// [`GpuError`] where the inverse does not fit the device, or the device fails.
     pub fn new(gpu: &Gpu, base: Arc<Symmetric<f32>>, rank: usize, bank_bytes: u64) -> Result<Self, GpuError> {
         let size = base.size();
-        let stride = rank.max(1).next_multiple_of(DEPTH);
         let tiles = Tiles::new(gpu, size, bank_bytes)?;
+        // Memory of a software device is allocated page by page, so that its lack would not be seen here.
+        let tight = gpu.report().software && memory::available().is_some_and(|left| left as u64 <= 2 * tiles.bytes());
+        let base_tiles = match tight {
+            true => None,
+            false => match Tiles::new(gpu, size, bank_bytes) {
+                Err(GpuError::OutOfMemory { .. }) => None,
+                tiles => Some(tiles?),
+            },
+        };
         let floats = |label: &str, count: usize| StorageBuffer::zeroed(gpu, label, (count * size_of::<f32>()) as u64);
-        let strips = size.div_ceil(SIDE) * SIDE * stride;
-        let (y, z) = (floats("Y", strips)?, floats("Z", strips)?);
-        let c = floats("C", stride * stride)?;
-        let lists = floats("lists", 2 * size.max(stride))?;
-        let (vector, sums) = (floats("vector", size.max(stride))?, floats("sums", size)?);
-        let block = floats("entries", ENTRIES)?;
+        let stride = rank.max(1).next_multiple_of(DEPTH);
+        let shared = Shared {
+            lists: floats("lists", 3 * size.max(stride))?,
+            vector: floats("vector", size.max(stride))?,
+            sums: floats("sums", size)?,
+            block: floats("entries", ENTRIES + 1)?,
+            parameters: Parameters::new(gpu, "remeshing", 2 * tiles.banks.len() as u32)?,
+        };
         let passes = Passes::new(gpu)?;
-        let parameters = Parameters::new(gpu, "remeshing", tiles.banks.len() as u32)?;
-        let bind = |pipeline: &Pipeline, buffers: &[&StorageBuffer]| pipeline.bind(gpu, &parameters, buffers);
-        let banks = tiles.banks.iter().map(|bank| {
-            let own = &bank.buffer;
-            Ok(BankBindings {
-                take: bind(&passes.take, &[own, &lists, &y])?,
-                entries: bind(&passes.entries, &[own, &lists, &block])?,
-                update_all: bind(&passes.update_all, &[own, &y, &z])?,
-                update_rows: bind(&passes.update_rows, &[own, &y, &z, &lists])?,
-                multiply: bind(&passes.multiply, &[own, &vector, &sums])?,
-            })
-        });
         let store = DeviceStore {
-            stride,
-            banks: banks.collect::<Result<_, GpuError>>()?,
-            product: bind(&passes.product, &[&y, &c, &z])?,
-            combine: bind(&passes.combine, &[&y, &vector, &sums])?,
-            sums_back: Readback::new(gpu, "sums", sums.bytes())?,
-            blocks_back: (0..=ENTRIES.ilog2()).map(|_| None).collect(),
+            strips: Strips::new(gpu, &passes, &tiles, size, stride, &shared)?,
+            sums_back: Readback::new(gpu, "sums", shared.sums.bytes())?,
+            blocks_back: (0..=(ENTRIES + 1).ilog2()).map(|_| None).collect(),
             gpu: gpu.clone(),
-            taken_base: Mat::new(),
-            taken: 0,
+            taken: Vec::new(),
             timer: None,
             update_ms: None,
             base,
             tiles,
+            base_tiles,
             passes,
-            parameters,
-            y,
-            z,
-            c,
-            lists,
-            vector,
-            sums,
-            block,
+            shared,
         };
-        store.tiles.send(gpu, &store.base)?;
+        store
+            .base_tiles
+            .as_ref()
+            .unwrap_or(&store.tiles)
+            .send(gpu, &store.base)?;
+        if let Some(base) = &store.base_tiles {
+            gpu.submit("the inverse", |recorder| {
+                base.copy_to(&store.tiles, recorder);
+                Ok(())
+            })?;
+        }
         Ok(store)
     }
 
@@ -123,11 +113,17 @@ impl DeviceStore {
     /// Number of buffers that the inverse is spread over.
     #[cfg(feature = "internals")]
     pub fn bank_count(&self) -> usize {
-        self.banks.len()
+        self.tiles.banks.len()
     }
 
-    /// Turns timing of updates on or off, where the device supports it. The time covers both products but no transfers
-    /// of columns; each timed update waits for the device.
+    /// Frees the device's copy of the base, so that rebuilds upload it again, as where memory does not suffice.
+    #[cfg(feature = "internals")]
+    pub fn free_base(&mut self) {
+        self.base_tiles = None;
+    }
+
+    /// Turns timing of updates on or off, where the device supports it. The time covers the update of the inverse, not
+    /// what precedes it; each timed update waits for the device.
     ///
     /// # Errors
     /// [`GpuError`] where the timer cannot be created.
@@ -145,7 +141,7 @@ impl DeviceStore {
     fn params(&self) -> Params {
         Params {
             size: self.base.size() as u32,
-            stride: self.stride as u32,
+            stride: self.strips.stride as u32,
             ..Params::default()
         }
     }
@@ -171,124 +167,105 @@ impl Store for DeviceStore {
     }
 
     fn memory(&self) -> usize {
-        let work = [
-            &self.y,
-            &self.z,
-            &self.c,
-            &self.lists,
-            &self.vector,
-            &self.sums,
-            &self.block,
-        ];
-        self.base.bytes() + self.bytes() + work.map(|buffer| buffer.bytes() as usize).iter().sum::<usize>()
+        let Shared {
+            lists,
+            vector,
+            sums,
+            block,
+            ..
+        } = &self.shared;
+        let work: u64 = [lists, vector, sums, block].map(StorageBuffer::bytes).iter().sum();
+        let base = self.base_tiles.as_ref().map_or(0, Tiles::bytes);
+        self.base.bytes() + (base + self.tiles.bytes() + self.strips.bytes() + work) as usize
     }
 
     fn take(&mut self, which: Which, columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
+        self.taken = columns.to_vec();
         if which == Which::Base {
-            return self.take_base(columns);
+            // A restart takes the columns on the device.
+            return Ok(Arc::clone(&self.base).entries(columns, columns)?);
         }
-        if columns.len() > self.stride {
-            return Err(RemeshError::Device(format!(
-                "an update of rank {} where there is room for {}",
-                columns.len(),
-                self.stride
-            )));
-        }
-        self.take_columns(columns)?;
-        self.taken = columns.len();
-        self.entries(columns, columns)
+        self.make_room(columns.len())?;
+        self.entries_and(columns, columns, true)
     }
 
-    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>) -> Result<(), RemeshError> {
-        let rank = self.taken;
-        if rank == 0 {
-            return Ok(());
+    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>, block: &[usize]) -> Result<Mat<f64>, RemeshError> {
+        let columns = std::mem::take(&mut self.taken);
+        let near = if block.len().pow(2) <= ENTRIES { block } else { &[] };
+        if !columns.is_empty() {
+            self.send_capacitance(c)?;
+            let (_, found) = self.advance(Lead::None, &columns, rows, near)?;
+            if near.len() == block.len() {
+                return Ok(found);
+            }
         }
-        let values: Vec<f32> = c
-            .col_iter()
-            .flat_map(|column| column.iter())
-            .map(|x| *x as f32)
-            .collect();
-        self.c.write(&self.gpu, 0, &values)?;
-        let params = Params {
-            rank: rank as u32,
-            rows: rows.map_or(0, |rows| rows.len() as u32),
-            ..self.params()
-        };
-        if let Some(rows) = rows {
-            let mut named: Vec<u32> = rows.iter().map(|row| *row as u32).collect();
-            named.sort_unstable();
-            named.dedup();
-            self.lists.write(&self.gpu, 0, &named)?;
+        self.entries(block, block)
+    }
+
+    fn apply(
+        &mut self,
+        columns: &[usize],
+        change: MatRef<'_, f64>,
+        limit: f64,
+        rows: Option<&[usize]>,
+        block: &[usize],
+    ) -> Result<Option<(f64, Mat<f64>)>, RemeshError> {
+        let fits = (1..=MOST_RANK.min(self.strips.stride)).contains(&columns.len()) && block.len().pow(2) <= ENTRIES;
+        if self.passes.capacitance.is_none() || !fits {
+            return Ok(None);
         }
-        self.run_update(params, true, rows.is_none())?;
-        Ok(())
+        let values: Vec<f64> = change.col_iter().flat_map(|column| column.iter().copied()).collect();
+        self.strips.change.write(&self.gpu, 0, &values)?;
+        let (condition, found) = self.advance(Lead::Solve(limit), columns, rows, block)?;
+        // Negative below the limit: C was zero, and nothing has changed.
+        Ok((condition >= 0.0).then_some((condition, found)))
     }
 
     fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError> {
-        self.tiles.send(&self.gpu, &self.base)?;
-        let y = std::mem::replace(&mut self.taken_base, Mat::new());
-        let c: Mat<f32> = Mat::from_fn(c.nrows(), c.ncols(), |i, j| c[(i, j)] as f32);
-        let mut z = Mat::<f32>::zeros(y.nrows(), y.ncols());
-        matmul(z.as_mut(), Accum::Replace, y.as_ref(), c.as_ref(), 1.0, Par::rayon(0));
-        let mut strips = Vec::new();
-        for first in (0..y.ncols()).step_by(self.stride) {
-            let count = self.stride.min(y.ncols() - first);
-            for (matrix, buffer) in [(&y, &self.y), (&z, &self.z)] {
-                self.pack(matrix.as_ref().subcols(first, count), &mut strips);
-                buffer.write(&self.gpu, 0, &strips)?;
-            }
-            let params = Params {
-                rank: count as u32,
-                ..self.params()
-            };
-            self.run_update(params, false, true)?;
+        let columns = std::mem::take(&mut self.taken);
+        self.make_room(columns.len())?;
+        if self.base_tiles.is_none() {
+            self.tiles.send(&self.gpu, &self.base)?;
         }
+        self.send_capacitance(c)?;
+        self.advance(Lead::Restart, &columns, None, &[])?;
         Ok(())
     }
 
     fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
-        let mut block = Mat::zeros(rows.len(), columns.len());
-        let wide = columns.len().min(self.size()).clamp(1, ENTRIES);
-        let high = (ENTRIES / wide).min(self.size()).max(1);
-        let mut found = Vec::new();
-        for (left, columns) in columns.chunks(wide).enumerate() {
-            for (top, rows) in rows.chunks(high).enumerate() {
-                self.fetch(rows, columns, &mut found)?;
-                for (at, value) in found.iter().enumerate() {
-                    let (i, j) = (at / columns.len(), at % columns.len());
-                    block[(top * high + i, left * wide + j)] = f64::from(*value);
-                }
-            }
-        }
-        Ok(block)
+        self.entries_and(rows, columns, false)
     }
 
     fn combine(&mut self, columns: &[usize], weights: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
         self.check_length(out.len())?;
-        if columns.is_empty() {
-            out.fill(0.0);
-            return Ok(());
-        }
-        let stride = self.stride;
+        let stride = self.strips.stride;
+        let mut submission = None;
         for (at, (columns, weights)) in columns.chunks(stride).zip(weights.chunks(stride)).enumerate() {
-            self.take_columns(columns)?;
             let weights: Vec<f32> = weights.iter().map(|weight| *weight as f32).collect();
-            self.vector.write(&self.gpu, 0, &weights)?;
-            self.run_combine(columns.len(), at > 0)?;
+            self.shared.vector.write(&self.gpu, 0, &weights)?;
+            submission = Some(self.run_combine(columns, at > 0)?);
         }
-        self.fetch_sums(out)?;
-        Ok(())
+        match submission {
+            Some(submission) => self.read_sums(submission, out),
+            None => {
+                out.fill(0.0);
+                Ok(())
+            }
+        }
     }
 
     fn multiply(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), RemeshError> {
         self.check_length(x.len())?;
         self.check_length(out.len())?;
         let x: Vec<f32> = x.iter().map(|x| *x as f32).collect();
-        self.vector.write(&self.gpu, 0, &x)?;
-        self.run_multiply()?;
-        self.fetch_sums(out)?;
-        Ok(())
+        self.shared.vector.write(&self.gpu, 0, &x)?;
+        self.set(self.params(), self.params())?;
+        let dispatches = self.of_banks(&self.passes.multiply, |bank| &bank.multiply, 0, [self.blocks(), 1, 1]);
+        let submission = self.gpu.submit("product", |recorder| {
+            recorder.run("product", dispatches)?;
+            recorder.read_back(&self.shared.sums, &self.sums_back)
+        })?;
+        self.read_sums(submission, out)
     }
 }
 
@@ -297,20 +274,7 @@ const _: () = assert!(PANEL_ROWS == SIDE && SIDE == 128, "the shader's own const
 // Transfers and dispatches of the device store.
 
 impl DeviceStore {
-    /// Sets columns of the base aside, and returns their rows of the same indices.
-    pub(super) fn take_base(&mut self, columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
-        let mut y = Mat::<f32>::zeros(self.base.size(), columns.len());
-        let mut values = vec![0.0; self.base.size()];
-        for (k, &column) in columns.iter().enumerate() {
-            self.base.column_into(column, &mut values)?;
-            y.col_mut(k).iter_mut().zip(&values).for_each(|(to, from)| *to = *from);
-        }
-        let block = Mat::from_fn(columns.len(), columns.len(), |i, j| f64::from(y[(columns[i], j)]));
-        self.taken_base = y;
-        Ok(block)
-    }
-
-    pub(super) fn check_length(&self, found: usize) -> Result<(), RemeshError> {
+    fn check_length(&self, found: usize) -> Result<(), RemeshError> {
         let expected = self.base.size();
         if found == expected {
             return Ok(());
@@ -319,89 +283,122 @@ impl DeviceStore {
         Err(LinearError::Shape { what, found, expected }.into())
     }
 
-    /// Copies columns of the current inverse to Y, at most its capacity.
-    pub(super) fn take_columns(&mut self, columns: &[usize]) -> Result<(), GpuError> {
-        let list: Vec<u32> = columns.iter().map(|column| *column as u32).collect();
-        self.lists.write(&self.gpu, 0, &list)?;
-        self.set(Params {
-            rank: columns.len() as u32,
-            ..self.params()
-        })?;
-        let groups = [self.blocks(), padded(columns.len()), 1];
-        let dispatches = (0..).zip(&self.banks).map(|(slot, bank)| Dispatch {
-            pipeline: &self.passes.take,
-            bindings: &bank.take,
-            slot,
-            workgroups: groups,
-        });
-        self.gpu
-            .submit("columns", |recorder| recorder.run("columns", dispatches))
-            .map(drop)
-    }
-
-    /// Fetches a block of the current inverse, row by row.
-    pub(super) fn fetch(&mut self, rows: &[usize], columns: &[usize], found: &mut Vec<f32>) -> Result<(), GpuError> {
-        found.clear();
-        found.resize(rows.len() * columns.len(), 0.0);
-        if found.is_empty() {
-            return Ok(());
+    /// Makes room for updates of a rank; a rebuild's exceeds that of a move.
+    fn make_room(&mut self, rank: usize) -> Result<(), GpuError> {
+        if rank > self.strips.stride {
+            let stride = rank.next_multiple_of(SIDE);
+            let size = self.base.size();
+            self.strips = Strips::new(&self.gpu, &self.passes, &self.tiles, size, stride, &self.shared)?;
         }
-        let lists: Vec<u32> = rows.iter().chain(columns).map(|dof| *dof as u32).collect();
-        self.lists.write(&self.gpu, 0, &lists)?;
-        self.set(Params {
-            rows: rows.len() as u32,
-            columns: columns.len() as u32,
-            ..self.params()
-        })?;
-        let groups = [columns.len().div_ceil(64) as u32, rows.len() as u32, 1];
-        let dispatches = (0..).zip(&self.banks).map(|(slot, bank)| Dispatch {
-            pipeline: &self.passes.entries,
-            bindings: &bank.entries,
-            slot,
-            workgroups: groups,
-        });
-        let power = found.len().next_power_of_two();
-        let slot = &mut self.blocks_back[power.ilog2() as usize];
-        let readback = match slot {
-            Some(readback) => readback,
-            None => slot.insert(Readback::new(&self.gpu, "entries", (power * size_of::<f32>()) as u64)?),
-        };
-        let block = &self.block;
-        self.gpu.submit("entries", |recorder| {
-            recorder.run("entries", dispatches)?;
-            recorder.read_back(block, readback)
-        })?;
-        readback.read(&self.gpu, found)
+        Ok(())
     }
 
-    /// Subtracts Y Z^T from all entries or from the listed rows and columns; with `product`, computes Z = Y C first.
-    pub(super) fn run_update(&mut self, params: Params, product: bool, all: bool) -> Result<(), GpuError> {
-        self.set(params)?;
-        let first = product.then(|| Dispatch {
-            pipeline: &self.passes.product,
-            bindings: &self.product,
-            slot: 0,
-            workgroups: [self.blocks(), padded(params.rank as usize), 1],
-        });
-        let banks = (0..).zip(self.banks.iter().zip(&self.tiles.banks));
-        let updates = banks.map(|(slot, (bindings, bank))| {
-            if all {
-                Dispatch {
-                    pipeline: &self.passes.update_all,
-                    bindings: &bindings.update_all,
-                    slot,
-                    workgroups: [bank.tiles as u32, 1, 1],
-                }
-            } else {
-                Dispatch {
-                    pipeline: &self.passes.update_rows,
-                    bindings: &bindings.update_rows,
-                    slot,
-                    workgroups: [self.blocks(), params.rows, 1],
-                }
+    fn send_capacitance(&self, c: MatRef<'_, f64>) -> Result<(), GpuError> {
+        let padding = vec![0.0; padded(c.nrows()) as usize - c.nrows()];
+        let values = c.col_iter().flat_map(|column| column.iter().chain(&padding));
+        let values: Vec<f32> = values.map(|x| *x as f32).collect();
+        self.strips.c.write(&self.gpu, 0, &values)
+    }
+
+    fn send_lists(&self, lists: &[&[usize]]) -> Result<(), GpuError> {
+        let values: Vec<u32> = lists.iter().copied().flatten().map(|dof| *dof as u32).collect();
+        self.shared.lists.write(&self.gpu, 0, &values)
+    }
+
+    /// Subtracts Y Z^T, Z = Y C, from all entries or from some rows and columns. Returns the reciprocal condition, negative
+    /// below the limit, and the resulting entries at the rows and columns `block`. These are computed and copied before
+    /// the update of all entries, which nobody waits for; it is a submission of its own, as bytes arrive with the end of theirs.
+    fn advance(
+        &mut self,
+        lead: Lead,
+        columns: &[usize],
+        rows: Option<&[usize]>,
+        block: &[usize],
+    ) -> Result<(f64, Mat<f64>), GpuError> {
+        let mut named = rows.unwrap_or_default().to_vec();
+        named.sort_unstable();
+        named.dedup();
+        self.send_lists(&[columns, block, &named])?;
+        let limit = match lead {
+            // Rounded up, so that the device accepts nothing that the CPU would refuse.
+            Lead::Solve(limit) => (limit as f32).next_up(),
+            _ => 0.0,
+        };
+        let whole = Params {
+            rank: columns.len() as u32,
+            rows: named.len() as u32,
+            rows_from: (columns.len() + block.len()) as u32,
+            limit,
+            ..self.params()
+        };
+        let near = Params {
+            // Rows and columns are updated before they are read.
+            rank: if rows.is_none() { whole.rank } else { 0 },
+            rows: block.len() as u32,
+            columns: block.len() as u32,
+            rows_from: whole.rank,
+            columns_from: whole.rank,
+            ..self.params()
+        };
+        self.set(whole, near)?;
+        let wanted = matches!(lead, Lead::Solve(_)) || !block.is_empty();
+        let back = self.staging(block.len().pow(2))?;
+        let submission = self.gpu.submit("change", |recorder| {
+            if let (Lead::Restart, Some(base)) = (lead, &self.base_tiles) {
+                base.copy_to(&self.tiles, recorder);
             }
+            recorder.run("change", self.preparation(lead, whole, near))?;
+            match &self.blocks_back[back] {
+                Some(readback) if wanted => recorder.read_back(&self.shared.block, readback),
+                _ => Ok(()),
+            }
+        })?;
+        if rows.is_none() {
+            self.update_all()?;
+        }
+        let mut found = vec![0.0; 1 + block.len().pow(2)];
+        if wanted {
+            self.read_block(back, submission, &mut found)?;
+        }
+        let entry = |i, j| f64::from(found[1 + i * block.len() + j]);
+        Ok((f64::from(found[0]), Mat::from_fn(block.len(), block.len(), entry)))
+    }
+
+    /// Dispatches of an update up to the entries to be read.
+    fn preparation(&self, lead: Lead, whole: Params, near: Params) -> impl Iterator<Item = Dispatch<'_>> {
+        let one = |pipeline, bindings, workgroups| Dispatch {
+            pipeline,
+            bindings,
+            slot: 0,
+            workgroups,
+        };
+        let solve = match (lead, &self.passes.capacitance, &self.strips.capacitance) {
+            (Lead::Solve(_), Some(pass), Some(bindings)) => Some(one(pass, bindings, [1, 1, 1])),
+            _ => None,
+        };
+        let rank = whole.rank as usize;
+        let take = (!matches!(lead, Lead::None)).then(|| self.take_columns(rank));
+        let width = [self.blocks(), padded(rank) / DEPTH as u32, 1];
+        let product = one(&self.passes.product, &self.strips.product, width);
+        let height = [self.blocks(), whole.rows, 1];
+        let rows = self.of_banks(&self.passes.update_rows, |bank| &bank.update_rows, 0, height);
+        let rows = (whole.rows > 0).then_some(rows);
+        let entries = (near.rows > 0).then(|| self.read_entries(near));
+        let first = take.into_iter().flatten().chain(solve).chain([product]);
+        first
+            .chain(rows.into_iter().flatten())
+            .chain(entries.into_iter().flatten())
+    }
+
+    /// Subtracts Y Z^T from all entries.
+    fn update_all(&mut self) -> Result<(), GpuError> {
+        let banks = (0..).zip(self.strips.banks.iter().zip(&self.tiles.banks));
+        let dispatches = banks.map(|(slot, (bindings, bank))| Dispatch {
+            pipeline: &self.passes.update_all,
+            bindings: &bindings.update_all,
+            slot,
+            workgroups: [bank.tiles as u32, 1, 1],
         });
-        let dispatches = first.into_iter().chain(updates);
         self.gpu.submit("update", |recorder| match &self.timer {
             Some(timer) => recorder.run_timed_whole(timer, dispatches),
             None => recorder.run("update", dispatches),
@@ -412,72 +409,152 @@ impl DeviceStore {
         Ok(())
     }
 
-    /// Sums the columns of Y weighted by the vector; with `add`, on top of the existing sums.
-    pub(super) fn run_combine(&mut self, rank: usize, add: bool) -> Result<(), GpuError> {
-        self.set(Params {
-            rank: rank as u32,
+    /// Fetches a block of the current inverse; with `take`, the columns are set aside, too.
+    fn entries_and(&mut self, rows: &[usize], columns: &[usize], take: bool) -> Result<Mat<f64>, RemeshError> {
+        if rows.len() > columns.len() {
+            // Few long rows are cheaper to fetch than many short ones, and the inverse is symmetric.
+            return Ok(self.entries_and(columns, rows, take)?.transpose().to_owned());
+        }
+        let mut block = Mat::zeros(rows.len(), columns.len());
+        let wide = columns.len().min(self.size()).clamp(1, ENTRIES);
+        let high = (ENTRIES / wide).min(self.size()).max(1);
+        for (left, columns) in columns.chunks(wide).enumerate() {
+            for (top, rows) in rows.chunks(high).enumerate() {
+                let found = self.fetch(rows, columns, take)?;
+                for (at, value) in found[1..].iter().enumerate() {
+                    let (i, j) = (at / columns.len(), at % columns.len());
+                    block[(top * high + i, left * wide + j)] = f64::from(*value);
+                }
+            }
+        }
+        Ok(block)
+    }
+
+    /// Fetches entries in one request, row by row after a first value without meaning.
+    fn fetch(&mut self, rows: &[usize], columns: &[usize], take: bool) -> Result<Vec<f32>, GpuError> {
+        self.send_lists(&[columns, rows])?;
+        let params = Params {
+            rows: rows.len() as u32,
+            columns: columns.len() as u32,
+            rows_from: columns.len() as u32,
+            ..self.params()
+        };
+        let whole = Params {
+            rank: if take { params.columns } else { 0 },
+            ..params
+        };
+        self.set(whole, params)?;
+        let back = self.staging(rows.len() * columns.len())?;
+        let taken = take.then(|| self.take_columns(columns.len()));
+        let dispatches = taken.into_iter().flatten().chain(self.read_entries(params));
+        let submission = self.gpu.submit("entries", |recorder| {
+            recorder.run("entries", dispatches)?;
+            match &self.blocks_back[back] {
+                Some(readback) => recorder.read_back(&self.shared.block, readback),
+                None => Ok(()),
+            }
+        })?;
+        let mut found = vec![0.0; 1 + rows.len() * columns.len()];
+        self.read_block(back, submission, &mut found)?;
+        Ok(found)
+    }
+
+    /// Index of a staging buffer for this many entries and the value before them.
+    fn staging(&mut self, entries: usize) -> Result<usize, GpuError> {
+        let power = (entries + 1).next_power_of_two();
+        let at = power.ilog2() as usize;
+        if self.blocks_back[at].is_none() {
+            let bytes = (power * size_of::<f32>()) as u64;
+            self.blocks_back[at] = Some(Readback::new(&self.gpu, "entries", bytes)?);
+        }
+        Ok(at)
+    }
+
+    fn read_block(
+        &mut self,
+        back: usize,
+        submission: wgpu::SubmissionIndex,
+        found: &mut [f32],
+    ) -> Result<(), GpuError> {
+        match &mut self.blocks_back[back] {
+            Some(readback) => readback.read_after(&self.gpu, submission, found),
+            None => Ok(()),
+        }
+    }
+
+    /// Sums columns weighted by the vector; with `add`, on top of the existing sums.
+    fn run_combine(&mut self, columns: &[usize], add: bool) -> Result<wgpu::SubmissionIndex, GpuError> {
+        self.send_lists(&[columns])?;
+        let params = Params {
+            rank: columns.len() as u32,
             add: u32::from(add),
             ..self.params()
-        })?;
-        let dispatch = Dispatch {
+        };
+        self.set(params, params)?;
+        let sum = Dispatch {
             pipeline: &self.passes.combine,
-            bindings: &self.combine,
+            bindings: &self.strips.combine,
             slot: 0,
             workgroups: [self.blocks(), 1, 1],
         };
-        self.gpu
-            .submit("sum", |recorder| recorder.run("sum", [dispatch]))
-            .map(drop)
+        self.gpu.submit("sum", |recorder| {
+            recorder.run("sum", self.take_columns(columns.len()).chain([sum]))?;
+            recorder.read_back(&self.shared.sums, &self.sums_back)
+        })
     }
 
-    /// Multiplies the current inverse by the vector, bank after bank.
-    pub(super) fn run_multiply(&mut self) -> Result<(), GpuError> {
-        self.set(self.params())?;
-        let blocks = self.blocks();
-        let dispatches = (0..).zip(&self.banks).map(|(slot, bank)| Dispatch {
-            pipeline: &self.passes.multiply,
-            bindings: &bank.multiply,
-            slot,
-            workgroups: [blocks, 1, 1],
-        });
-        self.gpu
-            .submit("product", |recorder| recorder.run("product", dispatches))
-            .map(drop)
-    }
-
-    pub(super) fn fetch_sums(&mut self, out: &mut [f64]) -> Result<(), GpuError> {
-        let (sums, back) = (&self.sums, &self.sums_back);
-        self.gpu.submit("sums", |recorder| recorder.read_back(sums, back))?;
+    fn read_sums(&mut self, submission: wgpu::SubmissionIndex, out: &mut [f64]) -> Result<(), RemeshError> {
         let mut found = vec![0.0f32; out.len()];
-        self.sums_back.read(&self.gpu, &mut found)?;
+        self.sums_back.read_after(&self.gpu, submission, &mut found)?;
         out.iter_mut().zip(&found).for_each(|(to, from)| *to = f64::from(*from));
         Ok(())
     }
 
-    /// Packs columns into the layout of Y and Z, with zeros beyond the last row and in the padding columns.
-    pub(super) fn pack(&self, columns: MatRef<'_, f32>, strips: &mut Vec<f32>) {
-        strips.clear();
-        strips.resize(self.blocks() as usize * self.stride * SIDE, 0.0);
-        for (k, column) in columns.col_iter().enumerate() {
-            for (i, value) in column.iter().enumerate() {
-                strips[(i / SIDE * self.stride + k) * SIDE + i % SIDE] = *value;
-            }
-        }
+    /// Dispatches that copy listed columns of the current inverse to Y.
+    fn take_columns(&self, rank: usize) -> impl Iterator<Item = Dispatch<'_>> {
+        let workgroups = [self.blocks(), padded(rank), 1];
+        self.of_banks(&self.passes.take, |bank| &bank.take, 0, workgroups)
     }
 
-    /// Writes the parameters of each bank to its own slot.
-    fn set(&mut self, params: Params) -> Result<(), GpuError> {
+    /// Dispatches that copy entries to the block.
+    fn read_entries(&self, params: Params) -> impl Iterator<Item = Dispatch<'_>> {
+        let workgroups = [params.columns.div_ceil(64), params.rows, 1];
+        let slot = self.tiles.banks.len() as u32;
+        self.of_banks(&self.passes.entries, |bank| &bank.entries, slot, workgroups)
+    }
+
+    /// Dispatches of a pass over all banks, with parameters from `slot` on.
+    fn of_banks<'a>(
+        &'a self,
+        pipeline: &'a Pipeline,
+        bindings: fn(&BankBindings) -> &wgpu::BindGroup,
+        slot: u32,
+        workgroups: [u32; 3],
+    ) -> impl Iterator<Item = Dispatch<'a>> {
+        (slot..).zip(&self.strips.banks).map(move |(slot, bank)| Dispatch {
+            pipeline,
+            bindings: bindings(bank),
+            slot,
+            workgroups,
+        })
+    }
+
+    /// Writes the parameters of each bank, those of entries in slots after all others.
+    fn set(&mut self, params: Params, entries: Params) -> Result<(), GpuError> {
+        let banks = self.tiles.banks.len() as u32;
         for (slot, bank) in (0..).zip(&self.tiles.banks) {
-            let own = Params {
-                first_tile: bank.first as u32,
-                tiles: bank.tiles as u32,
-                // The first bank starts a sum, the others add to it.
-                add: params.add | u32::from(slot > 0),
-                ..params
-            };
-            self.parameters.set(slot, &own)?;
+            for (slot, params) in [(slot, params), (banks + slot, entries)] {
+                let own = Params {
+                    first_tile: bank.first as u32,
+                    tiles: bank.tiles as u32,
+                    // The first bank starts a sum, the others add to it.
+                    add: params.add | u32::from(bank.first > 0),
+                    ..params
+                };
+                self.shared.parameters.set(slot, &own)?;
+            }
         }
-        self.parameters.write(&self.gpu)
+        self.shared.parameters.write(&self.gpu)
     }
 
     /// Number of row blocks.

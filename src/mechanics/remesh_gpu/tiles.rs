@@ -5,7 +5,7 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use crate::gpu::{Access, Gpu, GpuError, PassSource, Pipeline, StorageBuffer};
+use crate::gpu::{Access, Gpu, GpuError, PassSource, Pipeline, Recorder, StorageBuffer};
 use crate::mechanics::tissue::symmetric::{PANEL_ROWS, Panel, Symmetric};
 
 /// Rows and columns of a tile; must equal the shader's constant.
@@ -96,6 +96,16 @@ impl Tiles {
         gpu.wait("sending the inverse")
     }
 
+    /// Copies all banks to a matrix of the same size in the same banks.
+    pub fn copy_to(&self, other: &Tiles, recorder: &mut Recorder<'_>) {
+        for (from, to) in self.banks.iter().zip(&other.banks) {
+            let (source, target) = (from.buffer.raw(), to.buffer.raw());
+            recorder
+                .encoder()
+                .copy_buffer_to_buffer(source, 0, target, 0, from.buffer.bytes());
+        }
+    }
+
     /// Total size of all banks, bytes.
     pub fn bytes(&self) -> u64 {
         self.banks.iter().map(|bank| bank.buffer.bytes()).sum()
@@ -111,10 +121,17 @@ fn pack(panel: &Panel<'_, f32>, values: &mut Vec<f32>) {
     }
 }
 
-// Compute passes of `shaders/remesh.wgsl`.
+// Compute passes of `shaders/remesh.wgsl` and `shaders/remesh_capacitance.wgsl`.
 
-/// WGSL source of all passes.
+/// WGSL source of all passes but [`CAPACITANCE`].
 pub const SHADER: &str = include_str!("../../../shaders/remesh.wgsl");
+/// WGSL source of all passes, for devices with f64.
+pub const SHADER_F64: &str = concat!(
+    include_str!("../../../shaders/remesh.wgsl"),
+    include_str!("../../../shaders/remesh_capacitance.wgsl")
+);
+/// Largest rank of a change whose capacitance matrix a device inverts; must equal the shader's constant.
+pub const MOST_RANK: usize = 128;
 
 /// Uniform parameters of a dispatch, shared by all passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -134,8 +151,14 @@ pub struct Params {
     pub rows: u32,
     /// Number of listed columns.
     pub columns: u32,
+    /// Place of the first listed row.
+    pub rows_from: u32,
+    /// Place of the first listed column.
+    pub columns_from: u32,
     /// 0 to start a sum, 1 to add to it.
     pub add: u32,
+    /// Smallest reciprocal condition of I + dK G.
+    pub limit: f32,
 }
 
 /// Declaration of a pass.
@@ -166,8 +189,8 @@ const fn declared(entry: &'static str, storage: &'static [Access], workgroup: u3
 
 /// Pass that copies the listed columns of a bank to Y.
 pub const TAKE: Declared = declared("take", &[R, R, W], 128);
-/// Pass that copies the entries of a bank at the listed rows and columns to a small block.
-pub const ENTRIES: Declared = declared("entries", &[R, R, W], 64);
+/// Pass that copies the entries of a bank at the listed rows and columns, less those of Y Z^T, to a small block.
+pub const ENTRIES: Declared = declared("entries", &[R, R, W, R, R], 64);
 /// Pass that computes Z = Y C.
 pub const PRODUCT: Declared = declared("product", &[R, R, W], 128);
 /// Pass that subtracts Y Z^T from a bank.
@@ -179,9 +202,21 @@ pub const COMBINE: Declared = declared("combine", &[R, R, W], 128);
 /// Pass that multiplies a bank by a vector.
 pub const MULTIPLY: Declared = declared("multiply", &[R, R, W], 128);
 
+/// Pass that computes C = (I + dK G)^-1 dK in f64 and the reciprocal condition of I + dK G.
+pub const CAPACITANCE: Declared = declared("capacitance", &[R, R, R, W, W, W], 256);
+
 /// Declarations of all passes.
 #[cfg(feature = "internals")]
-pub const ALL: [Declared; 7] = [TAKE, ENTRIES, PRODUCT, UPDATE_ALL, UPDATE_ROWS, COMBINE, MULTIPLY];
+pub const ALL: [Declared; 8] = [
+    TAKE,
+    ENTRIES,
+    PRODUCT,
+    UPDATE_ALL,
+    UPDATE_ROWS,
+    COMBINE,
+    MULTIPLY,
+    CAPACITANCE,
+];
 
 #[derive(Debug)]
 pub(super) struct Passes {
@@ -192,20 +227,23 @@ pub(super) struct Passes {
     pub update_rows: Pipeline,
     pub combine: Pipeline,
     pub multiply: Pipeline,
+    /// Only where the device has f64.
+    pub capacitance: Option<Pipeline>,
 }
 
 impl Passes {
     pub fn new(gpu: &Gpu) -> Result<Self, GpuError> {
-        let compiled = |pass: Declared| {
+        let compile = |pass: Declared, source| {
             let source = PassSource {
                 label: pass.entry,
-                source: SHADER,
+                source,
                 entry: pass.entry,
                 storage: pass.storage,
                 constants: &[],
             };
             Pipeline::new(gpu, &source)
         };
+        let compiled = |pass| compile(pass, SHADER);
         Ok(Passes {
             take: compiled(TAKE)?,
             entries: compiled(ENTRIES)?,
@@ -214,6 +252,10 @@ impl Passes {
             update_rows: compiled(UPDATE_ROWS)?,
             combine: compiled(COMBINE)?,
             multiply: compiled(MULTIPLY)?,
+            capacitance: match gpu.has_f64() {
+                true => Some(compile(CAPACITANCE, SHADER_F64)?),
+                false => None,
+            },
         })
     }
 }

@@ -75,11 +75,7 @@ fn rounding(
     let cosine_off = cosine_off(step, surfaces, labels, [before, after], offs, cosine);
     let [low, high] = [(cosine - cosine_off).max(0.0), (cosine + cosine_off).min(1.0)];
     let raised = cosine.powf(power);
-    let raised_off = if power == 0.0 {
-        0.0
-    } else {
-        (high.powf(power) - raised).max(raised - low.powf(power)) + high.powf(power) * pow(high, power)
-    };
+    let raised_off = (high.powf(power) - raised).max(raised - low.powf(power)) + high.powf(power) * pow(high, power);
     let steps: f64 = (0..3)
         .map(|axis| (offs[1][axis] + 3.0 * ULP * after[axis].abs()) / ROUGHNESS_MM)
         .sum();

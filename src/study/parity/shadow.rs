@@ -122,8 +122,8 @@ fn one_way(loss: f64, off: f64) -> [f64; 2] {
     let left = |units: f64| (units.clamp(0.0, f64::from(MOST_UNITS)) * exponent).exp2();
     let (most, least) = (left(loss - off), left(loss + off));
     let largest = (loss + off) * exponent.abs();
-    // Units stored (1/2), factor stored (1/2), product (1); then the exponential.
-    let relative = exp2(largest, 2.0 * ULP * largest);
+    // Units converted, beyond 2^24 in either direction (1), factor stored (1/2), product (1); then the exponential.
+    let relative = exp2(largest, 2.5 * ULP * largest);
     [left(loss), most - least + most * relative.min(1.0) + TINY]
 }
 

@@ -129,7 +129,8 @@ pub fn carry(step: &Step, slack: &mut Slack) {
 
 /// Ratio of typical error to bound. The bound adds thousands of roundings (kernel taps, corners, terms) as if all had the same sign.
 /// Independent roundings add in quadrature (N. J. Higham and T. Mary, SIAM J. Sci. Comput. 41(5), 2019): the sum of `n` of equal size is
-/// the bound over sqrt(n). With more than 400 in every echo of these scenes, typically a twentieth remains.
+/// the bound over sqrt(n). With more than 400 in every echo of these scenes, typically a twentieth remains. This holds for rounding to
+/// nearest, whose errors have no common sign, and not where a device truncates, as WGSL allows.
 const TYPICAL: f64 = 1.0 / 20.0;
 
 /// Checks the root mean square of the deviations, which an error too small for the bounds would still raise. Samples with a wide bound

@@ -27,7 +27,7 @@ use std::time::{Duration, Instant};
 use super::Study;
 use super::gather::Entry;
 use crate::base::memory;
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, Traffic};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::inverse::invert;
 use crate::mechanics::tissue::remesh::Source;
@@ -133,6 +133,8 @@ pub struct Measured {
     pub held: usize,
     /// Bytes of large matrices read and written by each update, where known.
     pub bytes: Vec<usize>,
+    /// Exchanges of each update with a device.
+    pub traffic: Vec<Traffic>,
     /// Number of updates that recomputed everything.
     pub rebuilds: usize,
     /// Worst errors of one insertion: relative errors of sampled columns of K^-1, of K^c and of displacements, in Frobenius and 2-norms;
@@ -281,11 +283,14 @@ fn run(
     let mut next = states.next();
     for update in 1..=options.updates.max(inserted) {
         let change = subject.step(&mut mesh, update - 1)?;
+        let before = contender.traffic();
         let start = Instant::now();
         let step = contender.remesh(&mesh, &change)?;
         measured
             .times_ms
             .push((start.elapsed().as_secs_f64() * 1e3).max(GRAIN_MS));
+        let exchanged = contender.traffic().zip(before).map(|(after, before)| after - before);
+        measured.traffic.extend(exchanged);
         measured.bytes.extend(step.bytes);
         measured.rebuilds += usize::from(step.rebuilt);
         if let Some((_, gold)) = next.filter(|(at, _)| *at == update) {

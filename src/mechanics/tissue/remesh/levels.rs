@@ -192,12 +192,13 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
             level => {
                 let limit = self.options.reciprocal_limit;
                 let rows = rows_of(level, mesh, change);
-                let condition = self.inverse.update(change, rows.as_deref(), limit)?;
-                let condition = condition.map_err(|reciprocal_condition| RemeshError::Singular {
+                let done = self.inverse.update(change, rows.as_deref(), limit, &self.contacts)?;
+                let (condition, condensed) = done.map_err(|reciprocal_condition| RemeshError::Singular {
                     node: change.node,
                     reciprocal_condition,
                     limit,
                 })?;
+                self.condensed = condensed;
                 let touched = match rows {
                     None => self.inverse.store.bytes(),
                     Some(rows) => self.inverse.columns_bytes(rows.len()),
@@ -208,9 +209,6 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
         self.step += 1;
         if self.level != Level::I || self.stale > 0 {
             self.stale += 1;
-        }
-        if self.level != Level::IV {
-            self.read_condensed()?;
         }
         let mut report = RemeshReport {
             level: self.level,

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::subject::Subject;
 use super::{Measured, RemeshOptions};
-use crate::gpu::{Gpu, GpuError, StorageBuffer};
+use crate::gpu::{Gpu, GpuError, StorageBuffer, Traffic};
 use crate::mechanics::remesh_gpu::{DeviceLevels, follow};
 use crate::mechanics::tissue::assembly::Stiffness;
 use crate::mechanics::tissue::columns::Columns;
@@ -89,6 +89,11 @@ pub trait Contender {
 
     /// Returns the bytes in use, including the base.
     fn held(&self) -> usize;
+
+    /// Returns what has been exchanged with the device so far, if there is one.
+    fn traffic(&mut self) -> Option<Traffic> {
+        None
+    }
 
     /// Starts timing updates on a device; returns false without a device or if it cannot time them.
     ///
@@ -281,6 +286,13 @@ impl Contender for Follower {
 
     fn held(&self) -> usize {
         self.get().memory()
+    }
+
+    fn traffic(&mut self) -> Option<Traffic> {
+        match self {
+            Follower::Cpu(_) => None,
+            Follower::Device(levels) => Some(levels.store().gpu().traffic()),
+        }
     }
 
     fn time_device(&mut self) -> Result<bool, StudyError> {

@@ -5,7 +5,7 @@ use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions};
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::Spread;
-use crate::gpu::Gpu;
+use crate::gpu::{Gpu, Traffic};
 use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::StudyError;
 use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
@@ -23,7 +23,7 @@ const ERROR_CONDENSED: Axis = Axis::log(
     "relative error of K^c, the compliance at the contacts",
 );
 
-const AXES: [Axis; 17] = [
+const AXES: [Axis; 21] = [
     Axis::log("dofs", "unknowns", "free degrees of freedom"),
     Axis::log("median_ms", "ms", "time of a remesh with its K^c (median), ms"),
     Axis::log(
@@ -41,6 +41,18 @@ const AXES: [Axis; 17] = [
         "device_ms",
         "device ms",
         "time of the update on the device (median), ms",
+    ),
+    Axis::linear(
+        "submissions",
+        "submissions",
+        "submissions to the device in a remesh (mean, samples of errors and rebuilds included)",
+    ),
+    Axis::linear("waits", "waits", "waits for the device in a remesh (mean)"),
+    Axis::log("up_kb", "up kB", "bytes sent to the device in a remesh (mean), kB"),
+    Axis::log(
+        "down_kb",
+        "down kB",
+        "bytes fetched from the device in a remesh (mean), kB",
     ),
     Axis::log("moved_mb", "moves MB", "bytes read and written by an update, MB"),
     Axis::log(
@@ -188,6 +200,11 @@ impl Report {
             let values = vec![Some(*after as f64), Some(*error)];
             self.drift.push(choices.clone(), values, None);
         }
+        let traffic = &measured.traffic;
+        let exchanged = |part: fn(&Traffic) -> u64, unit: f64| {
+            let total: u64 = traffic.iter().map(part).sum();
+            (!traffic.is_empty()).then(|| unit * total as f64 / traffic.len() as f64)
+        };
         let flag = measured.flag;
         if let (Some(flag), Promise::Exact { .. }) = (&flag, promise) {
             self.study
@@ -201,6 +218,10 @@ impl Report {
             Some(measured.prepare_ms),
             Some(megabytes(measured.held)),
             median(measured.device_ms),
+            exchanged(|traffic| traffic.submissions, 1.0),
+            exchanged(|traffic| traffic.waits, 1.0),
+            exchanged(|traffic| traffic.bytes_up, 1e-3),
+            exchanged(|traffic| traffic.bytes_down, 1e-3),
             bytes.map(|bytes| bytes * 1e-6),
             rate.map(|rate| rate * 1e-9),
             rate.zip(copy).map(|(rate, copy)| 100.0 * rate / copy),

@@ -35,22 +35,28 @@ impl<S: Store> Inverse<S> {
     }
 
     /// Subtracts Y C Y^T from all entries, or from those of some rows and columns. Returns the reciprocal condition of
-    /// I + dK G; as an inner error where it is below `limit`, and then nothing changes.
+    /// I + dK G, and the entries at the rows and columns `block`; the condition as an inner error where it is below `limit`,
+    /// and then nothing changes.
     pub fn update(
         &mut self,
         change: &Change,
         rows: Option<&[usize]>,
         limit: f64,
-    ) -> Result<Result<f64, f64>, RemeshError> {
+        block: &[usize],
+    ) -> Result<Result<(f64, Mat<f64>), f64>, RemeshError> {
         let columns: Vec<usize> = change.support.iter().map(|dof| *dof as usize).collect();
+        let stiffness = change.stiffness.as_ref();
+        if let Some(done) = self.store.apply(&columns, stiffness, limit, rows, block)? {
+            return Ok(Ok(done));
+        }
         let g = self.store.take(Which::Current, &columns)?;
         let mut c = Mat::zeros(columns.len(), columns.len());
-        let condition = capacitance(&mut self.lu, change.stiffness.as_ref(), g.as_ref(), c.as_mut());
+        let condition = capacitance(&mut self.lu, stiffness, g.as_ref(), c.as_mut());
         if condition < limit {
             return Ok(Err(condition));
         }
-        self.store.update(c.as_ref(), rows)?;
-        Ok(Ok(condition))
+        let block = self.store.update(c.as_ref(), rows, block)?;
+        Ok(Ok((condition, block)))
     }
 
     /// Rebuilds the inverse of the current mesh from that of the base, with all moves as one change. Results are as for
@@ -77,10 +83,15 @@ impl<S: Store> Inverse<S> {
     /// Returns the largest |K X e - e| over unit forces e on these degrees of freedom.
     pub fn residual(&mut self, mesh: &AdaptedMesh, dofs: &[usize]) -> Result<f64, RemeshError> {
         mesh.difference_into(&mut self.difference);
+        let every: Vec<usize> = (0..self.store.size()).collect();
+        let columns = self.store.entries(&every, dofs)?;
         let mut unit = vec![0.0; self.store.size()];
         let mut worst = 0.0f64;
-        for &dof in dofs {
-            self.store.combine(&[dof], &[1.0], &mut self.column)?;
+        for (&dof, column) in dofs.iter().zip(columns.col_iter()) {
+            self.column
+                .iter_mut()
+                .zip(column.iter())
+                .for_each(|(to, from)| *to = *from);
             unit[dof] = 1.0;
             let rest = largest(&defect(mesh, &self.difference, &self.column, &unit));
             worst = if rest.is_nan() { rest } else { worst.max(rest) };

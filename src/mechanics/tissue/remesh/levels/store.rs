@@ -43,11 +43,28 @@ pub trait Store: Send {
     fn take(&mut self, which: Which, columns: &[usize]) -> Result<Mat<f64>, RemeshError>;
 
     /// Subtracts Y C Y^T (C in N/mm, symmetric) from all entries of the current inverse, or from those in some rows and
-    /// columns. Y are the columns set aside from it.
+    /// columns. Y are the columns set aside from it. Returns the entries at the rows and columns `block`, mm/N.
     ///
     /// # Errors
     /// [`RemeshError`].
-    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>) -> Result<(), RemeshError>;
+    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>, block: &[usize]) -> Result<Mat<f64>, RemeshError>;
+
+    /// Does for a change of the stiffness at some rows and columns what [`take`](Self::take) and [`update`](Self::update)
+    /// do with C = (I + dK G)^-1 dK, in one go; returns the reciprocal condition of I + dK G, too. `None` where the store
+    /// does not solve for C or the reciprocal condition is below `limit`; nothing has changed then.
+    ///
+    /// # Errors
+    /// [`RemeshError`].
+    fn apply(
+        &mut self,
+        _columns: &[usize],
+        _change: MatRef<'_, f64>,
+        _limit: f64,
+        _rows: Option<&[usize]>,
+        _block: &[usize],
+    ) -> Result<Option<(f64, Mat<f64>)>, RemeshError> {
+        Ok(None)
+    }
 
     /// Replaces the current inverse by the base minus Y C Y^T. Y are the columns set aside from the base.
     ///
@@ -126,13 +143,13 @@ impl<T: Entry> Store for Host<T> {
         Ok(Mat::from_fn(columns.len(), columns.len(), block))
     }
 
-    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>) -> Result<(), RemeshError> {
+    fn update(&mut self, c: MatRef<'_, f64>, rows: Option<&[usize]>, block: &[usize]) -> Result<Mat<f64>, RemeshError> {
         let (y, c) = (self.taken.as_ref(), rounded(c));
         match rows {
             None => self.current.rank_update(y, c.as_ref())?,
             Some(rows) => self.current.update_rows(rows, y, c.as_ref())?,
         }
-        Ok(())
+        self.entries(block, block)
     }
 
     fn restart(&mut self, c: MatRef<'_, f64>) -> Result<(), RemeshError> {
@@ -140,7 +157,7 @@ impl<T: Entry> Store for Host<T> {
         self.current
             .row_panels_mut()
             .for_each(|panel| panel.columns.copy_from_slice(panels[panel.first_row / PANEL_ROWS]));
-        self.update(c, None)
+        self.update(c, None, &[]).map(drop)
     }
 
     fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, RemeshError> {
