@@ -210,6 +210,7 @@ impl Gpu {
     }
 
     /// Sets the time limit for waiting on the GPU before a [`GpuError::Timeout`]; 60 s by default.
+    #[cfg(test)]
     pub fn set_patience(&mut self, patience: Duration) {
         self.patience = patience;
     }

@@ -112,13 +112,14 @@ fn near(found: &str, expected: &str) -> bool {
 
 const SCENES: [&str; 5] = ["default", "liver-needle", "prostate-trus", "spine-linear", "sweep"];
 const PHANTOMS: [&str; 5] = ["abdomen", "prostate", "spine", "two-layer", "liver-vein"];
-const SCENARIOS: [&str; 6] = [
+const SCENARIOS: [&str; 7] = [
     "liver-biopsy",
     "liver-puncture",
     "prostate-brachytherapy",
     "spine-injection",
     "segmentation-biopsy",
     "liver-training",
+    "two-layer-insertion",
 ];
 
 #[test]

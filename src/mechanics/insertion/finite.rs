@@ -118,6 +118,7 @@ impl Finite {
     }
 
     /// Returns the mesh with its remesher.
+    #[cfg(any(test, feature = "internals"))]
     pub fn adaptation(&self) -> &Adaptation {
         &self.tissue.adaptation
     }
