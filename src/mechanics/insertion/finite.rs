@@ -35,7 +35,9 @@ use super::{
 };
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::CentreLine;
-use crate::mechanics::tissue::remesh::{Adaptation, Level, Maker};
+#[cfg(any(test, feature = "internals"))]
+use crate::mechanics::tissue::remesh::Adaptation;
+use crate::mechanics::tissue::remesh::{Level, Maker};
 use body::Body;
 use contacts::Contacts;
 use joint::Joint;
