@@ -291,7 +291,7 @@ Letters 8 (2023) 1343-1350.";
 #[derive(Args)]
 #[command(after_help = SOURCE)]
 pub struct Table {
-    /// Also the RCM of free bases whose rotary axis lies so far behind them
+    /// Also compute the RCM of a free base whose rotary axis lies this far behind it, mm
     #[arg(long, value_name = "MM,...", value_delimiter = ',')]
     pivot_mm: Vec<f64>,
     #[command(flatten)]

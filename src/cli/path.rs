@@ -40,7 +40,7 @@ Exit status: 0 done, also where the best path misses by more than the tolerance,
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct PathArgs {
-    /// Scenario file (TOML), or the name of a built-in one; its needle, tissue and speed count, its motion does not
+    /// Scenario file (TOML), or the name of a built-in one; needle, tissue and speed are used; its motion is ignored
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
     /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a tissue

@@ -197,7 +197,8 @@ impl ScenarioFile {
                     "a needle in tissue that is moved {sideways:.2} mm sideways, at {} s",
                     pair[1].time_s
                 );
-                let expected = "one that goes along its axis until it is out: this model has no sideways moves";
+                let expected =
+                    "motion along the needle's axis until it is out: this model does not support lateral motion";
                 return Err(blame(&pair[1], found, expected));
             }
             let met = obstacle(anatomy, &from, &direction, way.dot(&direction));
@@ -209,7 +210,7 @@ impl ScenarioFile {
                 return Err(blame(
                     &pair[1],
                     found,
-                    "a way through soft tissue: this model has no part for bone",
+                    "a path through soft tissue: this model does not support bone",
                 ));
             }
         }

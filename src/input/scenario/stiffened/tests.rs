@@ -313,7 +313,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         text[last..].replacen("tip_mm = [-", "tip_mm = [-1", 1)
     );
     let error = resolved(&sideways).map(drop).unwrap_err();
-    assert!(error.to_string().contains("no sideways moves"), "{error}");
+    assert!(error.to_string().contains("does not support lateral motion"), "{error}");
     assert!(
         error
             .location()

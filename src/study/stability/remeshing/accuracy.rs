@@ -68,7 +68,7 @@ pub fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
         }
         record.report(
-            format!("times computed anew, {}, nu {poisson}", backend.name),
+            format!("number of rebuilds, {}, nu {poisson}", backend.name),
             f64::from(rebuilds),
         );
         record.zero(
@@ -136,7 +136,7 @@ pub fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
             format!("worst residual where the level says it cannot keep to {limit:.0e}, {what}"),
             largest(told),
         );
-        record.report(format!("residual of an inverse computed anew in f64, {what}"), floor);
+        record.report(format!("residual of an inverse recomputed in f64, {what}"), floor);
         record.report(format!("refreshes, {what}"), f64::from(rebuilds));
         Ok(())
     })?;
@@ -263,10 +263,7 @@ pub fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 format!("states of K^c that are not finite in {many} moves, {what}"),
                 wrong as f64,
             );
-            record.report(
-                format!("times that all was computed anew in {many} moves, {what}"),
-                rebuilds as f64,
-            );
+            record.report(format!("number of rebuilds in {many} moves, {what}"), rebuilds as f64);
         }
     }
     Ok(())
