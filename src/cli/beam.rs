@@ -59,7 +59,7 @@ depths below the entry, mm. JSON: tip_mm, rcm_mm, com_mm (null if none), residua
 largest moment), iterations, shape (list of x mm, u mm, slope, reaction N/mm).
 Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation
 Letters 8 (2023) 1343-1350.
-Exit status: 0 solved; 2 the case or a file is wrong, or the needle has no shape; 1 what the machine could not do.";
+Exit status: 0 solved; 2 the case or a file is wrong, or the needle has no shape; 1 the machine failed.";
 
 /// Bends a needle in hyperelastic tissue by moving its base
 #[derive(Args)]

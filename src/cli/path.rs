@@ -34,7 +34,7 @@ Writes plan/index.html, scenario.toml (the best path), lines.csv, lines.png and 
 the target goes while the needle advances) and summary.json.
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation simulation\",
 Computerized Medical Imaging and Graphics 34 (2010) 9-18.
-Exit status: 0 done, also where the best path misses by more than the tolerance, which is said; 2 no path, or the scenario or an argument is wrong.";
+Exit status: 0 done, also if the best path misses by more than the tolerance (a warning); 2 no path, or the scenario or an argument is wrong.";
 
 /// Plans a needle's path to a target, allowing for the deformation of tissue
 #[derive(Args)]

@@ -39,7 +39,7 @@ const FARTHEST: f64 = 30.0;
 const ASIDE: f64 = 0.05;
 /// Least force density (N/mm) and width (mm) of a layer.
 const LEAST: [f64; 2] = [1e-6, 0.1];
-/// Residual of the force in the inner loop, as a share of the largest force, from which it is told.
+/// Residual of the force in the inner loop, as a share of the largest force, above which it is reported.
 const DIFFERENT: f64 = 0.05;
 /// Expected number of simulations of an identification, for the progress.
 const EXPECTED: usize = 150;
