@@ -59,7 +59,7 @@ depths below the entry, mm. JSON: tip_mm, rcm_mm, com_mm (null if none), residua
 largest moment), iterations, shape (list of x mm, u mm, slope, reaction N/mm).
 Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation
 Letters 8 (2023) 1343-1350.
-Exit status: 0 solved; 2 the case or a file is wrong, or the needle has no shape; 1 what the machine could not do.";
+Exit status: 0 solved; 2 the case or a file is wrong, or the needle has no shape; 1 the machine failed.";
 
 /// Bends a needle in hyperelastic tissue by moving its base
 #[derive(Args)]
@@ -291,7 +291,7 @@ Letters 8 (2023) 1343-1350.";
 #[derive(Args)]
 #[command(after_help = SOURCE)]
 pub struct Table {
-    /// Also the RCM of free bases whose rotary axis lies so far behind them
+    /// Also compute the RCM of a free base whose rotary axis lies this far behind it, mm
     #[arg(long, value_name = "MM,...", value_delimiter = ',')]
     pivot_mm: Vec<f64>,
     #[command(flatten)]

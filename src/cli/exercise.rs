@@ -183,7 +183,7 @@ pub(super) fn source(path: &Path) -> Result<(String, PathBuf), Failure> {
     if let Some((_, text)) = ready {
         return Ok(((*text).to_owned(), PathBuf::new()));
     }
-    // Errors of the file are told by its reader.
+    // The reader reports errors of the file.
     ScenarioFile::read(path)?;
     let text = std::fs::read_to_string(path).map_err(Failure::Output)?;
     Ok((text, path.parent().unwrap_or(Path::new("")).to_owned()))

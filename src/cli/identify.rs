@@ -29,7 +29,7 @@ Examples:
 Writes DIR/index.html (parameters, errors, certainty, figures), DIR/plots, and scenarios. The method, its accuracy and its limits: docs/identification.md.
 Source: E. Dehghan et al., \"Needle-tissue interaction modeling using ultrasound-based motion estimation: Phantom study\", Computer Aided
 Surgery 13 (2008) 265-280.
-Exit status: 0 done; 2 the case or a file is wrong; 1 what the machine could not do.";
+Exit status: 0 done; 2 the case or a file is wrong; 1 the machine failed.";
 
 /// Identifies force parameters and Young's moduli of tissue layers from one measured needle insertion
 #[derive(Args)]

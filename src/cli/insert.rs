@@ -62,7 +62,7 @@ Writes out/index.html (images, plots, events), out/plots, out/summary.json and o
 counts and flags. base_* is in the needle's base frame, whose z axis points into the body, world_* in the world (LPS). Forces on the hand
 are what the needle does to it: along z negative while it is pushed in. docs/insertion.md explains each column, event and key of the summary.
 Files of the run before, which out/insonify.json lists, are replaced when the run is done, and only then; other files stay.
-Exit status: 0 done; 2 the scenario or a file is wrong; 1 what the machine could not do.";
+Exit status: 0 done; 2 the scenario or a file is wrong; 1 the machine failed.";
 
 /// Moves a needle through tissue: forces, deformation and, on request, the ultrasound frames that follow
 #[derive(Args)]

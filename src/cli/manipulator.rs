@@ -48,7 +48,7 @@ Examples:
 
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation
 simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.
-Exit status: 0 done; 2 a file is wrong, or a pose out of reach; 1 what the machine could not do.";
+Exit status: 0 done; 2 a file is wrong, or a pose out of reach; 1 the machine failed.";
 
 /// Computes the motion of a needle guide mounted on the probe: kinematics, drive, reach
 #[derive(Args)]

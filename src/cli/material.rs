@@ -38,7 +38,7 @@ Gruenwald and Letnikov's rule takes equally spaced times only.
 A stress that is infinite, at a jump of strain in a spring-pot, is null in JSON.
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation
 simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.
-Exit status: 0 done; 2 the case or a file is wrong; 1 what the machine could not do.";
+Exit status: 0 done; 2 the case or a file is wrong; 1 the machine failed.";
 
 /// Tests a material: strain from a history of stress, or stress from strain, with memory and stiffening
 #[derive(Args)]
@@ -139,7 +139,7 @@ Examples:
   insonify material fit moduli.csv creep.csv --json -o plots
   insonify material fit creep.csv --order 0.1 --memory rate
   insonify material creep.toml --rheometer tests; insonify material fit tests/dynamic-moduli.csv tests/creep.csv --memory rate
-Exit status: 0 done; 2 a file is wrong, or does not determine the parameters; 1 what the machine could not do.";
+Exit status: 0 done; 2 a file is wrong, or does not determine the parameters; 1 the machine failed.";
 
 /// Fits order, modulus, knee and stiffening to measured moduli and creep
 #[derive(Args)]

@@ -34,13 +34,13 @@ Writes plan/index.html, scenario.toml (the best path), lines.csv, lines.png and 
 the target goes while the needle advances) and summary.json.
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation simulation\",
 Computerized Medical Imaging and Graphics 34 (2010) 9-18.
-Exit status: 0 done, also where the best path misses by more than the tolerance, which is said; 2 no path, or the scenario or an argument is wrong.";
+Exit status: 0 done, also if the best path misses by more than the tolerance (a warning); 2 no path, or the scenario or an argument is wrong.";
 
 /// Plans a needle's path to a target, allowing for the deformation of tissue
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct PathArgs {
-    /// Scenario file (TOML), or the name of a built-in one; its needle, tissue and speed count, its motion does not
+    /// Scenario file (TOML), or the name of a built-in one; needle, tissue and speed are used; its motion is ignored
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
     /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a tissue

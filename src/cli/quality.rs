@@ -108,7 +108,8 @@ impl QualityArgs {
             let column = usize::from(key == grid::KEYS[1]);
             grid::KEYS.contains(&key) && grids.iter().any(|grid| grid[column].to_string() == value)
         };
-        let sound = |costs: &Costs| costs.dials.len() == 1 && costs.dials.iter().all(|dial| dial.is_sound(stands));
+        let sound =
+            |costs: &Costs| costs.settings.len() == 1 && costs.settings.iter().all(|setting| setting.is_sound(stands));
         let costs = self.kept(&thing, "measuring frames of this scene", sound, || {
             let measured = format!("kept to by 19 of {FRAMES} frames of this scene on {adapter}");
             let mut state = FrameState::at(Matrix4::identity());
@@ -170,7 +171,11 @@ impl QualityArgs {
         let costs: StepCosts = self.kept(
             &["steps"],
             "measuring what choices cost in blocks of tissue",
-            |costs: &StepCosts| costs.dials().all(|dial| dial.keys.len() == 1 && dial.is_sound(stands)),
+            |costs: &StepCosts| {
+                costs
+                    .settings()
+                    .all(|setting| setting.keys.len() == 1 && setting.is_sound(stands))
+            },
             || {
                 // Errors of the scenario take precedence.
                 file.resolve(folder, |_| {})?;

@@ -27,7 +27,7 @@ Examples:
   insonify realism frames/ --against Prostate10_video.igs.mhd -o realism.html
   insonify realism frame.png --against a.png b.png --json | jq '.measures[] | select(.verdict == \"outside\") | .name'
 
-docs/realism.md has what the frames of this program measure. Exit status: 0 measured, whatever the verdicts; 2 wrong arguments or files.";
+docs/realism.md lists the measures of frames of this program. Exit status: 0 measured, whatever the verdicts; 2 wrong arguments or files.";
 
 /// Compares frames with real frames: speckle, grey levels, fluid, contact and edges, in units of the spread among the real ones
 #[derive(Args)]

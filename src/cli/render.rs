@@ -271,7 +271,7 @@ impl Passes {
 
     fn report(&self, synth: &Synthesizer, wanted: bool, warnings: &mut Vec<String>) -> Vec<PassReport> {
         if wanted && self.sums.is_empty() {
-            warnings.push("this adapter takes no timestamps: the times of single passes are not known".to_owned());
+            warnings.push("this adapter does not support timestamps; pass times are unavailable".to_owned());
             let names = synth.plan().passes.iter().map(|planned| planned.pass.name);
             return names.map(|name| PassReport { name, ms: None }).collect();
         }

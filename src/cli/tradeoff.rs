@@ -30,7 +30,7 @@ gold standard of its table, and what to take.
 
 Examples:
   insonify tradeoff --quick -o report      within two minutes on two cores: open report/index.html
-  insonify tradeoff -o report              meshes and ways of full size: within twenty minutes
+  insonify tradeoff -o report              full-size meshes, full-length paths: within twenty minutes
   insonify tradeoff --only remesh,history -o report
   insonify tradeoff remesh --help          one study, with settings of its own
 

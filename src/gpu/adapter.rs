@@ -11,7 +11,7 @@ use super::GpuError;
 pub const ADAPTER_VARIABLE: &str = "INSONIFY_ADAPTER";
 
 /// Sentence about a software adapter, which is used only if it is named.
-pub const SOFTWARE: &str = "software on the CPU, which is faster by itself, and used only where `--adapter` names it";
+pub const SOFTWARE: &str = "a software adapter, slower than the CPU backend and used only if `--adapter` names it";
 
 /// Properties and capabilities of an adapter.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

@@ -137,7 +137,7 @@ mod tests {
         let Some(gpu) = testing::open() else { return };
         let Some(mut timer) = Timer::new(&gpu, &["short", "long"]).unwrap() else {
             assert!(!gpu.report().timestamps);
-            println!("SKIPPED: the adapter takes no timestamps");
+            println!("SKIPPED: the adapter does not support timestamps");
             return;
         };
         let mut whole = Timer::new(&gpu, &["whole"]).unwrap().unwrap();

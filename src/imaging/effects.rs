@@ -1,4 +1,4 @@
-//! Ordered registry of effects: the only place where an effect is declared.
+//! Registry of effects in order of execution.
 //!
 //! An effect states when a scene calls for it and which passes it consists of. A pass is declared once: its name, shader,
 //! bindings in order, parameters, dispatch size, and the CPU function that is its reference. A frame runs the passes of
@@ -200,7 +200,7 @@ macro_rules! registry {
         /// Tables of the effects.
         #[derive(Clone, Debug)]
         pub struct EffectTables {
-            $(#[doc = concat!("Those of `", stringify!($name), "`.")] pub $name: $derived,)+
+            $(#[doc = concat!("Tables of `", stringify!($name), "`.")] pub $name: $derived,)+
         }
 
         impl EffectTables {
@@ -230,7 +230,7 @@ macro_rules! registry {
         /// Vectors of the effects on the CPU.
         #[derive(Debug, Default)]
         pub struct EffectColumns<T> {
-            $(#[doc = concat!("Those of `", stringify!($name), "`.")] pub $name: $columns,)+
+            $(#[doc = concat!("Vectors of `", stringify!($name), "`.")] pub $name: $columns,)+
         }
 
         impl<T: Real> EffectColumns<T> {

@@ -39,52 +39,54 @@ parameters! {
     }
 }
 
-/// Measured costs of settings on a machine. Costs of different dials add up.
+/// Measured costs of settings on a machine. Costs of different settings add up.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Costs {
     /// Description of the measurement.
     pub measured: String,
-    /// Unit of the errors, in words that follow a number; `None` where errors only rank the rungs.
+    /// Unit of the errors, in words that follow a number; `None` where errors only rank the options.
     pub errors: Option<String>,
-    /// Time with every dial at the rung without extra cost, ms.
+    /// Time with every setting at the option without extra cost, ms.
     pub base_ms: f64,
     /// Settings that can be varied.
-    pub dials: Vec<Dial>,
+    #[serde(rename = "dials")]
+    pub settings: Vec<VariedSetting>,
 }
 
 /// A setting that can be varied: keys that change together.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Dial {
+pub struct VariedSetting {
     /// Keys as written in a file.
     pub keys: Vec<String>,
     /// Available values.
-    pub rungs: Vec<Rung>,
+    #[serde(rename = "rungs")]
+    pub options: Vec<SettingOption>,
 }
 
-/// Maximum number of rungs of a dial read from a file: all combinations of a few such dials are tried.
-const MOST_RUNGS: usize = 16;
+/// Maximum number of options of a setting read from a file: all combinations of a few such settings are tried.
+const MOST_OPTIONS: usize = 16;
 
-impl Dial {
-    /// Whether each rung has finite costs and a value for each key that `stands` for it, and there are no more than can be tried.
+impl VariedSetting {
+    /// Whether each option has finite costs and a value for each key that `stands` for it, and there are no more than can be tried.
     pub fn is_sound(&self, stands: impl Fn(&str, &str) -> bool) -> bool {
-        let sound = |rung: &Rung| {
-            let pairs = self.keys.iter().zip(&rung.values);
-            rung.values.len() == self.keys.len()
-                && [rung.extra_ms, rung.error].iter().all(|number| number.is_finite())
+        let sound = |option: &SettingOption| {
+            let pairs = self.keys.iter().zip(&option.values);
+            option.values.len() == self.keys.len()
+                && [option.extra_ms, option.error].iter().all(|number| number.is_finite())
                 && pairs.into_iter().all(|(key, value)| stands(key, value))
         };
-        self.rungs.len() <= MOST_RUNGS && self.rungs.iter().all(sound)
+        self.options.len() <= MOST_OPTIONS && self.options.iter().all(sound)
     }
 }
 
-/// One value of a dial.
+/// One value of a setting.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Rung {
+pub struct SettingOption {
     /// A value for each key, as written in a file.
     pub values: Vec<String>,
     /// Time in addition to [`Costs::base_ms`], ms; negative if it saves time.
     pub extra_ms: f64,
-    /// Error of this rung; errors of different dials add up.
+    /// Error of this option; errors of different settings add up.
     pub error: f64,
 }
 
@@ -122,15 +124,15 @@ impl Picked {
     }
 }
 
-/// One rung of each dial, with total time and error.
+/// One option of each setting, with total time and error.
 struct Combination<'a> {
-    rungs: Vec<&'a Rung>,
+    options: Vec<&'a SettingOption>,
     ms: f64,
     error: f64,
 }
 
-/// Picks a rung of every open dial: among combinations within `budget_ms` the one with the smallest error, the cheaper of two with
-/// equal error; if none is within the budget, the cheapest. `None` if no dial is open.
+/// Picks an option of every open setting: among combinations within `budget_ms` the one with the smallest error, the cheaper of two with
+/// equal error; if none is within the budget, the cheapest. `None` if no setting is open.
 pub fn pick(asked: &str, costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool) -> Option<Picked> {
     let choice = choose(costs, budget_ms, open, &[])?;
     Some(choice.picked(asked, budget_ms, costs, choice.ms, &costs.measured))
@@ -176,34 +178,34 @@ impl Choice {
 
 /// Picks as [`pick`] does, with times measured for some settings in place of those that their costs predict.
 fn choose(costs: &Costs, budget_ms: f64, open: impl Fn(&str) -> bool, known: &[(Vec<Setting>, f64)]) -> Option<Choice> {
-    let dials: Vec<&Dial> = costs
-        .dials
+    let varied: Vec<&VariedSetting> = costs
+        .settings
         .iter()
-        .filter(|dial| dial.keys.iter().all(|key| open(key)))
+        .filter(|setting| setting.keys.iter().all(|key| open(key)))
         .collect();
-    if dials.is_empty() {
+    if varied.is_empty() {
         return None;
     }
     let mut combinations = vec![Combination {
-        rungs: Vec::new(),
+        options: Vec::new(),
         ms: costs.base_ms,
         error: 0.0,
     }];
-    for dial in &dials {
+    for setting in &varied {
         let longer = combinations.iter().flat_map(|before| {
-            dial.rungs.iter().map(|rung| Combination {
-                rungs: before.rungs.iter().copied().chain([rung]).collect(),
-                ms: before.ms + rung.extra_ms,
-                error: before.error + rung.error,
+            setting.options.iter().map(|option| Combination {
+                options: before.options.iter().copied().chain([option]).collect(),
+                ms: before.ms + option.extra_ms,
+                error: before.error + option.error,
             })
         });
         combinations = longer.collect();
     }
     let settings = |of: &Combination<'_>| -> Vec<Setting> {
-        let pairs = dials
+        let pairs = varied
             .iter()
-            .zip(&of.rungs)
-            .flat_map(|(dial, rung)| dial.keys.iter().zip(&rung.values));
+            .zip(&of.options)
+            .flat_map(|(setting, option)| setting.keys.iter().zip(&option.values));
         pairs
             .map(|(key, value)| Setting {
                 key: key.clone(),

@@ -55,8 +55,8 @@ pub enum SynthError {
     /// More memory is needed than is available.
     #[error(transparent)]
     Memory(#[from] TooLarge),
-    /// As many frames are in flight as may be: one must be taken first.
-    #[error("{IN_FLIGHT} frames are in flight: take one before the next is submitted")]
+    /// The limit of frames in flight is reached; take one before submitting another.
+    #[error("{IN_FLIGHT} frames are in flight; take one before submitting another")]
     Busy,
     /// The pose is singular or has numbers that are not finite.
     #[error("the probe pose is not a finite, invertible transform")]
@@ -121,7 +121,7 @@ pub struct PassTime {
     pub ms: f64,
 }
 
-/// Renders frames of one scene: created once, then driven by the owner of the motion.
+/// Renderer of a scene. Create it once and call [`render`](Self::render) for each state.
 ///
 /// ```
 /// use insonify::SceneFile;
@@ -142,7 +142,7 @@ pub struct PassTime {
 ///     assert_eq!(frame.pixels.len(), frame.width * frame.height);
 /// }
 ///
-/// // More gain, from the next frame on: the amplitudes stay, a table of gains is made anew.
+/// // More gain, from the next frame on: the amplitudes stay, only the table of gains is recomputed.
 /// let before = synth.frame().clone();
 /// let mut settings = synth.settings().clone();
 /// settings.effects.tone.get_or_insert_default().gain_db += 10.0;
@@ -166,7 +166,7 @@ pub struct Synthesizer {
     submitted: u64,
     /// Threads of the last batch.
     team: Option<Team>,
-    /// Whether frames have moved nodes of the mesh since the team last had the same ones.
+    /// Whether node positions changed since they were last copied to the batch threads.
     moved: bool,
 }
 

@@ -53,7 +53,7 @@ pub enum StudyError {
         expected: usize,
     },
     /// There are fewer than two grids to compare.
-    #[error("{0} grids: expected two or more, the finest of which is the standard of the others")]
+    #[error("{0} grids: expected two or more; the finest is the gold standard")]
     Grids(usize),
     /// The gold standard cannot be solved.
     #[error("the gold standard cannot be solved: {0}")]

@@ -39,7 +39,7 @@ const FARTHEST: f64 = 30.0;
 const ASIDE: f64 = 0.05;
 /// Least force density (N/mm) and width (mm) of a layer.
 const LEAST: [f64; 2] = [1e-6, 0.1];
-/// Residual of the force in the inner loop, as a share of the largest force, from which it is told.
+/// Residual of the force in the inner loop, as a share of the largest force, above which it is reported.
 const DIFFERENT: f64 = 0.05;
 /// Expected number of simulations of an identification, for the progress.
 const EXPECTED: usize = 150;
@@ -69,7 +69,7 @@ pub struct Identified {
     /// Errors of the simulated displacements; `None` without measured ones.
     pub motion: Option<MotionErrors>,
     /// Cost at moduli beside those found, each changed by 5 %.
-    pub beside: Vec<Beside>,
+    pub beside: Vec<Sensitivity>,
     /// Number of simulated insertions.
     pub insertions: usize,
     /// Limits of the result, in words.
@@ -104,7 +104,7 @@ pub struct MotionErrors {
 
 /// Cost with one modulus changed.
 #[derive(Clone, Debug, Serialize)]
-pub struct Beside {
+pub struct Sensitivity {
     /// Name of the region.
     pub region_name: String,
     /// Factor of its Young's modulus.
@@ -331,7 +331,7 @@ impl<'a> Search<'a> {
                     let mut changed = layers.clone();
                     changed[at].young_kpa *= factor;
                     let course = self.match_forces(&mut changed)?;
-                    beside.push(Beside {
+                    beside.push(Sensitivity {
                         region_name: changed[at].region_name.clone(),
                         factor,
                         cost_ratio: self.cost(motion, &course) / least,
@@ -342,7 +342,7 @@ impl<'a> Search<'a> {
         Ok(self.conclude(layers, course, beside))
     }
 
-    fn conclude(mut self, layers: Vec<Layer>, course: Course, beside: Vec<Beside>) -> Identified {
+    fn conclude(mut self, layers: Vec<Layer>, course: Course, beside: Vec<Sensitivity>) -> Identified {
         let force = force_errors(&course, &self.data.force);
         let largest = self.data.force.iter().map(|point| point[1]).fold(0.0, f64::max);
         if force.rms_n > DIFFERENT * largest {

@@ -7,7 +7,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::imaging::quality::{Costs, Dial, Rung};
+use crate::imaging::quality::{Costs, SettingOption, VariedSetting};
 use crate::input::scenario::DEFAULT_NODES;
 use crate::study::StudyError;
 use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
@@ -47,15 +47,15 @@ pub struct StepCosts {
     /// Time of a step on the small block, without and with a probe in contact, ms.
     pub base_ms: [f64; 2],
     /// Costs of the levels, without and with a probe.
-    pub levels: [Dial; 2],
+    pub levels: [VariedSetting; 2],
     /// Costs of more nodes, relative to the small block.
-    pub nodes: Dial,
+    pub nodes: VariedSetting,
     /// Costs of needle links.
-    pub links: Dial,
+    pub links: VariedSetting,
     /// Costs of beam-needle elements, relative to the default links.
-    pub elements: Dial,
+    pub elements: VariedSetting,
     /// Costs of thinned probe candidates.
-    pub thinning: Dial,
+    pub thinning: VariedSetting,
 }
 
 /// Properties of a scenario that determine its costs.
@@ -107,8 +107,8 @@ impl StepCosts {
     /// Extracts the costs from two insertion studies: one on a small block, and one of the number of nodes.
     fn of(small: &Study, meshes: &Study) -> Self {
         let first = |row: &Row| Some(row.choices[0].clone());
-        let (links, free_ms) = dial(small, ["links", LINK, "tip_mm"], first, Base::Rung(USUAL_MM));
-        let (thinning, pressed_ms) = dial(small, ["thinning", THINNING, "tip_mm"], first, Base::Rung("1"));
+        let (links, free_ms) = setting(small, ["links", LINK, "tip_mm"], first, Base::Value(USUAL_MM));
+        let (thinning, pressed_ms) = setting(small, ["thinning", THINNING, "tip_mm"], first, Base::Value("1"));
         let of_probe = |probe: &'static str| {
             let name = move |row: &Row| {
                 let name = match row.choices[0].as_str() {
@@ -119,9 +119,9 @@ impl StepCosts {
                 };
                 (row.choices[1] == probe).then(|| format!("\"{name}\""))
             };
-            dial(small, ["levels", LEVEL, "tip_after_mm"], name, Base::Rung("\"exact\"")).0
+            setting(small, ["levels", LEVEL, "tip_after_mm"], name, Base::Value("\"exact\"")).0
         };
-        let beyond = |study, table| dial(study, table, first, Base::Ms(free_ms)).0;
+        let beyond = |study, table| setting(study, table, first, Base::Ms(free_ms)).0;
         let nodes = small.about.iter().find(|(key, _)| *key == "nodes");
         StepCosts {
             few: nodes.and_then(|(_, nodes)| nodes.parse().ok()).unwrap_or(FEW as u32),
@@ -134,7 +134,7 @@ impl StepCosts {
         }
     }
 
-    pub fn dials(&self) -> impl Iterator<Item = &Dial> {
+    pub fn settings(&self) -> impl Iterator<Item = &VariedSetting> {
         let others = [&self.nodes, &self.links, &self.elements, &self.thinning];
         self.levels.iter().chain(others)
     }
@@ -146,14 +146,14 @@ impl StepCosts {
             true => &self.elements,
             false => &self.links,
         };
-        let mut dials = vec![self.levels[at].clone(), fitting(needle, situation.needle_mm)];
+        let mut settings = vec![self.levels[at].clone(), fitting(needle, situation.needle_mm)];
         if situation.probe {
-            dials.push(self.thinning.clone());
+            settings.push(self.thinning.clone());
         }
         if situation.nodes == Nodes::Open {
-            dials.push(self.nodes.clone());
+            settings.push(self.nodes.clone());
         }
-        dials.retain(|dial| !dial.rungs.is_empty());
+        settings.retain(|setting| !setting.options.is_empty());
         let (few, sizes) = (self.few, self.sizes());
         let (mesh, extra_ms) = match situation.nodes {
             Nodes::Open => {
@@ -168,14 +168,14 @@ impl StepCosts {
             measured: format!("steps that remesh, {probe} in contact, {mesh}"),
             errors: Some("mm at the tip in blocks of tissue".to_owned()),
             base_ms: self.base_ms[at] + extra_ms,
-            dials,
+            settings,
         }
     }
 
     /// Returns numbers of nodes and the time that each adds (ms), ascending, with the small block first.
     fn sizes(&self) -> Vec<(f64, f64)> {
-        let rungs = self.nodes.rungs.iter();
-        let measured = rungs.filter_map(|rung| Some((rung.values.first()?.parse().ok()?, rung.extra_ms)));
+        let options = self.nodes.options.iter();
+        let measured = options.filter_map(|option| Some((option.values.first()?.parse().ok()?, option.extra_ms)));
         let mut sizes: Vec<(f64, f64)> = std::iter::once((f64::from(self.few), 0.0)).chain(measured).collect();
         sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
         sizes
@@ -194,34 +194,34 @@ fn extra_of(sizes: &[(f64, f64)], nodes: u32) -> f64 {
     before + (after - before) * (nodes - low) / (high - low)
 }
 
-/// Keeps the rungs whose needle pieces are no longer than the needle.
-fn fitting(dial: &Dial, needle_mm: Option<f64>) -> Dial {
-    let fits = |rung: &&Rung| {
-        let length: Option<f64> = rung.values.first().and_then(|value| value.parse().ok());
+/// Keeps the options whose needle pieces are no longer than the needle.
+fn fitting(setting: &VariedSetting, needle_mm: Option<f64>) -> VariedSetting {
+    let fits = |option: &&SettingOption| {
+        let length: Option<f64> = option.values.first().and_then(|value| value.parse().ok());
         needle_mm.zip(length).is_none_or(|(needle, length)| length <= needle)
     };
-    Dial {
-        keys: dial.keys.clone(),
-        rungs: dial.rungs.iter().filter(fits).cloned().collect(),
+    VariedSetting {
+        keys: setting.keys.clone(),
+        options: setting.options.iter().filter(fits).cloned().collect(),
     }
 }
 
-/// Reference time of a dial.
+/// Reference time of a setting.
 #[derive(Clone, Copy)]
 enum Base {
-    /// Time of the rung with this value.
-    Rung(&'static str),
+    /// Time of the option with this value.
+    Value(&'static str),
     /// Given time, ms.
     Ms(f64),
 }
 
-/// Builds a dial from the rows of a table; returns it with its reference time, ms.
-fn dial(
+/// Builds a setting from the rows of a table; returns it with its reference time, ms.
+fn setting(
     study: &Study,
     [table, key, error]: [&str; 3],
     value: impl Fn(&Row) -> Option<String>,
     base: Base,
-) -> (Dial, f64) {
+) -> (VariedSetting, f64) {
     let table: Option<&Table> = study.tables.iter().find(|it| it.key == table);
     let rows = table
         .into_iter()
@@ -234,21 +234,21 @@ fn dial(
     let found: Vec<(String, f64, f64)> = found.collect();
     let base_ms = match base {
         Base::Ms(ms) => ms,
-        Base::Rung(usual) => found
+        Base::Value(usual) => found
             .iter()
             .find(|(value, ..)| value == usual)
             .map_or(0.0, |(_, ms, _)| *ms),
     };
-    let rungs = found.into_iter().map(|(value, ms, error)| Rung {
+    let options = found.into_iter().map(|(value, ms, error)| SettingOption {
         values: vec![value],
         extra_ms: ms - base_ms,
         error,
     });
-    let dial = Dial {
+    let setting = VariedSetting {
         keys: vec![key.to_owned()],
-        rungs: rungs.collect(),
+        options: options.collect(),
     };
-    (dial, base_ms)
+    (setting, base_ms)
 }
 
 #[cfg(test)]

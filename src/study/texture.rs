@@ -315,7 +315,7 @@ pub struct Figures {
     pub histogram_db: f64,
     /// Full width at half maximum of the autocorrelation along x, y, z of the solid, mm; null beyond the largest lag.
     pub correlation_mm: [Option<f64>; 3],
-    /// The same of the exemplars.
+    /// Full width at half maximum of the autocorrelation along x, y, z of the exemplars, mm; null beyond the largest lag.
     pub exemplar_correlation_mm: [Option<f64>; 3],
     /// Mean step across the seam over that between other neighbours, along x, y, z.
     pub seam: [f64; 3],

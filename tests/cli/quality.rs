@@ -2,7 +2,7 @@
 
 use insonify::base::report::machine::Machine;
 use insonify::imaging::quality::cache::Cache;
-use insonify::imaging::quality::{Dial, Rung};
+use insonify::imaging::quality::{SettingOption, VariedSetting};
 use insonify::study::step_costs::{LEVEL, StepCosts};
 
 use crate::insert::BLOCK;
@@ -135,24 +135,24 @@ fn a_kept_file_that_no_measurement_gives_is_named_and_measured_anew() {
 /// Costs that were kept say that nothing takes any time: what an insertion itself takes is what counts.
 #[test]
 fn steps_are_tried_on_the_insertion_itself() {
-    let rung = |name: &str, error| Rung {
+    let option = |name: &str, error| SettingOption {
         values: vec![format!("\"{name}\"")],
         extra_ms: 0.0,
         error,
     };
-    let dial = |rungs| Dial {
+    let setting = |options| VariedSetting {
         keys: vec![LEVEL.to_owned()],
-        rungs,
+        options,
     };
-    let levels = || dial(vec![rung("exact", 0.0), rung("IV", 0.1)]);
+    let levels = || setting(vec![option("exact", 0.0), option("IV", 0.1)]);
     let free = StepCosts {
         few: 300,
         base_ms: [1e-9; 2],
         levels: [levels(), levels()],
-        nodes: dial(Vec::new()),
-        links: dial(Vec::new()),
-        elements: dial(Vec::new()),
-        thinning: dial(Vec::new()),
+        nodes: setting(Vec::new()),
+        links: setting(Vec::new()),
+        elements: setting(Vec::new()),
+        thinning: setting(Vec::new()),
     };
     let bench = Bench::new();
     let cache = Cache::at(&bench.path("cache"), &Machine::here().to_string());

@@ -230,7 +230,7 @@ fn what_a_history_says_is_checked() {
         "nodes = [0, 1, 2]\n",
         "nodes = [0, 1, 2]\ndisplacement_mm = [0.1, 0, 0]\nfactor = [1, 1, 1]\n",
     );
-    refused(&bench, &jump, 9, &["0.1 mm at the start", "without bound"]);
+    refused(&bench, &jump, 9, &["0.1 mm at the start", "infinite force"]);
     let uneven = with("\"trapezoid\"", "\"gruenwald-letnikov\"").replace("[0, 1, 3]", "[0, 1, 3.1]");
     refused(&bench, &uneven, 20, &["equal steps only"]);
     let few = format!("{}[solver]\niterations = 1\ntolerance = 1e-12\n", creeping());
@@ -317,7 +317,7 @@ fn unusable_meshes_are_refused() {
     nan[3][1] = f64::NAN;
     unusable(&nan, &TWO, &["m.msh", "NaN"]);
     let spare = [&CORNERS[..], &[[5.0; 3]]].concat();
-    unusable(&spare, &TWO, &["a node of no tetrahedron", ": 5;"]);
+    unusable(&spare, &TWO, &["a free node that belongs to no tetrahedron", ": 5;"]);
     unusable(&CORNERS, &[TWO[0], [1, 2, 3, 7]], &["m.msh"]);
 }
 

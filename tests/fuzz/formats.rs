@@ -446,9 +446,9 @@ fn costs(path: &Path, bytes: &[u8], _: &mut Dice) -> Result<(), Error> {
     std::fs::write(kept, bytes).expect("written");
     let sound = |costs: &Costs| {
         costs
-            .dials
+            .settings
             .iter()
-            .all(|dial| dial.is_sound(|_, value| !value.is_empty()))
+            .all(|setting| setting.is_sound(|_, value| !value.is_empty()))
     };
     if let Ok(Some(costs)) = cache.get(&["thing"], sound) {
         for budget in [0.0, 3.0, 1e9] {

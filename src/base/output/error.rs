@@ -80,7 +80,7 @@ pub enum OutputError {
     #[error("the report cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
     /// Files that could not be moved to their final places at the end of a run.
-    #[error("{cause}\nThe run is done, and {moved} of its files are in their places; the others are kept in {}", path.display())]
+    #[error("{cause}\nThe run finished, but only {moved} of its files could be moved into place; the rest are in {}", path.display())]
     Kept {
         /// Folder that holds the files.
         path: PathBuf,

@@ -18,7 +18,7 @@ pub struct Queue {
     outcome: Arc<Mutex<Outcome>>,
 }
 
-/// Whether all jobs so far have succeeded; otherwise the first error, unless it has been told.
+/// Success of all jobs so far, or the first error; `None` once it has been returned to the caller.
 type Outcome = Result<(), Option<OutputError>>;
 
 impl Queue {
@@ -43,7 +43,7 @@ impl Queue {
     /// Adds a job, and waits while the queue is full.
     ///
     /// # Errors
-    /// That of a job that has failed; the jobs behind it are not done.
+    /// The error of a failed job; the jobs behind it are not done.
     pub fn put(&self, job: Job) -> Result<(), OutputError> {
         told(&self.outcome)?;
         match &self.jobs {
@@ -56,7 +56,7 @@ impl Queue {
     /// Waits until all jobs are done.
     ///
     /// # Errors
-    /// That of a job that has failed.
+    /// The error of a failed job.
     pub fn finish(mut self) -> Result<(), OutputError> {
         self.jobs = None;
         for thread in self.threads.drain(..) {

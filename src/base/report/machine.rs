@@ -87,7 +87,7 @@ fn vector() -> &'static str {
 
 #[cfg(not(any(target_arch = "x86", target_arch = "x86_64", target_arch = "aarch64")))]
 fn vector() -> &'static str {
-    "what the compiler was told of"
+    "vector width of the compiler target"
 }
 
 #[cfg(test)]

@@ -44,7 +44,7 @@ pub struct Output<'a> {
     /// Compression of pictures.
     compression: Compression,
     pictures: Queue,
-    /// That of the frames, then one for each layer, if they go to sequences.
+    /// Output sequences: the frames, then each layer; empty if they are written as single files.
     sequences: Vec<Stream>,
     /// Whether the shared parameters have been written.
     shared: AtomicBool,

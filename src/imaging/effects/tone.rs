@@ -242,7 +242,7 @@ fn wanted(tables: &Tables) -> Verdict {
     };
     let gain = match tone.auto_gain {
         0.0 => String::new(),
-        share => format!("; automatic gain takes out {share} of what tissue departs from its usual level"),
+        share => format!("; automatic gain removes {share} of the deviation from the usual tissue level"),
     };
     Ok(format!(
         "echoes are log-compressed to {} dB{curve}{gain}",

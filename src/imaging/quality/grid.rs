@@ -1,6 +1,6 @@
 //! Candidate grids of scanlines and samples, and the frame time on each.
 
-use super::{Costs, Dial, Rung};
+use super::{Costs, SettingOption, VariedSetting};
 use crate::tracking::probe::Probe;
 
 /// Numbers of scanlines and samples, coarse to fine.
@@ -40,12 +40,12 @@ pub fn measure<E>(
     measured: String,
     mut time: impl FnMut([u32; 2]) -> Result<f64, E>,
 ) -> Result<Costs, E> {
-    let mut rungs = Vec::new();
+    let mut options = Vec::new();
     for grid in grids {
         let ms = time(*grid)?;
         let samples = f64::from(grid[0]) * f64::from(grid[1]);
         let values = grid.iter().zip(open).filter(|(_, open)| *open);
-        rungs.push(Rung {
+        options.push(SettingOption {
             values: values.map(|(value, _)| value.to_string()).collect(),
             extra_ms: ms,
             // Finer is better: the error in grey levels is unknown, but the ranking suffices.
@@ -60,9 +60,9 @@ pub fn measure<E>(
         measured,
         errors: None,
         base_ms: 0.0,
-        dials: vec![Dial {
+        settings: vec![VariedSetting {
             keys: keys.map(|(key, _)| (*key).to_owned()).collect(),
-            rungs,
+            options,
         }],
     })
 }

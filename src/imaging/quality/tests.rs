@@ -3,8 +3,8 @@ use super::*;
 use crate::base::range::Ranges;
 use crate::tracking::probe::{Probe, ProbeShape};
 
-fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
-    Rung {
+fn option(value: &str, extra_ms: f64, error: f64) -> SettingOption {
+    SettingOption {
         values: vec![value.to_owned()],
         extra_ms,
         error,
@@ -13,20 +13,20 @@ fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
 
 /// Links and thinning: 0.5 ms with the defaults.
 fn costs() -> Costs {
-    let dial = |key: &str, rungs: &[Rung]| Dial {
+    let setting = |key: &str, options: &[SettingOption]| VariedSetting {
         keys: vec![key.to_owned()],
-        rungs: rungs.to_vec(),
+        options: options.to_vec(),
     };
     Costs {
         measured: "made up".to_owned(),
         errors: Some("mm of made-up tissue".to_owned()),
         base_ms: 0.5,
-        dials: vec![
-            dial(
+        settings: vec![
+            setting(
                 "link",
-                &[rung("20", -0.2, 0.3), rung("10", 0.0, 0.1), rung("5", 0.8, 0.02)],
+                &[option("20", -0.2, 0.3), option("10", 0.0, 0.1), option("5", 0.8, 0.02)],
             ),
-            dial("every", &[rung("1", 0.0, 0.0), rung("4", -0.2, 0.5)]),
+            setting("every", &[option("1", 0.0, 0.0), option("4", -0.2, 0.5)]),
         ],
     }
 }
@@ -174,7 +174,7 @@ fn grids_are_measured_until_one_takes_too_long() {
     let stated = grid::candidates(&probe, [false, true], [64, 64]);
     assert_eq!(stated, [[256, 128]], "the coarsest grid is always there");
     let costs = grid::measure(&stated, [false, true], 5.0, String::new(), |grid| Ok::<_, ()>(ms(grid)));
-    assert_eq!(costs.unwrap().dials[0].keys, ["probe.samples"]);
+    assert_eq!(costs.unwrap().settings[0].keys, ["probe.samples"]);
 }
 
 #[test]
@@ -220,10 +220,10 @@ fn costs_are_kept_by_what_was_measured() {
 
 #[test]
 fn dials_of_a_file_are_finite_short_and_have_a_value_for_each_key() {
-    let dial = |values: &[&str], extra_ms, copies| Dial {
+    let setting = |values: &[&str], extra_ms, copies| VariedSetting {
         keys: vec!["a".to_owned(), "b".to_owned()],
-        rungs: vec![
-            Rung {
+        options: vec![
+            SettingOption {
                 values: values.iter().map(|&value| value.to_owned()).collect(),
                 extra_ms,
                 error: 0.0,
@@ -231,10 +231,10 @@ fn dials_of_a_file_are_finite_short_and_have_a_value_for_each_key() {
             copies
         ],
     };
-    let sound = |dial: &Dial| dial.is_sound(|key, value| (key == "a") == (value == "1"));
-    assert!(sound(&dial(&["1", "2"], 0.0, 16)));
-    assert!(!sound(&dial(&["1", "2"], 0.0, 17)), "too many to try all");
-    assert!(!sound(&dial(&["1", "2"], f64::INFINITY, 1)));
-    assert!(!sound(&dial(&["1"], 0.0, 1)));
-    assert!(!sound(&dial(&["2", "2"], 0.0, 1)));
+    let sound = |setting: &VariedSetting| setting.is_sound(|key, value| (key == "a") == (value == "1"));
+    assert!(sound(&setting(&["1", "2"], 0.0, 16)));
+    assert!(!sound(&setting(&["1", "2"], 0.0, 17)), "too many to try all");
+    assert!(!sound(&setting(&["1", "2"], f64::INFINITY, 1)));
+    assert!(!sound(&setting(&["1"], 0.0, 1)));
+    assert!(!sound(&setting(&["2", "2"], 0.0, 1)));
 }

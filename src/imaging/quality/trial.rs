@@ -17,7 +17,7 @@ pub struct Tried {
 
 /// Picks as [`pick`](super::pick) does, tries the picked settings, scales the costs of all untried settings by the ratio of measured
 /// to predicted time, and picks again, until the pick has been tried already. Of all tried settings it returns the one with the
-/// smallest error within `budget_ms`; if none is within the budget, the fastest. `None` if no dial is open.
+/// smallest error within `budget_ms`; if none is within the budget, the fastest. `None` if no setting is open.
 ///
 /// # Errors
 /// Errors of `trial`.
@@ -60,8 +60,8 @@ impl Costs {
     fn times(&self, factor: f64) -> Costs {
         let mut scaled = self.clone();
         scaled.base_ms *= factor;
-        let rungs = scaled.dials.iter_mut().flat_map(|dial| &mut dial.rungs);
-        rungs.for_each(|rung| rung.extra_ms *= factor);
+        let options = scaled.settings.iter_mut().flat_map(|setting| &mut setting.options);
+        options.for_each(|option| option.extra_ms *= factor);
         scaled
     }
 }

@@ -49,7 +49,7 @@ impl Synthesizer {
     /// ```
     ///
     /// # Errors
-    /// Those of [`Synthesizer::render`], and those of the sink.
+    /// The errors of [`Synthesizer::render`] and of the sink.
     pub fn render_batch<E: From<SynthError>>(
         &mut self,
         states: &[FrameState],
@@ -77,8 +77,8 @@ impl Synthesizer {
         )
     }
 
-    /// As [`Synthesizer::render_batch`], with what `take` makes of a frame on the thread that has rendered it, given its index, the
-    /// synthesizer as after `render`, and the time of the frame, ms.
+    /// Like [`Synthesizer::render_batch`], but `take` converts each frame on the thread that rendered it, given its index, the
+    /// synthesizer after `render`, and the time of the frame, ms.
     pub(crate) fn batch<T: Send, E: From<SynthError>>(
         &mut self,
         states: &[FrameState],

@@ -83,8 +83,8 @@ impl Synthesizer {
         self.take(ticket).map(|frame| Some((ticket, frame)))
     }
 
-    /// Waits for a frame in flight and returns it; frames before it are dropped. A frame that is no longer in flight is answered by the last one
-    /// taken.
+    /// Waits for a frame in flight and returns it; frames before it are dropped. If the frame is no longer in flight, returns the
+    /// last frame taken.
     pub fn take(&mut self, ticket: Ticket) -> Result<&Frame, SynthError> {
         while let Some(mut flight) = self.in_flight.pop_front_if(|oldest| oldest.ticket <= ticket) {
             if flight.ticket < ticket {

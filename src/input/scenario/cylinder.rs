@@ -45,7 +45,7 @@ impl ScenarioFile {
             return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
         }
         if self.contact_probe.is_some() {
-            let found = "a probe in contact with a mass-spring model, which has no part for it";
+            let found = "a probe in contact with a mass-spring model, which does not support it";
             return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
         }
         let mut parameters = spec.cylinder.unwrap_or_default();

@@ -14,7 +14,7 @@ use crate::anatomy::volume::LabelVolume;
 use crate::base::document::RegionName;
 use crate::input::InputError;
 use crate::input::scene::Scene;
-use crate::input::statics::selection::{Choice, Odd, axes, ordered};
+use crate::input::statics::selection::{Choice, SelectionError, axes, ordered};
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::generate::{GenerateOptions, LabelGrid, generate};
 use crate::mechanics::mesh::quality::Quality;
@@ -160,7 +160,7 @@ impl ScenarioFile {
 
     /// Returns the labels, with everything outside a box unlabelled.
     fn cropped(&self, volume: &LabelVolume, corners: &[[f64; 3]; 2]) -> Result<Vec<u8>, InputError> {
-        let [low, high] = ordered("tissue.box_mm", corners).map_err(|odd: Odd| self.fault(odd.0, odd.1))?;
+        let [low, high] = ordered("tissue.box_mm", corners).map_err(|odd: SelectionError| self.fault(odd.0, odd.1))?;
         let [nx, ny, _] = volume.size();
         let to_world = volume.index_to_world();
         let inside = |at: usize| {
@@ -214,7 +214,7 @@ impl ScenarioFile {
         }
         for (at, spec) in self.tissue.fix.iter().enumerate() {
             let table = format!("tissue.fix[{at}]");
-            let nodes_wrong = |odd: Odd| self.fault(odd.0, odd.1);
+            let nodes_wrong = |odd: SelectionError| self.fault(odd.0, odd.1);
             let along = axes(&table, spec.axes.as_deref().unwrap_or("xyz")).map_err(nodes_wrong)?;
             let numbers = |key: &str, name: Option<&RegionName>| {
                 let numbers = name.map(|name| names.numbers(&format!("{table}.{key}"), name));

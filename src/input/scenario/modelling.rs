@@ -44,7 +44,7 @@ impl ScenarioFile {
             } else {
                 "tissue.device"
             };
-            let found = "the exact level on a GPU, which has no part for it";
+            let found = "the exact level on a GPU, which does not support it";
             return Err(self.wrong_keys(key, found, "`level` I, II, III or IV, or `device = \"cpu\"`"));
         }
         if is_on_gpu && precision == Precision::Double {

@@ -253,7 +253,7 @@ impl Scenario {
 }
 
 /// Result of resolving `[tissue]`.
-struct Made {
+struct ResolvedTissue {
     mesh: Arc<TetMesh>,
     cylinder: Option<Parameters>,
     laws: Vec<Stiffening>,
@@ -265,7 +265,7 @@ struct Made {
     contact: Option<Contact>,
 }
 
-impl Made {
+impl ResolvedTissue {
     /// Warns of interactions and contacts that have no effect, or a coarse one.
     fn warn(&self, warnings: &mut Vec<String>) {
         for (region, of) in &self.interactions {
@@ -408,7 +408,7 @@ impl ScenarioFile {
         progress: impl FnMut(f32),
         notes: &mut Vec<String>,
         warnings: &mut Vec<String>,
-    ) -> Result<Made, InputError> {
+    ) -> Result<ResolvedTissue, InputError> {
         let meshed = self.mesh(scene, base_dir, path, progress, notes, warnings)?;
         let regions = Regions::new(self, scene, &meshed.names);
         let mut present = meshed.mesh.regions().to_vec();
@@ -426,7 +426,7 @@ impl ScenarioFile {
         };
         let fixed = self.fixed(&mesh, &regions, &made_of, notes, warnings)?;
         let of_elements = mesh.regions().iter();
-        Ok(Made {
+        Ok(ResolvedTissue {
             cylinder: None,
             laws: of_elements.clone().map(|region| made_of[region].law).collect(),
             materials: of_elements.map(|region| made_of[region].material).collect(),
@@ -440,14 +440,14 @@ impl ScenarioFile {
     }
 
     /// Builds the mass-spring tissue.
-    fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<Made, InputError> {
+    fn springs_of(&self, scene: &Scene, parameters: Parameters) -> Result<ResolvedTissue, InputError> {
         let none = BTreeMap::new();
         let regions = Regions::new(self, scene, &none);
         let present = self.labelled(&regions)?;
         let made_of = regions.made_of(&present)?;
         let interactions: Vec<_> = made_of.iter().map(|(region, of)| (*region, of.interaction)).collect();
         let labels = Labels::new(regions.volume(), &interactions, None);
-        Ok(Made {
+        Ok(ResolvedTissue {
             mesh: Arc::new(self.cylinder_mesh(parameters, &labels)?),
             cylinder: Some(parameters),
             laws: Vec::new(),

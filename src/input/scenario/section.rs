@@ -98,7 +98,7 @@ impl Scenario {
         Ok(section)
     }
 
-    /// Refuses what a plane has no part for.
+    /// Refuses what a plane model does not support.
     fn fits_a_plane(&self) -> Result<(), InputError> {
         let wrong = |key: &str, found: &str, expected: &str| Err(self.file.wrong_keys(key, found, expected));
         if self.contact.is_some() {

@@ -100,7 +100,7 @@ impl ScenarioFile {
                 }
             }
             if stiffens && material.peak.is_some() {
-                let found = "`peak` of tissue that stiffens, which has no part for it".to_owned();
+                let found = "`peak` of nonlinear tissue, which does not support it".to_owned();
                 return refuse(format!("{table}.peak"), found, "`model = \"finite-element\"`");
             }
         }
@@ -125,20 +125,20 @@ impl ScenarioFile {
             ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),
         ];
         if let Some((key, _)) = of_linear.iter().find(|(_, given)| *given) {
-            let found = format!("`{key}` of tissue that stiffens, whose mesh does not change");
+            let found = format!("`{key}` of nonlinear tissue, whose mesh does not change");
             return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
         }
         if self.contact_probe.is_some() {
-            let found = "a probe in contact with tissue that stiffens, which has no part for it";
+            let found = "a probe in contact with nonlinear tissue, which does not support it";
             return Err(self.wrong_keys("contact_probe", found, "`tissue.model = \"finite-element\"`"));
         }
         let Some(needle) = &self.needle else { return Ok(()) };
         if needle.model != NeedleModel::Rigid {
-            let found = "a needle that bends in tissue that stiffens, which it goes through straight";
+            let found = "a flexible needle in nonlinear tissue, which supports straight paths only";
             return Err(self.wrong_keys("needle.model", found, "`model = \"rigid\"`"));
         }
         if needle.bevel.is_some() {
-            let found = "a bevel in tissue that stiffens, which a needle goes through straight";
+            let found = "a bevel in nonlinear tissue, which supports straight paths only";
             return Err(self.wrong_keys("needle.bevel", found, "a needle without"));
         }
         Ok(())
@@ -197,7 +197,8 @@ impl ScenarioFile {
                     "a needle in tissue that is moved {sideways:.2} mm sideways, at {} s",
                     pair[1].time_s
                 );
-                let expected = "one that goes along its axis until it is out: this model has no sideways moves";
+                let expected =
+                    "motion along the needle's axis until it is out: this model does not support lateral motion";
                 return Err(blame(&pair[1], found, expected));
             }
             let met = obstacle(anatomy, &from, &direction, way.dot(&direction));
@@ -209,7 +210,7 @@ impl ScenarioFile {
                 return Err(blame(
                     &pair[1],
                     found,
-                    "a way through soft tissue: this model has no part for bone",
+                    "a path through soft tissue: this model does not support bone",
                 ));
             }
         }

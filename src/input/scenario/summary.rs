@@ -45,7 +45,7 @@ pub struct Summary {
     /// Changes of the level of remeshing.
     pub level_changes: Vec<LevelChanged>,
     /// Events of the run.
-    pub events: Vec<Happened>,
+    pub events: Vec<EventRecord>,
     /// Seeds, in the order of deposition.
     pub seeds: Vec<Seed>,
     /// Closest approach to each target.
@@ -105,7 +105,7 @@ pub struct LevelChanged {
 
 /// An event.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Happened {
+pub struct EventRecord {
     /// Machine-readable kind: `surface`, `puncture`, `region`, `bone`, `critical`, `out`, `seed`, `not-remeshed`,
     /// `not-converged`, `crushed` or `device-lost`.
     pub kind: &'static str,
@@ -272,7 +272,7 @@ impl<'a> Tally<'a> {
             let scenario = self.scenario;
             let region = event.region.map(|region| scenario.region_name(region).to_owned());
             let is_skin = event.region.is_some_and(|region| scenario.is_skin(region));
-            self.summary.events.push(Happened {
+            self.summary.events.push(EventRecord {
                 kind: event.kind.name(),
                 text: in_words(event.kind, region.as_deref(), is_skin),
                 time_s: event.time_s,

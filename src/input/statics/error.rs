@@ -1,14 +1,14 @@
 //! Errors at keys of problem files.
 
 use super::file::ProblemFile;
-use super::selection::Odd;
+use super::selection::SelectionError;
 use crate::base::document::InvalidFile;
 use crate::input::InputError;
 
 impl ProblemFile {
     /// Creates an error about a selection of nodes or axes.
     #[allow(clippy::boxed_local, reason = "the boxed error of a result")]
-    pub(super) fn odd(&self, odd: Odd) -> InputError {
+    pub(super) fn odd(&self, odd: SelectionError) -> InputError {
         self.fault(odd.0, odd.1)
     }
 

@@ -175,8 +175,7 @@ impl Problem {
             let values: Vec<f64> = factors.iter().map(|factor| factor * fix.displacement_mm).collect();
             if self.file.model == Model::Viscoelastic && values[0] != 0.0 {
                 let found = format!("a displacement of {} mm at the start", values[0]);
-                let expected =
-                    "0 there: a jump of viscous tissue takes a force without bound; let it grow over a short time";
+                let expected = "0 at the start: a jump would need infinite force in viscous tissue; use a short ramp";
                 return Err(self.file.wrong_keys(format!("fix[{table}]"), found, expected));
             }
             let first = given.entry((fix.node, fix.axis)).or_insert_with(|| values.clone());

@@ -10,7 +10,7 @@ use crate::input::Cause;
 use crate::mechanics::mesh::TetMesh;
 
 /// An invalid selection of nodes or axes, with the key concerned.
-pub(crate) type Odd = Box<(String, Cause)>;
+pub(crate) type SelectionError = Box<(String, Cause)>;
 
 pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 
@@ -50,7 +50,7 @@ pub enum CylinderPart {
 
 impl CylinderChoice {
     /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd number.
-    fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, Odd> {
+    fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, SelectionError> {
         let number =
             |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected).into())));
         if let Some((name, found, expected)) = self.out_of_range() {
@@ -102,7 +102,7 @@ pub(crate) struct Choice<'a> {
 
 impl Choice<'_> {
     /// Selected nodes, ascending unless by number; `table` is the key of the table.
-    pub fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, Odd> {
+    pub fn select(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
         let others = [self.box_mm.is_some(), self.cylinder.is_some(), self.surface];
         let others = others.contains(&true) || self.regions.is_some() || self.surface_of.is_some();
         let expected = "`nodes`, or some of `box_mm`, `cylinder`, `region`, `surface_of` and `surface`";
@@ -115,7 +115,7 @@ impl Choice<'_> {
         }
     }
 
-    fn everywhere(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, Odd> {
+    fn everywhere(&self, table: &str, mesh: &TetMesh) -> Result<Vec<u32>, SelectionError> {
         let mut picked = vec![self.regions.is_none() && !self.surface; mesh.nodes().len()];
         let mut pick = |nodes: &[u32]| nodes.iter().for_each(|node| picked[*node as usize] = true);
         let of = |region: i32| self.regions.is_none_or(|regions| regions.contains(&region));
@@ -184,7 +184,7 @@ impl Choice<'_> {
 }
 
 /// Parses letters into axes (0 to 2).
-pub(crate) fn axes(table: &str, letters: &str) -> Result<Vec<u8>, Odd> {
+pub(crate) fn axes(table: &str, letters: &str) -> Result<Vec<u8>, SelectionError> {
     let place = |letter: char| AXES.iter().position(|axis| *axis == letter).map(|axis| axis as u8);
     let mut axes: Vec<u8> = letters.chars().filter_map(place).collect();
     axes.sort_unstable();
@@ -197,11 +197,11 @@ pub(crate) fn axes(table: &str, letters: &str) -> Result<Vec<u8>, Odd> {
     Ok(axes)
 }
 
-fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> Odd {
+fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> SelectionError {
     Box::new((key, InvalidFile::keys(found, expected).into()))
 }
 
-pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, Odd> {
+pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),
         _ => Err(Box::new((format!("{key}[{at}]"), Cause::Node { found, nodes: of }))),
@@ -210,7 +210,7 @@ pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, 
 }
 
 /// Minimum and maximum corners of a box.
-pub(crate) fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], Odd> {
+pub(crate) fn ordered(key: &str, corners: &[[f64; 3]; 2]) -> Result<[[f64; 3]; 2], SelectionError> {
     if let Some((at, found)) = first(corners.as_flattened(), |x| x.is_nan()) {
         let expected = "a coordinate, mm, or `inf` for an open side";
         return Err(Box::new((

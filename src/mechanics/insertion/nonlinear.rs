@@ -103,7 +103,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
                 return Err(StepError::Input {
                     what: "the needle's distance (mm) from the line that it went into the tissue along",
                     found: beside,
-                    expected: "at most 0.05 until it is out again: this model has no sideways moves",
+                    expected: "at most 0.05 until it is out: this model does not support lateral motion",
                 });
             }
         }

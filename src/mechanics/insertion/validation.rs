@@ -45,7 +45,7 @@ pub enum InvalidSetup {
         entry: Vec<f64>,
     },
     /// The direction of a needle has zero length or is not finite.
-    #[error("the direction {found:?} is none; expected a vector with a length")]
+    #[error("the direction {found:?} is not a direction; expected a finite vector that is not zero")]
     Direction {
         /// The rejected direction.
         found: Vec<f64>,
@@ -75,7 +75,7 @@ pub enum InvalidSetup {
         nodes: usize,
     },
     /// An interaction with a `peak`, which the model of stiffening tissue does not support.
-    #[error("region {region} has a `peak` of force near the tip, which tissue that stiffens has no part for")]
+    #[error("region {region} has a `peak` of force near the tip, which nonlinear tissue does not support")]
     Peak {
         /// The region.
         region: i32,

@@ -29,7 +29,7 @@ pub trait Compliance {
     /// Returns the block of K^-1 at these rows and columns, in their order.
     ///
     /// # Errors
-    /// Those of [`entries_into`](Self::entries_into).
+    /// [`LinearError`] when an index is out of range or a column cannot be computed.
     fn entries(&mut self, rows: &[usize], columns: &[usize]) -> Result<Mat<f64>, LinearError> {
         let mut out = Mat::zeros(rows.len(), columns.len());
         self.entries_into(rows, columns, out.as_mut())?;

@@ -34,8 +34,8 @@ pub enum LinearError {
     #[error("no material for {}; give each its own, or one without a region for all others", regions_of(.regions))]
     NoMaterial { regions: Vec<(i32, usize)> },
     /// Free nodes of no element, ascending.
-    #[error("{} of no tetrahedron, which nothing holds: {}; leave them out or fix them along x, y and z",
-        if .nodes.len() == 1 { "a node" } else { "nodes" }, rigid::numbers(.nodes))]
+    #[error("{} to no tetrahedron: {}; leave them out or fix them along x, y and z",
+        if .nodes.len() == 1 { "a free node that belongs" } else { "free nodes that belong" }, rigid::numbers(.nodes))]
     LooseNodes { nodes: Vec<u32> },
     /// Parts that can move rigidly, in the order of their lowest elements, and names of regions, where given.
     #[error("{}; fix nodes of {}", rigid::sentences(.parts, .names), if .parts.len() == 1 { "it" } else { "each" })]

@@ -256,11 +256,11 @@ pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, Input
 /// Relative uncertainty of the tissue, percent.
 #[derive(Clone, Copy, Debug)]
 pub struct Uncertainty {
-    /// Of stiffness: mu, c10, c01 and c20 alike.
+    /// Uncertainty of mu, c10, c01 and c20.
     pub mu_percent: f64,
-    /// Of the exponent of Ogden's material.
+    /// Uncertainty of the exponent of Ogden's material.
     pub alpha_percent: f64,
-    /// Of the uncompressed length t0.
+    /// Uncertainty of the uncompressed length t0.
     pub t0_percent: f64,
 }
 

@@ -82,9 +82,9 @@ impl Design {
 /// Grey values from which a voxel belongs to a marker, and to the needle.
 #[derive(Clone, Copy, Debug)]
 pub struct Thresholds {
-    /// Of markers.
+    /// Threshold for markers.
     pub marker: f32,
-    /// Of the needle.
+    /// Threshold for the needle.
     pub needle: f32,
 }
 

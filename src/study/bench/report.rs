@@ -155,7 +155,10 @@ impl fmt::Display for BackendReport {
             )?;
         }
         if self.passes.is_empty() {
-            writeln!(f, "    (this device takes no timestamps: no times of single passes)")?;
+            writeln!(
+                f,
+                "    (this device does not support timestamps; pass times are unavailable)"
+            )?;
         }
         let BatchRates { fps, png_fps } = self.batch;
         writeln!(f, "  {:<48} {fps:>10.1}", "batch")?;

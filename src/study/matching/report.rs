@@ -42,7 +42,7 @@ impl Match {
     pub(super) fn written(&self, scene: &SceneFile) -> String {
         let name = text::printable(&self.name);
         let mut written = format!("# Matched to {name} by insonify match.\n# {}.\n", self.summary());
-        written += "# Put your own volume and pose in place of [volume]. Not told by the frame:\n";
+        written += "# Put your own volume and pose in place of [volume]. Not determined by the frame:\n";
         for it in &self.unidentified {
             written += &format!("# - {}: {}\n", it.what, it.why);
         }
@@ -130,7 +130,7 @@ impl Match {
 impl fmt::Display for Match {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(&self.table("spread").text("  ", &[0, 10, 8]))?;
-        writeln!(f, "\n{}\n\nnot told by the frame:", self.summary())?;
+        writeln!(f, "\n{}\n\nnot determined by the frame:", self.summary())?;
         for it in &self.unidentified {
             writeln!(f, "  {}: {}", it.what, it.why)?;
         }

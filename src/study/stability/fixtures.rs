@@ -121,7 +121,7 @@ pub struct Watch {
     /// Number of steps that did not converge.
     pub unsettled: usize,
     /// Number of steps that did not converge without reporting an event.
-    pub untold: usize,
+    pub unreported: usize,
 }
 
 impl Watch {
@@ -134,18 +134,18 @@ impl Watch {
             .chain(outcome.tip_mm.iter())
             .chain(&others)
             .all(|x| x.is_finite());
-        let told = outcome.events.iter().any(|event| event.kind == EventKind::NotConverged);
+        let reported = outcome.events.iter().any(|event| event.kind == EventKind::NotConverged);
         self.broken += usize::from(!finite);
         self.unsettled += usize::from(!outcome.converged);
-        self.untold += usize::from(!outcome.converged && !told);
+        self.unreported += usize::from(!outcome.converged && !reported);
     }
 
     /// Records the counts.
     pub fn write(&self, record: &mut Record<'_>, of: &str) {
-        record.zero(format!("steps with numbers that are none, {of}"), self.broken as f64);
+        record.zero(format!("steps with non-finite values, {of}"), self.broken as f64);
         record.zero(
             format!("steps not converged and not reported, {of}"),
-            self.untold as f64,
+            self.unreported as f64,
         );
         record.report(format!("steps not converged, {of}"), self.unsettled as f64);
     }

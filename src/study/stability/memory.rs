@@ -41,7 +41,7 @@ pub const GROUP: Group = Group {
         },
         Case {
             name: "wrong histories",
-            criterion: "orders outside 0 to 1, steps that are none, unequal steps under Gruenwald and Letnikov, values that are not finite, \
+            criterion: "orders outside 0 to 1, invalid steps, unequal steps under Gruenwald and Letnikov, values that are not finite, \
                         times outside a span: refused by name, the history as before",
             covers: &["cpu f64"],
             seed: 85,

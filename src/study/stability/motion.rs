@@ -11,7 +11,7 @@ pub const GROUP: Group = Group {
     name: "Motion from echoes",
     cases: &[
         Case {
-            name: "echoes that are none",
+            name: "echoes without signal",
             criterion: "zeros, constants, noise alone: no window correlates, and the reference stays; tissue that jumps out of reach: at most a tenth \
                         correlate by chance; everything finite",
             covers: &["cpu f32"],

@@ -20,7 +20,7 @@ pub const GROUP: Group = Group {
         Case {
             name: "many remeshes, level I",
             criterion: "1 to 5,000 remeshes: error under 1e-11, scaled as for the exact level; the sampled residual triggers a \
-                        refresh before it passes its tolerance, and is told of where a refresh cannot keep to it",
+                        refresh before it passes its tolerance, and is reported where a refresh cannot meet the tolerance",
             covers: &["cpu f64", "cpu f32"],
             seed: 22,
             run: accuracy::first,

@@ -1,7 +1,7 @@
 use super::*;
 
-fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
-    Rung {
+fn option(value: &str, extra_ms: f64, error: f64) -> SettingOption {
+    SettingOption {
         values: vec![value.to_owned()],
         extra_ms,
         error,
@@ -10,25 +10,25 @@ fn rung(value: &str, extra_ms: f64, error: f64) -> Rung {
 
 /// Costs of a small block of 500 nodes whose steps take 0.2 ms, 0.3 with a probe; 1,500 and 3,500 nodes take 0.5 and 2.5 ms more.
 fn made_up() -> StepCosts {
-    let dial = |key: &str, rungs: Vec<Rung>| Dial {
+    let setting = |key: &str, options: Vec<SettingOption>| VariedSetting {
         keys: vec![key.to_owned()],
-        rungs,
+        options,
     };
-    let levels = dial(LEVEL, vec![rung("\"exact\"", 0.0, 0.0), rung("\"IV\"", -0.1, 0.2)]);
-    let pieces = |key| dial(key, vec![rung("20", -0.1, 0.1), rung("10", 0.0, 0.01)]);
+    let levels = setting(LEVEL, vec![option("\"exact\"", 0.0, 0.0), option("\"IV\"", -0.1, 0.2)]);
+    let pieces = |key| setting(key, vec![option("20", -0.1, 0.1), option("10", 0.0, 0.01)]);
     StepCosts {
         few: 500,
         base_ms: [0.2, 0.3],
         levels: [levels.clone(), levels],
-        nodes: dial(NODES, vec![rung("1500", 0.5, 0.4), rung("3500", 2.5, 0.0)]),
+        nodes: setting(NODES, vec![option("1500", 0.5, 0.4), option("3500", 2.5, 0.0)]),
         links: pieces(LINK),
         elements: pieces(ELEMENT),
-        thinning: dial(THINNING, vec![rung("1", 0.0, 0.0), rung("2", -0.1, 0.3)]),
+        thinning: setting(THINNING, vec![option("1", 0.0, 0.0), option("2", -0.1, 0.3)]),
     }
 }
 
 fn keys(costs: &Costs) -> Vec<String> {
-    costs.dials.iter().map(|dial| dial.keys.join(",")).collect()
+    costs.settings.iter().map(|setting| setting.keys.join(",")).collect()
 }
 
 /// Stated nodes are interpolated linearly, open ones are a choice, and those of a file are reported as not counted.
@@ -90,19 +90,19 @@ fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_ne
         (0.3, [LEVEL, ELEMENT, THINNING].map(str::to_owned).to_vec())
     );
     let lengths = |costs: &Costs| {
-        costs.dials[1]
-            .rungs
+        costs.settings[1]
+            .options
             .iter()
-            .map(|rung| rung.values[0].clone())
+            .map(|option| option.values[0].clone())
             .collect::<Vec<_>>()
     };
     assert_eq!(lengths(&whole), ["20", "10"]);
     assert_eq!(lengths(&of(Some(15.0))), ["10"]);
-    // A dial without rungs is no choice.
+    // A setting without options is no choice.
     assert_eq!(keys(&of(Some(5.0))), [LEVEL, THINNING]);
 }
 
-/// Every dial has the rungs of its table, with times relative to the steps of the usual needle on the small block.
+/// Every setting has the options of its table, with times relative to the steps of the usual needle on the small block.
 #[test]
 fn studies_of_insertions_give_costs_of_every_key() {
     let options = |nodes, parts| InsertionOptions {
@@ -122,17 +122,17 @@ fn studies_of_insertions_give_costs_of_every_key() {
         "{costs:?}"
     );
     let levels: Vec<&str> = costs.levels[0]
-        .rungs
+        .options
         .iter()
-        .map(|rung| rung.values[0].as_str())
+        .map(|option| option.values[0].as_str())
         .collect();
     assert_eq!(levels, ["\"I\"", "\"III\"", "\"exact\""], "level IV is a baseline");
-    for dial in costs.levels.iter().chain([&costs.links, &costs.thinning]) {
-        assert!(dial.rungs.len() >= 3, "{dial:?}");
-        let usual = dial.rungs.iter().filter(|rung| rung.extra_ms == 0.0);
-        assert_eq!(usual.count(), 1, "{dial:?}");
+    for setting in costs.levels.iter().chain([&costs.links, &costs.thinning]) {
+        assert!(setting.options.len() >= 3, "{setting:?}");
+        let usual = setting.options.iter().filter(|option| option.extra_ms == 0.0);
+        assert_eq!(usual.count(), 1, "{setting:?}");
     }
-    for dial in [
+    for setting in [
         &costs.nodes,
         &costs.elements,
         &costs.links,
@@ -140,8 +140,8 @@ fn studies_of_insertions_give_costs_of_every_key() {
         &costs.levels[0],
     ] {
         assert!(
-            dial.rungs.len() >= 3 && dial.rungs.iter().any(|rung| rung.error == 0.0),
-            "{dial:?}"
+            setting.options.len() >= 3 && setting.options.iter().any(|option| option.error == 0.0),
+            "{setting:?}"
         );
     }
     let value = |study: &Study, table: &str, choices: &[&str]| {
@@ -149,7 +149,14 @@ fn studies_of_insertions_give_costs_of_every_key() {
         let row = table.rows.iter().find(|row| row.choices == choices).unwrap();
         table.value(row, "remesh_median_ms").unwrap()
     };
-    let extra = |dial: &Dial, value: &str| dial.rungs.iter().find(|rung| rung.values == [value]).unwrap().extra_ms;
+    let extra = |setting: &VariedSetting, value: &str| {
+        setting
+            .options
+            .iter()
+            .find(|option| option.values == [value])
+            .unwrap()
+            .extra_ms
+    };
     let level = |name: &str| value(&small, "levels", &[name, "without"]);
     assert_eq!(extra(&costs.levels[0], "\"I\""), level("I") - level("exact condensed"));
     let usual = value(&small, "links", &["10"]);

@@ -373,8 +373,8 @@ fn echo(image: &GreyImage, near: [f64; 2], pixel_mm: [f64; 2]) -> Option<[f64; 2
     Some([sums[1] / sums[0], sums[2] / sums[0]])
 }
 
-/// Follows features through the images of a sequence: each is sought near the pixel where the calibration so far has it, and the
-/// calibration is fitted anew, a few times over.
+/// Follows features through the images of a sequence: each is searched for near the pixel that the current calibration predicts,
+/// and the calibration is refitted, a few times.
 ///
 /// # Errors
 /// The errors of [`calibrate`].

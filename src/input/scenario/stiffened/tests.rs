@@ -264,12 +264,12 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         (
             after(&text, needle, "model = \"springs\""),
             "model = \"springs\"",
-            "goes through straight",
+            "supports straight paths only",
         ),
         (
             after(&text, needle, "bevel = { r_mm = 0.6, length_mm = 5.0 }"),
             "bevel",
-            "goes through straight",
+            "supports straight paths only",
         ),
         (
             after(
@@ -278,7 +278,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
                 "peak = { density_n_per_mm = 0.1, width_mm = 3.0 }",
             ),
             "peak",
-            "no part for it",
+            "does not support it",
         ),
         (
             after(&text, "puncture_n = 0.5", "rigid = true"),
@@ -288,7 +288,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         (
             format!("{text}\n[contact_probe]\nradius_mm = 10\nlength_mm = 30\n"),
             "[contact_probe]",
-            "no part for it",
+            "does not support it",
         ),
     ];
     for (wrong, key, words) in cases {
@@ -313,7 +313,7 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
         text[last..].replacen("tip_mm = [-", "tip_mm = [-1", 1)
     );
     let error = resolved(&sideways).map(drop).unwrap_err();
-    assert!(error.to_string().contains("no sideways moves"), "{error}");
+    assert!(error.to_string().contains("does not support lateral motion"), "{error}");
     assert!(
         error
             .location()

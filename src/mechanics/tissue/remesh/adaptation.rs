@@ -22,7 +22,7 @@ impl Adaptation {
     /// Combines `mesh` with a remesher; the other arguments are those of [`make`].
     ///
     /// # Errors
-    /// Those of [`make`].
+    /// The errors of [`make`].
     pub fn new(
         mesh: AdaptedMesh,
         source: Source,
@@ -37,7 +37,7 @@ impl Adaptation {
     /// remeshers of [`make`] take over.
     ///
     /// # Errors
-    /// Those of `maker` or [`make`].
+    /// The errors of `maker` or [`make`].
     pub fn with_maker(
         mesh: AdaptedMesh,
         source: Source,
@@ -77,7 +77,7 @@ impl Adaptation {
     /// remesher of [`make`].
     ///
     /// # Errors
-    /// Those of the request.
+    /// The errors of the request, and of [`make`] if a device failed.
     pub fn with_fallback<T>(
         &mut self,
         mut request: impl FnMut(&AdaptedMesh, &mut dyn Remesher) -> Result<T, RemeshError>,

@@ -38,7 +38,7 @@ pub enum RemeshError {
     #[error("node {node} is fixed")]
     Fixed { node: u32 },
     /// The node is already in contact, or a candidate of the probe.
-    #[error("node {node} is taken")]
+    #[error("node {node} is already a contact or a probe candidate")]
     Taken { node: u32 },
     /// No corner of the element that the tip entered can be moved there, with the reason for each in the order tried.
     #[error("no node can be moved to the tip at {tip:?} mm (element {element}): {}", list(.unfit))]
@@ -49,7 +49,7 @@ pub enum RemeshError {
     },
     /// A change was skipped or repeated, or the mesh has changed again since.
     #[error(
-        "change {found} of a mesh at change {mesh}, but change {expected} is due; hand over every change once, or refresh"
+        "change {found} of a mesh at change {mesh}, expected change {expected}; pass each change once, in order, or call `refresh`"
     )]
     OutOfStep { expected: u64, found: u64, mesh: u64 },
     /// The change makes the stiffness nearly singular relative to its previous value.

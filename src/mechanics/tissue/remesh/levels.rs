@@ -87,7 +87,7 @@ impl<S: Store> DenseInverseRemesher<S> {
     /// inverse of its base.
     ///
     /// # Errors
-    /// Those of [`Levels::new`].
+    /// [`RemeshError`] as of [`Levels::new`].
     pub fn start(mesh: &AdaptedMesh, store: S, level: Level, options: Options) -> Result<Self, RemeshError> {
         if level == Level::Exact {
             return Err(RemeshError::Level {

@@ -26,7 +26,7 @@ pub trait History: Debug + Send + Sync {
     /// Commits a step of `step_s` seconds, at whose end the function has this value.
     ///
     /// # Errors
-    /// Those of [`predict`](History::predict), and for a value that is not finite. The history is then unchanged.
+    /// [`HistoryError`] as of [`predict`](History::predict), and for a value that is not finite. The history is then unchanged.
     fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError>;
 
     /// Restarts from another initial value.

@@ -132,7 +132,7 @@ const AXES: [Axis; 9] = [
 pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, StudyError> {
     let settings = subject.sized(options.effects_grid);
     let factors = [Factor::new("backend", "backend"), Factor::new("effect", "effect")];
-    let title = "What each effect costs in company and alone: a frame without it, and with it alone";
+    let title = "Cost of each effect: frame time without it, and with it alone";
     let mut table = Table::new("compare_effects", title, &factors, &AXES);
     let present = present(subject, &settings)?;
     for (name, backend) in backends(options) {

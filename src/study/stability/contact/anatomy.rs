@@ -141,7 +141,7 @@ pub fn thin_layer(record: &mut Record<'_>) -> Result<(), Unexpected> {
         })?;
         watch.broken += seen.broken;
         watch.unsettled += seen.unsettled;
-        watch.untold += seen.untold;
+        watch.unreported += seen.unreported;
         missed += broken.len().abs_diff(1);
         for (place, force) in broken {
             place_off = largest([place_off, (place - from).abs()]);

@@ -222,7 +222,7 @@ pub fn crushed(record: &mut Record<'_>) -> Result<(), Unexpected> {
     step(&mut finite, 45.0, -5.0)?;
     let tissue = image(&mut finite);
     let broken = tissue.current.as_flattened().iter().filter(|x| !x.is_finite()).count();
-    record.zero("coordinates that are none", broken as f64);
+    record.zero("non-finite coordinates", broken as f64);
     record.report("elements inverted", tissue.inverted as f64);
     record.zero("crushed tissue not detected", f64::from(u8::from(tissue.inverted == 0)));
     // A needle inserted there either converges or reports that it does not.

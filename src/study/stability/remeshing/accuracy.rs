@@ -68,7 +68,7 @@ pub fn exact(record: &mut Record<'_>) -> Result<(), Unexpected> {
             }
         }
         record.report(
-            format!("times computed anew, {}, nu {poisson}", backend.name),
+            format!("number of rebuilds, {}, nu {poisson}", backend.name),
             f64::from(rebuilds),
         );
         record.zero(
@@ -111,11 +111,16 @@ pub fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
         let limit = tolerance(&options, backend.precision);
         let mut adaptation = backend.follow(start, Level::I, options)?;
         let (nodes, mut done, mut rebuilds) = (spread(start), 0, 0u32);
-        let [mut kept, mut told] = [Vec::new(), Vec::new()];
+        let [mut kept, mut reported] = [Vec::new(), Vec::new()];
         for &count in counts(record) {
             start.go(&mut adaptation, &nodes, done..count, |adaptation, report| {
                 let residual = of_contacts(adaptation)?;
-                if report.rebuild_failed { &mut told } else { &mut kept }.push(residual);
+                if report.rebuild_failed {
+                    &mut reported
+                } else {
+                    &mut kept
+                }
+                .push(residual);
                 rebuilds += u32::from(report.rebuilt.is_some());
                 Ok(())
             })?;
@@ -128,15 +133,15 @@ pub fn first(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
         }
         let what = format!("{}, nu {poisson}", backend.name);
-        let mut anew = Now::of(adaptation.mesh())?.inverse;
+        let mut recomputed = Now::of(adaptation.mesh())?.inverse;
         let stiffness = adaptation.mesh().stiffness().at_nodes(adaptation.mesh().nodes())?;
-        let floor = sampled_residual(&stiffness, &mut anew, &start.contacts)?;
+        let floor = sampled_residual(&stiffness, &mut recomputed, &start.contacts)?;
         record.under(format!("worst residual, {what}"), largest(kept), limit);
         record.report(
-            format!("worst residual where the level says it cannot keep to {limit:.0e}, {what}"),
-            largest(told),
+            format!("worst residual where the level reports that it cannot meet {limit:.0e}, {what}"),
+            largest(reported),
         );
-        record.report(format!("residual of an inverse computed anew in f64, {what}"), floor);
+        record.report(format!("residual of an inverse recomputed in f64, {what}"), floor);
         record.report(format!("refreshes, {what}"), f64::from(rebuilds));
         Ok(())
     })?;
@@ -263,10 +268,7 @@ pub fn all(record: &mut Record<'_>) -> Result<(), Unexpected> {
                 format!("states of K^c that are not finite in {many} moves, {what}"),
                 wrong as f64,
             );
-            record.report(
-                format!("times that all was computed anew in {many} moves, {what}"),
-                rebuilds as f64,
-            );
+            record.report(format!("number of rebuilds in {many} moves, {what}"), rebuilds as f64);
         }
     }
     Ok(())

@@ -42,7 +42,7 @@ impl Report {
         let mut notes = Vec::new();
         if options.steps.iter().any(|steps| *steps > MOST_UNEVEN) {
             notes.push(format!(
-                "more than {MOST_UNEVEN} unequal steps are left to the exponentials: a full history weighs all of them anew each time"
+                "more than {MOST_UNEVEN} unequal steps are left to the exponentials: a full history recomputes all weights at each step"
             ));
         }
         Report {

@@ -159,8 +159,8 @@ type Content = (&'static str, fn(Settings) -> Settings);
 const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effect", silent)];
 
 /// Note on the receiver.
-const QUIET: &str = "Beam grids are compared with the receiver at work but too quiet to be seen: its noise is drawn anew for each sample \
-                     of a grid as it is for each frame, so that frames differ by it however fine the grids are.";
+const QUIET: &str = "Beam grids are compared with the receiver enabled at an invisible level, because its noise is drawn for each sample \
+                     and therefore differs from grid to grid, however fine the grids are.";
 
 pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;

@@ -92,10 +92,10 @@ const AXES: [Axis; 21] = [
         "relative error of the compliance at the contacts after all updates",
     ),
     Axis::linear("updates", "updates", "updates"),
-    Axis::linear("rebuilds", "rebuilds", "times that everything was computed anew"),
+    Axis::linear("rebuilds", "rebuilds", "number of rebuilds"),
 ];
 
-const GOLD: &str = "the moved mesh factored anew, solutions refined";
+const GOLD: &str = "refactorisation of the moved mesh, solutions refined";
 
 const DRIFT: [Axis; 2] = [Axis::log("updates", "updates", "updates"), ERROR_CONDENSED];
 

@@ -7,7 +7,7 @@ use crate::mechanics::tissue::factor::{Factor, Symmetric};
 /// Largest relative error with which a factor in single precision may reproduce a test vector. The vector contains all
 /// modes of n degrees of freedom equally; an error in a single mode, as large as that mode, leaves 1 / sqrt(n): 0.01 at
 /// the 10,000 of a tissue mesh.
-const TELLING: f64 = 0.01;
+const SINGLE_TOLERANCE: f64 = 0.01;
 
 /// Cholesky factor in single precision, or in double where single does not suffice.
 ///
@@ -45,7 +45,7 @@ impl Approximate {
             product: vec![0.0; size],
             rounded: vec![0.0; size],
         };
-        if !approximate.tells(matrix) {
+        if !approximate.is_accurate(matrix) {
             approximate.factor = Either::Double(Factor::new(matrix)?);
         }
         Ok(approximate)
@@ -61,7 +61,7 @@ impl Approximate {
             Either::Single(factor) => factor.refactor(matrix),
         };
         match single {
-            Ok(()) if self.tells(matrix) => return Ok(()),
+            Ok(()) if self.is_accurate(matrix) => return Ok(()),
             Ok(()) | Err(LinearError::NotPositiveDefinite { .. }) => {}
             Err(error) => return Err(error),
         }
@@ -92,7 +92,7 @@ impl Approximate {
     }
 
     /// Whether the factor, if in single precision, reproduces a vector from its product with the matrix.
-    fn tells(&mut self, matrix: &impl Symmetric) -> bool {
+    fn is_accurate(&mut self, matrix: &impl Symmetric) -> bool {
         if matches!(self.factor, Either::Double(_)) {
             return true;
         }
@@ -104,9 +104,9 @@ impl Approximate {
         matrix.product(&probe, &mut product);
         self.solve_in_place(&mut product);
         let off: f64 = product.iter().zip(&probe).map(|(a, b)| (a - b) * (a - b)).sum();
-        let tells = off <= TELLING * TELLING * probe.len() as f64;
+        let accurate = off <= SINGLE_TOLERANCE * SINGLE_TOLERANCE * probe.len() as f64;
         (self.probe, self.product) = (probe, product);
-        tells
+        accurate
     }
 
     /// Whether the factor is in single precision.

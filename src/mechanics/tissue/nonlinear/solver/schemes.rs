@@ -71,10 +71,10 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             self.more(residual)?;
             self.before.take(&self.state);
             self.propose(target, Equations::Kept)?;
-            let mut foreseen = false;
+            let mut predicted = false;
             if learns && self.progress.iterations == 1 {
                 let contact = target.contact.map_or(&[][..], |contact| &contact.weights);
-                foreseen = self.predictor.improve(&mut self.change, contact);
+                predicted = self.predictor.improve(&mut self.change, contact);
             } else if !pending {
                 self.anderson.improve(memory, &mut self.change);
             }
@@ -89,7 +89,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             } else {
                 worse && !balanced
             };
-            if foreseen && misled {
+            if predicted && misled {
                 // This increment is unlike the last one.
                 self.predictor.clear();
                 self.state.take(&self.before);

@@ -21,7 +21,7 @@ impl AdaptedMesh {
     /// criterion for the choice of a corner. Nothing is moved.
     ///
     /// # Errors
-    /// Those of [`move_node`](Self::move_node).
+    /// [`RemeshError`] as of [`move_node`](Self::move_node).
     pub fn assess(&self, node: u32, to: [f64; 3]) -> Result<f64, RemeshError> {
         let nodes = self.nodes.len();
         if node as usize >= nodes {

@@ -57,7 +57,8 @@ fn without_a_usable_corner_it_says_what_is_wrong_with_each() {
         }
     );
     assert!(
-        none.to_string().contains(&format!("node {} is taken", corners[0])),
+        none.to_string()
+            .contains(&format!("node {} is already a contact", corners[0])),
         "{none}"
     );
 
