@@ -170,7 +170,7 @@ impl Segmentation {
         } else if naming::is_mask(only.value) && naming.preset == Preset::Auto && !naming.claimed.contains(&only.value)
         {
             self.warnings.push(format!(
-                "the only label, {}, has no name, and the file name \"{stem}\" tells no tissue: name the file after it, such \
+                "the only label, {}, has no name, and the file name \"{stem}\" names no tissue: name the file after it, such \
                  as kidney_right.nii.gz, or name it with --names FILE",
                 only.value
             ));

@@ -254,7 +254,7 @@ impl Insert {
         }
         scenario.warnings.iter().for_each(terminal::warn);
         if scenario.quality.step_ms.is_none() && scenario.scene.quality.step_ms.is_some() {
-            terminal::warn("quality.step_ms of the scene's own file is not heeded: state it in the scenario");
+            terminal::warn("quality.step_ms of the scene's own file is ignored: state it in the scenario");
         }
         Ok((scenario, picked))
     }

@@ -47,12 +47,12 @@ impl QualityArgs {
             match cache.get(thing, sound) {
                 Ok(Some(known)) => return Ok(known),
                 Ok(None) => {}
-                Err(bad) => terminal::warn(format_args!("the kept costs are ignored: {bad}")),
+                Err(bad) => terminal::warn(format_args!("the cached costs are ignored: {bad}")),
             }
         }
-        terminal::say(format_args!("quality: {what}; it is kept for the next time"));
+        terminal::say(format_args!("quality: {what}; the result is cached"));
         let unkept = |error: &dyn std::fmt::Display| {
-            terminal::warn(format_args!("what is measured cannot be kept: {error}"));
+            terminal::warn(format_args!("measured costs cannot be cached: {error}"));
         };
         let kept = cache.check(thing).inspect_err(|error| unkept(error)).is_ok();
         let found = measure()?;

@@ -125,7 +125,7 @@ fn a_kept_file_that_no_measurement_gives_is_named_and_measured_anew() {
         bench.write(&name, &bad);
         let run = plan(&bench, "");
         assert!(
-            run.stderr.contains("warning: the kept costs are ignored") && run.stderr.contains(&name),
+            run.stderr.contains("warning: the cached costs are ignored") && run.stderr.contains(&name),
             "{run:?}"
         );
         assert_eq!(run.json()["quality"]["settings"], good);

@@ -126,7 +126,7 @@ pub(super) fn read(folder: &Path) -> Result<Segmentation, VolumeError> {
     ));
     if overlaps > 0 {
         segmentation.warnings.push(format!(
-            "{overlaps} voxels belong to several masks: the last by name counts"
+            "{overlaps} voxels belong to several masks: the last by name is used"
         ));
     }
     Ok(segmentation)

@@ -124,7 +124,7 @@ fn a_single_mask_is_named_by_its_file_and_never_by_its_value() {
     assert_eq!(names(&unknown), [(1, "-")]);
     assert_eq!(tissue(&unknown, 1), "soft_tissue");
     assert!(
-        unknown.warnings[0].contains("\"mask\" tells no tissue"),
+        unknown.warnings[0].contains("\"mask\" names no tissue"),
         "{:?}",
         unknown.warnings
     );

@@ -154,7 +154,7 @@ fn volume_from(
     if stacks.overlaps > 0 {
         let overlaps = stacks.overlaps;
         warnings.push(format!(
-            "{overlaps} voxels belong to segments of several layers: the highest layer counts"
+            "{overlaps} voxels belong to segments of several layers: the highest layer is used"
         ));
     }
     let values = values(stored, &named, &mut warnings);

@@ -272,8 +272,8 @@ impl ScenarioFile {
             nodes.into_iter().for_each(|node| fixed[node as usize] = [true; 3]);
         }
         let parts = match free.len() {
-            1 => "a small part of the mesh that nothing holds is fixed".to_owned(),
-            parts => format!("{parts} small parts of the mesh that nothing holds are fixed"),
+            1 => "a small part of the mesh without fixed nodes is fixed".to_owned(),
+            parts => format!("{parts} small parts of the mesh without fixed nodes are fixed"),
         };
         warnings.push(format!("{parts} ({held} nodes)"));
         rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))).map_err(|error| self.fault("tissue.fix", error))

@@ -365,8 +365,8 @@ impl<'a> Tally<'a> {
         }
         if let Some(inverted @ 1..) = summary.max_inverted_elements {
             summary.warnings.push(format!(
-                "up to {inverted} elements were inverted at once: tissue is crushed there, and of layers that lie over each other \
-                 one is imaged"
+                "up to {inverted} elements were inverted at once: tissue is crushed there, and where layers overlap \
+                 only one is imaged"
             ));
         }
         for (kind, what) in [

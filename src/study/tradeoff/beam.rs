@@ -106,7 +106,7 @@ pub(super) fn elements_table() -> Result<Table, BeamError> {
         .seeking(
             Goal::new("median_ms", "error_mm", SHIFT_MM)
                 .over(&["case"])
-                .choosing("elements of a beam by itself in tissue (insonify beam)")
+                .choosing("elements of a beam alone in tissue (insonify beam)")
                 .beside(&["p95_ms"]),
         );
     let base = Base {

@@ -52,7 +52,7 @@ impl HistoryOptions {
 pub const ENTRY: Entry = Entry {
     name: "history",
     title: "Fading memory",
-    question: "Viscoelastic tissue remembers all of its past: which rule adds that up fast enough and well enough?",
+    question: "The stress of viscoelastic tissue depends on its whole history: which rule sums it fast enough and accurately enough?",
     run: |_, effort, progress| Ok(study(&HistoryOptions::of(effort), progress)?),
 };
 

@@ -94,7 +94,7 @@ impl ImageOptions {
 pub const ENTRY: Entry = Entry {
     name: "image",
     title: "Images",
-    question: "How many grey levels does each way of making a frame cost, and how many milliseconds? Grid of the beam, backends, labels, \
+    question: "What are the error, in grey levels, and the time of each way of rendering a frame? Grid of the beam, backends, labels, \
                sampling, texture, grain, point location.",
     run: |means, effort, progress| {
         let gpus = means.gpus.clone();

@@ -115,7 +115,7 @@ impl Default for InsertionOptions {
 pub const ENTRY: Entry = Entry {
     name: "insertion",
     title: "Needle insertion",
-    question: "A needle goes in and comes out while a probe presses: what do step times, forces and the tip's place pay for each model? \
+    question: "A needle is inserted and withdrawn while a probe presses: what are the step times and the errors of force and tip position? \
                Levels of remeshing, nodes of the mesh, links and elements of the needle, candidates of the probe, masses and springs.",
     run: |_, effort, progress| {
         let usual = InsertionOptions::of(effort);

@@ -19,7 +19,7 @@ use crate::study::stability::Effort;
 pub const ENTRY: Entry = Entry {
     name: "planning",
     title: "Planned paths and identified tissue",
-    question: "Does a section by the image plane plan as well as the tissue in three dimensions, and how fine must a mesh be that finds moduli?",
+    question: "Is planning in a section by the image plane as accurate as in three dimensions, and how fine a mesh does the identification of moduli need?",
     run: |_, effort, progress| Ok(study(effort, progress)?),
 };
 

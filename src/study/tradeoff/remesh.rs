@@ -103,7 +103,7 @@ const GATHERED_UPDATES: (usize, Duration) = (200, Duration::from_secs(8));
 pub const ENTRY: Entry = Entry {
     name: "remesh",
     title: "Remeshing",
-    question: "The mesh follows the needle's tip: what does it cost to keep the compliance of its contacts right, and how wrong is it then? \
+    question: "The mesh follows the needle's tip: what does an update of the compliance at its contacts cost, and how large is the error? \
                Levels, dense inverse or columns on demand, precision, device, size of the mesh.",
     run: |means, effort, progress| {
         let (updates, patience) = GATHERED_UPDATES;

@@ -67,8 +67,7 @@ const WAYS: [Variant; 3] = [
 pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, StudyError> {
     let subject = Subject::new(options.voxel_mm)?;
     let factors = [Factor::new("effect", "effect"), Factor::new("grid", "grid")];
-    let title =
-        "Sampling of shadow (samples) and blur (scanlines), each by itself, against the finest in double precision";
+    let title = "Sampling of shadow (samples) and blur (scanlines), each alone, against the finest in double precision";
     let goal = Goal::new("median_ms", "rms_grey", GREY_LEVELS).choosing("sampling of one effect");
     let mut table = Table::new("image_sampling", title, &factors, &PICTURE)
         .against("the finest grid of each, in double precision")

@@ -162,7 +162,7 @@ impl Report {
             .against(GOLD)
             .seeking(
                 Goal::new("median_ms", "error_mm", SHIFT_MM)
-                    .choosing("level of remeshing by itself")
+                    .choosing("level of remeshing alone")
                     .baseline("level", "IV", FROZEN)
                     .in_every(Deadline::Step, "p95_ms")
                     .each(&["nodes"])
