@@ -66,7 +66,7 @@ fn software_renders_only_where_it_is_named() {
     for command in ["render scene.toml", "doctor", "bench scene.toml --frames 1"] {
         let run = bench.run(command);
         let text = format!("{}{}", run.text(), run.stderr);
-        assert!(text.contains("software on the CPU") && text.contains(name), "{run:?}");
+        assert!(text.contains("software adapter") && text.contains(name), "{run:?}");
     }
     let run = bench.run("render scene.toml --json -o auto.png");
     assert_eq!(run.json()["backend"], "cpu");

@@ -48,6 +48,30 @@ fn one_frame_is_a_picture_and_one_object() {
 }
 
 #[test]
+fn the_cache_changes_no_picture_even_if_its_files_are_broken() {
+    let bench = Bench::new();
+    let frame = |name: &str| {
+        bench.run(&format!("render scene.toml --backend cpu -o {name}")).text();
+        std::fs::read(bench.path(name)).expect("a frame")
+    };
+    let first = frame("first.png");
+    let folder = bench.path("cache/made");
+    let files: Vec<_> = std::fs::read_dir(&folder).expect("a cache").collect();
+    assert!(!files.is_empty());
+    assert_eq!(frame("second.png"), first);
+    for file in files {
+        let path = file.expect("an entry").path();
+        let mut bytes = std::fs::read(&path).expect("a file");
+        bytes.iter_mut().skip(40).for_each(|byte| *byte = 0xff);
+        std::fs::write(&path, bytes).expect("written");
+    }
+    assert_eq!(frame("third.png"), first);
+    std::fs::remove_dir_all(&folder).expect("removed");
+    std::fs::write(&folder, "in the way").expect("written");
+    assert_eq!(frame("fourth.png"), first);
+}
+
+#[test]
 fn the_backend_and_the_reason_go_to_standard_error() {
     let bench = Bench::new();
     let run = bench.run("render scene.toml");

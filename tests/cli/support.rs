@@ -58,13 +58,13 @@ impl Bench {
         serde_json::from_str(&self.text(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
     }
 
-    /// Names of the files there but for the list that runs keep of them, sorted.
+    /// Names of the files there but for the list that runs keep of them and what they keep in the cache, sorted.
     pub fn files(&self, folder: &str) -> Vec<String> {
         let entries = std::fs::read_dir(self.path(folder)).expect("a folder");
         let mut names: Vec<String> = entries
             .map(|entry| entry.expect("an entry").file_name().to_string_lossy().into_owned())
             .collect();
-        names.retain(|name| name != "insonify.json");
+        names.retain(|name| !["insonify.json", "cache", "made"].contains(&name.as_str()));
         names.sort();
         names
     }
@@ -76,7 +76,7 @@ impl Bench {
             .args(arguments.split_whitespace())
             .current_dir(self.folder.path())
             .env("NODEVICE_SELECT", "1")
-            // What is measured of this machine is kept in the folder of the test.
+            // The cache lies in the folder of the test.
             .env("INSONIFY_CACHE", self.folder.path().join("cache"))
             .env_remove("INSONIFY_ADAPTER");
         command
