@@ -101,7 +101,11 @@ impl fmt::Display for Report {
             None => writeln!(f, "used      {}: {}", self.backend, self.reason)?,
         }
         if let Some(folder) = &self.cache {
-            writeln!(f, "cache     {}", folder.display())?;
+            writeln!(
+                f,
+                "cache     {}: phantoms, textures, outlines of bodies, measured costs",
+                folder.display()
+            )?;
         }
         for (number, adapter) in self.adapters.iter().enumerate() {
             writeln!(f)?;
