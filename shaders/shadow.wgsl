@@ -42,9 +42,11 @@ struct Params {
 @group(0) @binding(3) var<storage, read_write> found: array<u32>;
 @group(0) @binding(1) var<storage, read> tops: array<u32>;
 @group(0) @binding(2) var<storage, read> losses_down: array<u32>;
+@group(0) @binding(3) var<storage, read> echoes_above: array<f32>;
 @group(0) @binding(3) var<storage, read_write> echoes: array<f32>;
 @group(0) @binding(4) var<storage, read> labels_below: array<u32>;
 @group(0) @binding(5) var<storage, read> rows_below: array<LabelRow>;
+@group(0) @binding(6) var<storage, read_write> mirrored: array<f32>;
 
 const MOST_UNITS = 0x7fffffffu;
 const THREADS = 256u;
@@ -263,18 +265,26 @@ fn penumbra(@builtin(global_invocation_id) id: vec3<u32>) {
     amplitudes[index] *= left * left;
 }
 
+var<workgroup> shallowest: atomic<u32>;
+
 // The first opaque sample of each scanline below others.
-@compute @workgroup_size(64)
-fn reflectors(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= params.lines {
-        return;
+@compute @workgroup_size(256)
+fn reflectors(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    if thread == 0u {
+        atomicStore(&shallowest, params.samples);
     }
-    let line = id.x * params.samples;
-    var top = 0u;
-    while top < params.samples && tissue_loss(line + top) < params.opaque_units {
-        top++;
+    workgroupBarrier();
+    for (var i = thread; i < params.samples; i += THREADS) {
+        if tissue_loss(group.y * params.samples + i) >= params.opaque_units {
+            atomicMin(&shallowest, i);
+            break;
+        }
     }
-    found[id.x] = select(top, params.samples, top == 0u);
+    workgroupBarrier();
+    if thread == 0u {
+        let top = atomicLoad(&shallowest);
+        found[group.y] = select(top, params.samples, top == 0u);
+    }
 }
 
 const NEIGHBOUR = 6u;
@@ -297,17 +307,22 @@ fn echo_at(line: i32, sample: i32) -> f32 {
     if line < 0 || line >= i32(params.lines) || sample < 0 || sample >= i32(tops[line]) {
         return 0.0;
     }
-    return echoes[u32(line) * params.samples + u32(sample)];
+    return echoes_above[u32(line) * params.samples + u32(sample)];
 }
 
 const GAS_MRAYL = 1.0;
 
-// Mirror image beyond gas or lung. It reads above the surfaces and writes below them.
+// Echoes with the mirror image beyond gas or lung, of what is above the surfaces.
 @compute @workgroup_size(64)
 fn mirror(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
     let top = tops[id.y];
     let row = id.y * params.samples;
-    if id.x >= params.samples || id.x < top || rows_below[labels_below[row + top]].impedance >= GAS_MRAYL {
+    let own = echoes_above[row + id.x];
+    mirrored[row + id.x] = own;
+    if id.x < top || rows_below[labels_below[row + top]].impedance >= GAS_MRAYL {
         return;
     }
     let slope = tilt(id.y, top);
@@ -338,8 +353,7 @@ fn mirror(@builtin(global_invocation_id) id: vec3<u32>) {
     let far = (1.0 - share.y) * echo_at(first.x + 1, first.y) + share.y * echo_at(first.x + 1, first.y + 1);
     let rate = f32(losses_down[row + top - 1u]) * 2.0 * params.exponent / f32(top);
     let image = params.mirror * exp2(rate * longer) * ((1.0 - share.x) * near + share.x * far);
-    let own = echoes[row + id.x];
-    echoes[row + id.x] = sqrt(own * own + image * image);
+    mirrored[row + id.x] = sqrt(own * own + image * image);
 }
 
 // What a repeat leaves for the tilt of the reflector.

@@ -3,7 +3,7 @@ struct Params {
     weights: array<vec4<f32>, 3>,
     count: u32,
     planes: u32,
-    stride: u32,
+    samples: u32,
     unused: u32,
 }
 
@@ -12,10 +12,10 @@ struct Params {
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let index = id.x + id.y * params.stride;
-    if index >= params.count {
+    if id.x >= params.samples {
         return;
     }
+    let index = id.y * params.samples + id.x;
     var power = 0.0;
     for (var plane = 0u; plane < params.planes; plane++) {
         let a = amplitudes[plane * params.count + index];

@@ -5,9 +5,9 @@ struct Params {
     planes: u32,
     deformed: u32,
     reference: u32,
+    reference_at: u32,
     frames_at: u32,
     carries_at: u32,
-    unused: u32,
 }
 
 const NONE: u32 = 0xffffffffu;
@@ -94,12 +94,12 @@ fn candidates(frame: u32, first: u32) -> vec2<u32> {
 }
 
 @compute @workgroup_size(64)
-fn raster(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) own: u32) {
+fn raster(@builtin(local_invocation_index) own: u32, @builtin(workgroup_id) group: vec3<u32>) {
     for (var at = group.x; at < params.deformed + params.reference; at += GROUPS) {
         // Deformed elements first: most samples are in one, and then no element of the reference state is tried.
         let is_deformed = at < params.deformed;
         let slot = select(at - params.deformed, at, is_deformed);
-        let frame = 4u * slot + select(0u, params.frames_at, is_deformed);
+        let frame = 4u * slot + select(params.reference_at, params.frames_at, is_deformed);
         let first_line = u32(frames[frame + 1u].w);
         let lines = u32(frames[frame + 3u].w) - first_line;
         let inverted = frames[frame + 2u].w != 0.0;
@@ -126,11 +126,11 @@ fn raster(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_ind
 }
 
 @compute @workgroup_size(64)
-fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(num_workgroups) groups: vec3<u32>) {
-    let sample = id.x + id.y * groups.x * 64u;
-    if sample >= params.lines * params.samples * params.planes {
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
         return;
     }
+    let sample = (id.z * params.lines + id.y) * params.samples + id.x;
     let hit = found[sample];
     let slot = ~hit.x;
     elements[sample] = slot;

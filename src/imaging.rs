@@ -3,6 +3,7 @@
 #[cfg(feature = "cli")]
 pub mod canvas;
 pub mod effects;
+pub mod fusion;
 #[cfg(feature = "cli")]
 pub mod overlay;
 #[cfg(feature = "cli")]

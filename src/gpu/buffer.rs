@@ -73,6 +73,20 @@ impl StorageBuffer {
         self.buffer.size()
     }
 
+    /// All of it, to be bound.
+    pub fn entire(&self) -> wgpu::BufferBinding<'_> {
+        self.buffer.as_entire_buffer_binding()
+    }
+
+    /// Part of it, to be bound: from a multiple of 256 bytes on.
+    pub fn part(&self, offset: u64, bytes: u64) -> wgpu::BufferBinding<'_> {
+        wgpu::BufferBinding {
+            buffer: &self.buffer,
+            offset,
+            size: wgpu::BufferSize::new(whole_words(bytes)),
+        }
+    }
+
     /// Underlying wgpu buffer.
     pub fn raw(&self) -> &wgpu::Buffer {
         &self.buffer
@@ -176,12 +190,13 @@ impl Parameters {
         })
     }
 
-    pub(super) fn binding(&self) -> wgpu::BindingResource<'_> {
-        wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+    /// A slot, to be bound with its offset.
+    pub fn slot(&self) -> wgpu::BufferBinding<'_> {
+        wgpu::BufferBinding {
             buffer: &self.buffer,
             offset: 0,
             size: wgpu::BufferSize::new(SLOT_BYTES),
-        })
+        }
     }
 }
 

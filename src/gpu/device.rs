@@ -14,6 +14,9 @@ use super::{Faults, GpuError, Recorder};
 /// needs more.
 const PATIENCE: Duration = Duration::from_secs(60);
 
+/// Number of storage buffers per stage that a device is opened with where its adapter has them: fused passes bind many.
+const USEFUL_STORAGE_BUFFERS: u32 = 33;
+
 /// Device requirements beyond wgpu's default limits; zero means the default.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Needs {
@@ -36,7 +39,12 @@ impl Needs {
             .max(self.storage_binding_bytes);
         limits.max_storage_buffers_per_shader_stage = limits
             .max_storage_buffers_per_shader_stage
-            .max(self.storage_buffers_per_stage);
+            .max(self.storage_buffers_per_stage)
+            .max(
+                available
+                    .max_storage_buffers_per_shader_stage
+                    .min(USEFUL_STORAGE_BUFFERS),
+            );
         let mut exceeded = None;
         limits.check_limits_with_fail_fn(available, true, |limit, needed, available| {
             exceeded = Some(GpuError::Limit {

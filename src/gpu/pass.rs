@@ -1,12 +1,11 @@
 //! Compute pass: its pipeline and its explicit bind group layout.
 
-use super::buffer::SLOT_BYTES;
 use super::faults::check_limit;
 use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 
 /// Source and layout of a pass.
 ///
-/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes (omitted in a
+/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) at a multiple of [`SLOT_BYTES`](super::buffer::SLOT_BYTES) bytes (omitted in a
 /// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
@@ -87,6 +86,17 @@ impl Pipeline {
         parameters: &Parameters,
         storage: &[&StorageBuffer],
     ) -> Result<wgpu::BindGroup, GpuError> {
+        let storage: Vec<_> = storage.iter().map(|buffer| buffer.entire()).collect();
+        self.bind_parts(gpu, parameters.slot(), &storage)
+    }
+
+    /// Binds parts of buffers as [`Pipeline::bind`] does buffers, with any number of parameter blocks.
+    pub fn bind_parts(
+        &self,
+        gpu: &Gpu,
+        parameters: wgpu::BufferBinding<'_>,
+        storage: &[wgpu::BufferBinding<'_>],
+    ) -> Result<wgpu::BindGroup, GpuError> {
         if storage.len() != self.storage {
             return Err(GpuError::Mismatch {
                 what: format!("storage buffers of pass '{}'", self.label),
@@ -94,11 +104,13 @@ impl Pipeline {
                 found: storage.len() as u64,
             });
         }
-        let resources =
-            std::iter::once(parameters.binding()).chain(storage.iter().map(|buffer| buffer.raw().as_entire_binding()));
+        let resources = std::iter::once(parameters).chain(storage.iter().cloned());
         let entries: Vec<wgpu::BindGroupEntry<'_>> = (0..)
             .zip(resources)
-            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .map(|(binding, part)| wgpu::BindGroupEntry {
+                binding,
+                resource: wgpu::BindingResource::Buffer(part),
+            })
             .collect();
         let descriptor = wgpu::BindGroupDescriptor {
             label: Some(&self.label),
@@ -123,7 +135,7 @@ fn build(
     let block = wgpu::BindingType::Buffer {
         ty: wgpu::BufferBindingType::Storage { read_only: true },
         has_dynamic_offset: true,
-        min_binding_size: wgpu::BufferSize::new(SLOT_BYTES),
+        min_binding_size: None,
     };
     let storage = pass.storage.iter().map(|access| wgpu::BindingType::Buffer {
         ty: wgpu::BufferBindingType::Storage {

@@ -92,11 +92,11 @@ impl Readback {
         if out.is_empty() {
             return gpu.check();
         }
-        self.check_rows(out.len(), row_bytes, stride)?;
+        self.check_rows(0, out.len(), row_bytes, stride)?;
         gpu.scoped(&self.label, || {
             self.request();
             let waited = gpu.wait_for(&self.label, submission);
-            let copied = waited.and_then(|()| self.copy_rows(out, row_bytes, stride));
+            let copied = waited.and_then(|()| self.copy_rows(0, out, row_bytes, stride));
             self.release(gpu);
             copied
         })
@@ -116,9 +116,9 @@ impl Readback {
         self.state.load(Ordering::Acquire) != WAITING
     }
 
-    /// Copies rows, as [`Readback::read_rows`] does, of bytes that have come.
-    pub fn copy_rows(&self, out: &mut [u8], row_bytes: usize, stride: usize) -> Result<(), GpuError> {
-        let rows = self.check_rows(out.len(), row_bytes, stride)?;
+    /// Copies rows, as [`Readback::read_rows`] does, of bytes that have come, from a multiple of 8 bytes on.
+    pub fn copy_rows(&self, start: usize, out: &mut [u8], row_bytes: usize, stride: usize) -> Result<(), GpuError> {
+        let rows = self.check_rows(start, out.len(), row_bytes, stride)?;
         if self.state.load(Ordering::Acquire) != MAPPED {
             return Err(GpuError::Lost {
                 reason: format!("the read-back of '{}' was refused", self.label),
@@ -127,7 +127,7 @@ impl Readback {
         let span = whole_words(((rows - 1) * stride + row_bytes) as u64);
         let view = self
             .staging
-            .get_mapped_range(..span)
+            .get_mapped_range(start as u64..start as u64 + span)
             .map_err(|error| GpuError::Internal {
                 what: self.label.clone(),
                 message: error.to_string(),
@@ -146,7 +146,7 @@ impl Readback {
         drop(ignored);
     }
 
-    fn check_rows(&self, total: usize, row_bytes: usize, stride: usize) -> Result<usize, GpuError> {
+    fn check_rows(&self, start: usize, total: usize, row_bytes: usize, stride: usize) -> Result<usize, GpuError> {
         let mismatch = |what: &str, expected: usize, found: usize| GpuError::Mismatch {
             what: format!("{what} of the read-back of '{}'", self.label),
             expected: expected as u64,
@@ -163,7 +163,9 @@ impl Readback {
         if stride < row_bytes {
             return Err(mismatch("stride", row_bytes, stride));
         }
-        let span = (rows - 1).saturating_mul(stride).saturating_add(row_bytes);
+        let span = start
+            .saturating_add((rows - 1).saturating_mul(stride))
+            .saturating_add(row_bytes);
         if whole_words(span as u64) > self.bytes() {
             return Err(mismatch("bytes (at most)", self.bytes() as usize, span));
         }

@@ -1,5 +1,7 @@
 //! Recording of the dispatches and copies of a submission.
 
+use std::ops::Range;
+
 use super::buffer::SLOT_BYTES;
 use super::faults::check_limit;
 use super::{Gpu, GpuError, Pipeline, Readback, StorageBuffer, TextureOut, Timer};
@@ -74,10 +76,21 @@ impl<'a> Recorder<'a> {
 
     /// Copies the first bytes of a buffer, as many as `readback` holds, to be read after submission.
     pub fn read_back(&mut self, buffer: &StorageBuffer, readback: &Readback) -> Result<(), GpuError> {
-        buffer.check_span("read back", 0, readback.bytes())?;
-        self.gpu.counter().fetched(readback.bytes());
+        self.read_back_part(buffer, 0..readback.bytes(), readback)
+    }
+
+    /// Copies a part of a buffer (multiples of 4 bytes) to the start of `readback`, to be read after submission.
+    pub fn read_back_part(
+        &mut self,
+        buffer: &StorageBuffer,
+        part: Range<u64>,
+        readback: &Readback,
+    ) -> Result<(), GpuError> {
+        let bytes = part.end - part.start;
+        buffer.check_span("read back", part.start, bytes)?;
+        self.gpu.counter().fetched(bytes);
         self.encoder
-            .copy_buffer_to_buffer(buffer.raw(), 0, readback.raw(), 0, readback.bytes());
+            .copy_buffer_to_buffer(buffer.raw(), part.start, readback.raw(), 0, bytes);
         Ok(())
     }
 

@@ -264,7 +264,8 @@ registry! {
     shadow: Option<shadow::Shadow> = "Attenuation, and shadows of bone, gas and the needle.",
         derives shadow::Derived, columns shadow::Columns<T>;
     refraction: Option<refraction::Refraction>
-        = "Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.";
+        = "Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.",
+        columns refraction::Columns<T>;
     blur: Option<blur::Blur> = "Radial blur about the probe's virtual apex.",
         derives blur::Derived;
     receiver: Option<receiver::Receiver> = "Electronic noise and acoustic clutter.",

@@ -9,8 +9,9 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::imaging::effects::REGISTRY;
-use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::effects::buffers::{self, Buffer};
 use crate::imaging::effects::pass::{Band, Pass};
+use crate::imaging::fusion::{Bound, Fused, MOST_BUFFERS, fuse};
 use crate::imaging::quality::Picked;
 use crate::imaging::synth::tables::Tables;
 
@@ -119,6 +120,31 @@ impl Plan {
         self.passes.iter().any(|planned| planned.effect == effect)
     }
 
+    /// Passes with the buffers that are bound in a frame, some of which passes swap.
+    pub fn bound(&self) -> Vec<Bound> {
+        let mut flipped = false;
+        let bind = |planned: &PlannedPass| {
+            let pass = planned.pass;
+            let buffers = pass.bindings.iter();
+            let buffers = buffers
+                .map(|&(buffer, how)| (buffers::bound(buffer, flipped), how))
+                .collect();
+            flipped ^= pass.flips;
+            Bound { pass, buffers }
+        };
+        self.passes.iter().map(bind).collect()
+    }
+
+    /// Dispatches of a frame on a GPU that binds so many buffers to each.
+    pub fn fused(&self, most_buffers: usize) -> Vec<Fused> {
+        fuse(&self.bound(), most_buffers)
+    }
+
+    fn names(&self, fused: &Fused) -> Vec<&'static str> {
+        let numbers = fused.iter().flat_map(|sequence| &sequence.passes);
+        numbers.map(|&at| self.passes[at].pass.name).collect()
+    }
+
     /// Bytes of all resources.
     pub fn bytes(&self) -> u64 {
         self.resources.iter().map(|planned| planned.bytes).sum()
@@ -152,6 +178,7 @@ impl Plan {
         };
         PlanReport {
             passes: self.passes.iter().map(named).collect(),
+            dispatches: self.fused(MOST_BUFFERS).iter().map(|fused| self.names(fused)).collect(),
             without: self.without.clone(),
             resources: self.resources.clone(),
             bytes: self.bytes(),
@@ -180,6 +207,8 @@ pub struct NamedPass {
 pub struct PlanReport {
     /// Passes in order of execution.
     pub passes: Vec<NamedPass>,
+    /// Passes that a GPU runs together, dispatch by dispatch.
+    pub dispatches: Vec<Vec<&'static str>>,
     /// Effects that the scene does not use.
     pub without: Vec<Omitted>,
     /// Resources that the passes bind.
@@ -198,6 +227,10 @@ impl fmt::Display for PlanReport {
         writeln!(f, "Passes")?;
         for pass in &self.passes {
             writeln!(f, "  {:<16} {}", pass.name, pass.reason)?;
+        }
+        writeln!(f, "Dispatches on a GPU")?;
+        for (number, passes) in (1..).zip(&self.dispatches) {
+            writeln!(f, "  {number:<16} {}", passes.join(", "))?;
         }
         writeln!(f, "Without")?;
         for omitted in &self.without {

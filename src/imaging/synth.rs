@@ -9,6 +9,8 @@ pub mod gpu;
 #[path = "synth/gpu_absent.rs"]
 pub mod gpu;
 pub mod layers;
+#[cfg(feature = "gpu")]
+pub mod linker;
 pub mod local_origin;
 pub mod slab;
 pub mod store;
@@ -224,7 +226,9 @@ impl Synthesizer {
     /// [`Synthesizer::texture`]. The host submits the encoder before it records or renders the next frame. On a CPU backend nothing is recorded.
     #[cfg(feature = "gpu")]
     pub fn encode(&mut self, encoder: &mut wgpu::CommandEncoder, state: &FrameState) -> Result<(), SynthError> {
-        self.with_last(state, |gpu, _, tables, state| gpu.encode(encoder, tables, state))
+        self.with_last(state, |gpu, plan, tables, state| {
+            gpu.encode(encoder, plan, tables, state)
+        })
     }
 
     /// Has a GPU make a frame that stays there; its place becomes that of the last frame.
@@ -347,7 +351,7 @@ impl Synthesizer {
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.timed = on,
             Executor::CpuF64(cpu) => cpu.timed = on,
-            Executor::Gpu(gpu) => gpu.time_passes(on, &self.plan)?,
+            Executor::Gpu(gpu) => gpu.time_passes(on, &self.plan, &self.tables)?,
         }
         Ok(())
     }
@@ -393,7 +397,7 @@ impl Synthesizer {
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
             Executor::CpuF64(cpu) => cpu.run(&passes[..end], &self.tables, state)?,
-            Executor::Gpu(gpu) => gpu.run_until(pass, &self.tables, state)?,
+            Executor::Gpu(gpu) => gpu.run_until(pass, &self.plan, &self.tables, state)?,
         }
         self.beam_after(end)
     }
@@ -408,7 +412,7 @@ impl Synthesizer {
                 (Executor::Cpu(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
                 (Executor::CpuF64(cpu), [.., last]) => cpu.run(std::slice::from_ref(last), &self.tables, state)?,
                 (Executor::Gpu(gpu), [.., behind, last]) => gpu.run_on(behind.pass.name, last.pass.name)?,
-                (Executor::Gpu(gpu), [first]) => gpu.run_until(first.pass.name, &self.tables, state)?,
+                (Executor::Gpu(gpu), [first]) => gpu.run_until(first.pass.name, &self.plan, &self.tables, state)?,
                 (_, []) => {}
             }
             beams.push(self.beam_after(at + 1)?);

@@ -7,7 +7,7 @@ mod report;
 use nalgebra::{Matrix4, Point3, Vector4};
 
 use crate::imaging::effects::buffers::AMPLITUDE;
-use crate::imaging::effects::pass::{Access, Pass};
+use crate::imaging::effects::pass::Pass;
 use crate::imaging::effects::shadow::{UNITS_PER_DB, transmittance};
 use crate::imaging::effects::tone::Tone;
 use crate::imaging::effects::tone::auto_gain::{self, AutoGain};
@@ -111,7 +111,10 @@ struct Stages {
 
 impl Stages {
     fn run(synth: &mut Synthesizer, state: &FrameState, index: usize) -> Result<Self, SynthError> {
-        let writes = |pass: &Pass| pass.flips || pass.bindings.contains(&(&AMPLITUDE, Access::Write));
+        let writes = |pass: &Pass| {
+            let mut bindings = pass.bindings.iter();
+            pass.flips || bindings.any(|&(buffer, how)| *buffer == AMPLITUDE && how.writes())
+        };
         let names: Vec<&'static str> = synth
             .plan()
             .passes

@@ -1,6 +1,7 @@
 //! Rules of the house: who may name whom, what declarations and shaders say of each other, and what a plan holds.
 
 mod echoes;
+mod fusion;
 mod names;
 mod parameters;
 mod plans;

@@ -75,6 +75,7 @@ fn blocks() -> Vec<Block> {
             planes,
             deformed,
             reference,
+            reference_at,
             frames_at,
             carries_at
         ),
@@ -89,7 +90,7 @@ fn blocks() -> Vec<Block> {
             mirrored
         ),
         block!("texture", texture::Params, lines, samples, strength),
-        block!("thickness", thickness::Params, weights, count, planes, stride),
+        block!("thickness", thickness::Params, weights, count, planes, samples),
         block!(
             "speckle",
             speckle::Params,

@@ -250,7 +250,7 @@ pub fn scenes() -> Vec<Scene> {
             ),
             |s| s.effects.refraction = Some(Default::default()),
             &["refraction_phase", "refraction"],
-            &["AmplitudeNext"],
+            &["Phases"],
         ),
         scene(
             "shadow of a needle alone",

@@ -4,6 +4,7 @@ use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify::mechanics::mesh::TetMesh;
 
 use super::synthesizer;
+use crate::support::gpu::{backend, gpu_or_skip};
 use crate::support::scene::{everything, frame_of};
 
 #[test]
@@ -84,7 +85,10 @@ fn rounds(mesh: &TetMesh, at: impl Fn(u64) -> FrameState) -> [Vec<FrameState>; 4
 fn batches_have_the_bytes_of_single_frames() {
     let (anatomy, settings, _) = everything();
     let rounds = rounds(anatomy.mesh.as_ref().expect("a mesh"), |at| frame_of(&anatomy, at));
-    for precision in [|| Backend::Cpu, || Backend::CpuF64] {
+    let gpu = gpu_or_skip("batches");
+    let on_gpu = || backend(gpu.clone().expect("a GPU"));
+    let precisions: [&(dyn Fn() -> Backend + Sync); 3] = [&|| Backend::Cpu, &|| Backend::CpuF64, &on_gpu];
+    for precision in &precisions[..if gpu.is_some() { 3 } else { 2 }] {
         let mut single = synthesizer(&anatomy, &settings, precision());
         let expected = rounds.iter().flatten();
         let expected: Vec<_> = expected

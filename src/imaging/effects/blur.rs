@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::range::parameters;
 use crate::base::real::Real;
@@ -89,9 +89,9 @@ static PASSES: &[Pass] = &[Pass {
     name: "blur",
     shader: include_str!("../../../shaders/blur.wgsl"),
     entry: "main",
-    bindings: &[(&AMPLITUDE, Read), (&BLUR_KERNEL, Read), (&AMPLITUDE_NEXT, Write)],
+    bindings: &[(&AMPLITUDE, Read), (&BLUR_KERNEL, Read), (&AMPLITUDE_NEXT, WriteOwn)],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    grid: Grid::Samples,
     flips: true,
     cpu: reference!(run),
 }];

@@ -32,6 +32,8 @@ pub struct Buffer {
     pub per_frame: Option<PerFrame>,
     /// Whether its size is proportional to the pixels of the image, so that a large one is processed in bands of rows.
     pub is_per_pixel: bool,
+    /// Whether each frame has as much of it as it needs, and the frames of a submission lie one behind the other in it.
+    pub is_packed: bool,
 }
 
 impl Buffer {
@@ -45,6 +47,7 @@ impl Buffer {
             contents: None,
             per_frame: None,
             is_per_pixel: false,
+            is_packed: false,
         }
     }
 
@@ -63,6 +66,11 @@ impl Buffer {
     const fn per_pixel(self) -> Self {
         let is_per_pixel = true;
         Self { is_per_pixel, ..self }
+    }
+
+    const fn packed(self) -> Self {
+        let is_packed = true;
+        Self { is_packed, ..self }
     }
 
     /// Size on the GPU, bytes.
@@ -148,7 +156,8 @@ pub static ELEMENT: Buffer = Buffer::new(30, "Element", 4, planes);
 /// Affine maps of the elements in the slab: of the reference state four each, of the deformed state four and three (`vec4<f32>`).
 pub static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tables| {
     11 * tables.mesh.as_ref().map_or(0, |mesh| mesh.elements().len())
-});
+})
+.packed();
 
 /// Per sample and sub-plane, during the warp on a GPU: complement of the lowest slot that contains it, and flags (`vec2<u32>`); cleared
 /// before every frame.
@@ -196,6 +205,15 @@ pub static IMAGE: Buffer = Buffer::new(320, "Image", 4, pixels).per_pixel();
 /// Per pixel: grey level, four to a `u32`.
 pub static PIXELS: Buffer =
     Buffer::new(330, "Pixels", 4, |tables| tables.words_per_row() * tables.height()).per_pixel();
+
+/// Buffer that is bound in place of one, given whether passes have swapped the amplitudes an odd number of times.
+pub fn bound(buffer: &'static Buffer, flipped: bool) -> &'static Buffer {
+    match flipped {
+        true if *buffer == AMPLITUDE => &AMPLITUDE_NEXT,
+        true if *buffer == AMPLITUDE_NEXT => &AMPLITUDE,
+        _ => buffer,
+    }
+}
 
 /// Declares the vectors of an effect on the CPU: each with its element, the buffer without which it is empty, its length
 /// and its first value.

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
 use super::common::{plane_step, rows};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::range::parameters;
 use crate::base::real::Real;
@@ -59,9 +59,9 @@ static PASSES: &[Pass] = &[Pass {
     name: "contact",
     shader: include_str!("../../../shaders/contact.wgsl"),
     entry: "main",
-    bindings: &[(&RAYS, Read), (&GAPS, Read), (&POSITION, Write)],
+    bindings: &[(&RAYS, Read), (&GAPS, Read), (&POSITION, WriteOwn)],
     params,
-    workgroups: per_sample,
+    grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
 }];

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::buffers::{POSITION, RAYS};
 use super::common::{plane_step, rows};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
@@ -28,9 +28,9 @@ static PASSES: &[Pass] = &[Pass {
     name: "geometry",
     shader: include_str!("../../../shaders/geometry.wgsl"),
     entry: "main",
-    bindings: &[(&RAYS, Read), (&POSITION, Write)],
+    bindings: &[(&RAYS, Read), (&POSITION, WriteOwn)],
     params,
-    workgroups: per_sample,
+    grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
 }];

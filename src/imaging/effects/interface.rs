@@ -18,7 +18,7 @@ use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
 use super::common::{rows, scatterers};
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::slice::{Beyond, LabelReader};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::seed_words;
@@ -66,11 +66,11 @@ const ALONE: Pass = interface_pass(
     "main",
     const {
         &[
-            (&POSITION, Read),
-            (&LABEL, Read),
+            (&POSITION, ReadLine),
+            (&LABEL, ReadLine),
             (&LABEL_ROWS, Read),
             (&VOXELS, Read),
-            (&AMPLITUDE, Write),
+            (&AMPLITUDE, WriteOwn),
         ]
     },
 );
@@ -79,16 +79,16 @@ const BEFORE_SPECKLE: Pass = interface_pass(
     "before_speckle",
     const {
         &[
-            (&POSITION, Read),
-            (&LABEL, Read),
+            (&POSITION, ReadLine),
+            (&LABEL, ReadLine),
             (&LABEL_ROWS, Read),
             (&VOXELS, Read),
-            (&SPECULAR, Write),
+            (&SPECULAR, WriteOwn),
         ]
     },
 );
 
-const fn interface_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+const fn interface_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "interface",
         shader: concat!(
@@ -102,7 +102,7 @@ const fn interface_pass(entry: &'static str, bindings: &'static [(&'static Buffe
         entry,
         bindings,
         params,
-        workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+        grid: Grid::Samples,
         flips: false,
         cpu: reference!(run),
     }

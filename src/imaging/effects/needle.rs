@@ -16,7 +16,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, NEEDLE_MASK, RAYS, SPECULAR, columns};
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::seed_words;
 use crate::base::range::parameters;
@@ -88,8 +88,8 @@ const ALONE: Pass = needle_pass(
         &[
             (&RAYS, Read),
             (&NEEDLE, Read),
-            (&NEEDLE_MASK, Write),
-            (&AMPLITUDE, Write),
+            (&NEEDLE_MASK, WriteOwn),
+            (&AMPLITUDE, WriteOwn),
         ]
     },
 );
@@ -100,13 +100,13 @@ const BEFORE_SPECKLE: Pass = needle_pass(
         &[
             (&RAYS, Read),
             (&NEEDLE, Read),
-            (&NEEDLE_MASK, Write),
-            (&SPECULAR, Write),
+            (&NEEDLE_MASK, WriteOwn),
+            (&SPECULAR, WriteOwn),
         ]
     },
 );
 
-const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "needle",
         shader: concat!(
@@ -118,7 +118,7 @@ const fn needle_pass(entry: &'static str, bindings: &'static [(&'static Buffer, 
         entry,
         bindings,
         params,
-        workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+        grid: Grid::Samples,
         flips: false,
         cpu: reference!(run),
     }

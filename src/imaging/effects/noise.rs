@@ -8,7 +8,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{IMAGE, SCAN_MAP};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::{hash3, pcg3d, seed_words};
 use crate::base::range::parameters;
@@ -46,9 +46,9 @@ static PASSES: &[Pass] = &[Pass {
         include_str!("../../../shaders/noise.wgsl")
     ),
     entry: "main",
-    bindings: &[(&SCAN_MAP, Read), (&IMAGE, Write)],
+    bindings: &[(&SCAN_MAP, Read), (&IMAGE, WriteOwn)],
     params,
-    workgroups: |tables, band| [groups(tables.width(), 64), band.rows, 1],
+    grid: Grid::Pixels,
     flips: false,
     cpu: reference!(run),
 }];

@@ -5,7 +5,6 @@ use bytemuck::Pod;
 use super::buffers::Buffer;
 #[cfg(feature = "internals")]
 use crate::base::lossy::Lossy;
-pub use crate::gpu::Access;
 use crate::imaging::synth::slab::Slab;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::{FrameState, tables::Tables};
@@ -55,6 +54,74 @@ pub struct Band {
     pub rows: u32,
 }
 
+/// What a pass does with a buffer, and where: at its own sample or pixel, on its own scanline or row of pixels, or anywhere. Passes are fused
+/// by it ([`crate::imaging::fusion`]). Where nothing in a frame writes a buffer, it does not matter where it is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// Read anywhere.
+    Read,
+    /// Read on the own scanline.
+    ReadLine,
+    /// Read at the own sample.
+    ReadOwn,
+    /// Written, and possibly read, anywhere.
+    Write,
+    /// Written, and possibly read, on the own scanline.
+    WriteLine,
+    /// Written, and possibly read, at the own sample.
+    WriteOwn,
+}
+
+impl Use {
+    /// Whether the pass writes the buffer.
+    pub fn writes(self) -> bool {
+        matches!(self, Self::Write | Self::WriteLine | Self::WriteOwn)
+    }
+}
+
+/// What the invocations of a pass stand for: a shader gets them by `global_invocation_id`, in groups of 64 along x, or, where a
+/// workgroup shares a scanline, 256 of them by `local_invocation_index` and `workgroup_id`.
+#[derive(Clone, Copy)]
+pub enum Grid {
+    /// Samples (x) of the scanlines (y) of each sub-plane (z).
+    Planes,
+    /// Samples of the scanlines of the central plane.
+    Samples,
+    /// Scanlines (y), a workgroup each.
+    Scanlines,
+    /// Samples of so many scanlines that lie more densely.
+    FineSamples(fn(&Tables) -> usize),
+    /// Pixels (x) of the rows (y) of a band.
+    Pixels,
+    /// Words of four pixels of the rows of a band.
+    Words,
+    /// Workgroups of 256, so many along y and z.
+    Workgroups(fn(&Tables) -> [u32; 2]),
+    /// So many workgroups of 64, which share the work among them.
+    Shared(u32),
+}
+
+impl Grid {
+    /// Number of workgroups along x, y, z.
+    pub fn workgroups(self, tables: &Tables, band: Band) -> [u32; 3] {
+        let groups = |count: usize| count.div_ceil(64) as u32;
+        let (samples, lines) = (groups(tables.samples()), tables.lines() as u32);
+        match self {
+            Self::Planes => [samples, lines, tables.planes() as u32],
+            Self::Samples => [samples, lines, 1],
+            Self::Scanlines => [1, lines, 1],
+            Self::FineSamples(fine) => [samples, fine(tables) as u32, 1],
+            Self::Pixels => [groups(tables.width()), band.rows, 1],
+            Self::Words => [groups(tables.words_per_row()), band.rows, 1],
+            Self::Workgroups(count) => {
+                let [y, z] = count(tables);
+                [1, y, z]
+            }
+            Self::Shared(count) => [count, 1, 1],
+        }
+    }
+}
+
 /// A step of a frame.
 pub struct Pass {
     /// Name, unique over all effects.
@@ -64,11 +131,11 @@ pub struct Pass {
     /// Entry point in the source.
     pub entry: &'static str,
     /// Storage bindings from binding 1 on, in order.
-    pub bindings: &'static [(&'static Buffer, Access)],
+    pub bindings: &'static [(&'static Buffer, Use)],
     /// Parameter block, binding 0, for one band of rows (all rows for passes that are not per pixel).
     pub params: fn(&View, Band) -> ParamBlock,
-    /// Number of workgroups along x, y, z.
-    pub workgroups: fn(&Tables, Band) -> [u32; 3],
+    /// What its invocations stand for.
+    pub grid: Grid,
     /// Whether the executors swap `AMPLITUDE` and `AMPLITUDE_NEXT` after the pass.
     pub flips: bool,
     /// CPU reference.
@@ -98,25 +165,3 @@ macro_rules! reference {
     };
 }
 pub(crate) use reference;
-
-/// Number of workgroups of `size` invocations that cover `count`.
-pub fn groups(count: usize, size: u32) -> u32 {
-    (count as u64).div_ceil(u64::from(size)) as u32
-}
-
-/// Workgroups of a pass with 64 samples to a group, over lines and planes.
-pub fn per_sample(tables: &Tables, _: Band) -> [u32; 3] {
-    [
-        groups(tables.samples(), 64),
-        tables.lines() as u32,
-        tables.planes() as u32,
-    ]
-}
-
-/// Numbers of workgroups of `size` invocations that cover `count` in one dimension, spread over y past the limit on
-/// x.
-pub fn spread(count: usize, size: u32) -> [u32; 3] {
-    const MOST: u32 = 65_535;
-    let groups = groups(count, size);
-    [groups.min(MOST), groups.div_ceil(MOST), 1]
-}

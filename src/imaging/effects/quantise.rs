@@ -4,7 +4,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{IMAGE, PIXELS};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
@@ -23,9 +23,9 @@ static PASSES: &[Pass] = &[Pass {
     name: "quantise",
     shader: include_str!("../../../shaders/quantise.wgsl"),
     entry: "main",
-    bindings: &[(&IMAGE, Read), (&PIXELS, Write)],
+    bindings: &[(&IMAGE, ReadLine), (&PIXELS, WriteLine)],
     params,
-    workgroups: |tables, band| [groups(tables.words_per_row(), 64), band.rows, 1],
+    grid: Grid::Words,
     flips: false,
     cpu: reference!(run),
 }];

@@ -19,7 +19,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::point_spread::PointSpread;
 use super::shadow::average_db_cm;
 use super::{Effect, Parameters, Stage, Verdict};
@@ -138,9 +138,9 @@ static PASSES: &[Pass] = &[Pass {
         include_str!("../../../shaders/receiver.wgsl")
     ),
     entry: "main",
-    bindings: &[(&LABEL, Read), (&CLUTTER, Read), (&AMPLITUDE, Write)],
+    bindings: &[(&LABEL, ReadOwn), (&CLUTTER, Read), (&AMPLITUDE, WriteOwn)],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
 }];

@@ -15,9 +15,9 @@
 use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
-use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, LABEL, LABEL_ROWS};
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, columns};
 use super::common::spacing;
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::range::parameters;
 use crate::base::real::Real;
@@ -87,14 +87,29 @@ pub const EFFECT: Effect = Effect {
     ..Effect::PLAIN
 };
 
+/// Per half beam width and sample: phase down to it (`f32`).
+static PHASES: Buffer = Buffer::new(275, "Phases", 4, phases_of_beam);
+
+fn phases_of_beam(tables: &Tables) -> usize {
+    tables.lines() / reach(tables).max(1) * tables.samples()
+}
+
+columns! {
+    /// Vectors of refraction.
+    pub struct Columns<T> {
+        /// Data of [`PHASES`].
+        phases: [T; phases_of_beam] = T::zero(), PHASES;
+    }
+}
+
 static PASSES: &[Pass] = &[
     Pass {
         name: "refraction_phase",
         shader: SHADER,
         entry: "phase",
-        bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&AMPLITUDE_NEXT, Write)],
+        bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&PHASES, Write)],
         params,
-        workgroups: |tables, _| [1, (tables.lines() / reach(tables)) as u32, 1],
+        grid: Grid::Workgroups(|tables| [(tables.lines() / reach(tables)) as u32, 1]),
         flips: false,
         cpu: reference!(phases),
     },
@@ -102,9 +117,9 @@ static PASSES: &[Pass] = &[
         name: "refraction",
         shader: SHADER,
         entry: "spread",
-        bindings: &[(&AMPLITUDE_NEXT, Read), (&AMPLITUDE, Write)],
+        bindings: &[(&PHASES, Read), (&AMPLITUDE, WriteLine)],
         params,
-        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        grid: Grid::Scanlines,
         flips: false,
         cpu: reference!(run),
     },
@@ -204,7 +219,7 @@ fn phases<T: Real>(view: &View, store: &mut Store<T>) {
     let (samples, reach) = (tables.samples(), reach(tables));
     let halves = tables.lines() / reach;
     let own: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
-    store.amplitude_next[..halves * samples]
+    store.effects.refraction.phases[..halves * samples]
         .par_chunks_mut(samples)
         .zip(store.label.par_chunks(reach * samples))
         .for_each(|(phases, labels)| {
@@ -225,7 +240,7 @@ fn phases<T: Real>(view: &View, store: &mut Store<T>) {
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let phases = &store.amplitude_next;
+    let phases = &store.effects.refraction.phases;
     let spread = Spread::<T>::new(tables);
     store.amplitude[..lines * samples]
         .par_chunks_mut(samples)

@@ -5,7 +5,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, IMAGE, SCAN_MAP};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
 use crate::imaging::synth::store::Store;
@@ -24,9 +24,9 @@ static PASSES: &[Pass] = &[Pass {
     name: "scan_conversion",
     shader: include_str!("../../../shaders/scan_conversion.wgsl"),
     entry: "main",
-    bindings: &[(&AMPLITUDE, Read), (&SCAN_MAP, Read), (&IMAGE, Write)],
+    bindings: &[(&AMPLITUDE, Read), (&SCAN_MAP, Read), (&IMAGE, WriteOwn)],
     params,
-    workgroups: |tables, band| [groups(tables.width(), 64), band.rows, 1],
+    grid: Grid::Pixels,
     flips: false,
     cpu: reference!(run),
 }];

@@ -19,7 +19,7 @@ use super::buffers::{
 };
 use super::common;
 use super::lateral::LateralKernel;
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
 use crate::anatomy::acoustics::Tissue;
 use crate::base::range::{check, parameters};
@@ -207,10 +207,10 @@ const TISSUE: Pass = loss_pass(
     "tissue",
     const {
         &[
-            (&LABEL, Read),
+            (&LABEL, ReadLine),
             (&LABEL_ROWS, Read),
-            (&AMPLITUDE_NEXT, Write),
-            (&LOSS, Write),
+            (&AMPLITUDE_NEXT, WriteLine),
+            (&LOSS, WriteLine),
         ]
     },
 );
@@ -219,11 +219,11 @@ const TISSUE_AND_NEEDLE: Pass = loss_pass(
     "tissue_and_needle",
     const {
         &[
-            (&LABEL, Read),
+            (&LABEL, ReadLine),
             (&LABEL_ROWS, Read),
-            (&AMPLITUDE_NEXT, Write),
-            (&LOSS, Write),
-            (&NEEDLE_MASK, Read),
+            (&AMPLITUDE_NEXT, WriteLine),
+            (&LOSS, WriteLine),
+            (&NEEDLE_MASK, ReadLine),
         ]
     },
 );
@@ -254,14 +254,14 @@ const RAYS_AND_NEEDLE: Pass = rays_pass(
 );
 
 /// Pass for the transmittance of the rays of the aperture.
-const fn rays_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+const fn rays_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "shadow_rays",
         shader: SHADER,
         entry,
         bindings,
         params,
-        workgroups: |tables, _| [1, tables.lines() as u32, aperture::RAYS as u32],
+        grid: Grid::Workgroups(|tables| [tables.lines() as u32, aperture::RAYS as u32]),
         flips: false,
         cpu: reference!(aperture::rays),
     }
@@ -271,9 +271,9 @@ const APERTURE: Pass = Pass {
     name: "shadow_aperture",
     shader: SHADER,
     entry: "aperture",
-    bindings: &[(&APERTURE_SHIFTS, Read), (&THROUGH, Read), (&AMPLITUDE_NEXT, Write)],
+    bindings: &[(&APERTURE_SHIFTS, Read), (&THROUGH, Read), (&AMPLITUDE_NEXT, WriteOwn)],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(aperture::mean),
 };
@@ -296,14 +296,14 @@ pub fn opens(tables: &Tables) -> bool {
 }
 
 /// Pass for the loss down each scanline, and its one-way transmittance, which is stored in `AmplitudeNext`.
-const fn loss_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+const fn loss_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "shadow_loss",
         shader: SHADER,
         entry,
         bindings,
         params,
-        workgroups: |tables, _| [1, tables.lines() as u32, 1],
+        grid: Grid::Scanlines,
         flips: false,
         cpu: reference!(losses),
     }
@@ -314,14 +314,14 @@ const PENUMBRA: Pass = Pass {
     shader: SHADER,
     entry: "penumbra",
     bindings: &[
-        (&LABEL, Read),
+        (&LABEL, ReadOwn),
         (&LABEL_ROWS, Read),
         (&AMPLITUDE_NEXT, Read),
         (&PENUMBRA_KERNEL, Read),
-        (&AMPLITUDE, Write),
+        (&AMPLITUDE, WriteOwn),
     ],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(penumbra::run),
 };
@@ -330,9 +330,9 @@ const FIND_REFLECTORS: Pass = Pass {
     name: "shadow_reflectors",
     shader: SHADER,
     entry: "reflectors",
-    bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&REFLECTORS, Write)],
+    bindings: &[(&LABEL, ReadLine), (&LABEL_ROWS, Read), (&REFLECTORS, WriteLine)],
     params,
-    workgroups: |tables, _| [groups(tables.lines(), 64), 1, 1],
+    grid: Grid::Scanlines,
     flips: false,
     cpu: reference!(reverberation::reflectors),
 };
@@ -343,14 +343,15 @@ const MIRROR: Pass = Pass {
     entry: "mirror",
     bindings: &[
         (&REFLECTORS, Read),
-        (&LOSS, Read),
-        (&AMPLITUDE, Write),
-        (&LABEL, Read),
+        (&LOSS, ReadLine),
+        (&AMPLITUDE, Read),
+        (&LABEL, ReadLine),
         (&LABEL_ROWS, Read),
+        (&AMPLITUDE_NEXT, WriteOwn),
     ],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
-    flips: false,
+    grid: Grid::Samples,
+    flips: true,
     cpu: reference!(mirror::run),
 };
 
@@ -358,9 +359,15 @@ const REVERBERATION: Pass = Pass {
     name: "shadow_reverberation",
     shader: SHADER,
     entry: "reverberation",
-    bindings: MIRROR.bindings,
+    bindings: &[
+        (&REFLECTORS, Read),
+        (&LOSS, ReadLine),
+        (&AMPLITUDE, WriteLine),
+        (&LABEL, ReadLine),
+        (&LABEL_ROWS, Read),
+    ],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(reverberation::run),
 };

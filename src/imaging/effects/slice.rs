@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, LABEL, LABEL_ROWS, POSITION, VOXELS};
 use super::common::rows;
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Setting, Stage, Verdict};
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, vectorised};
@@ -82,14 +82,14 @@ static PASSES: &[Pass] = &[Pass {
     ),
     entry: "main",
     bindings: &[
-        (&POSITION, Read),
+        (&POSITION, ReadOwn),
         (&VOXELS, Read),
         (&LABEL_ROWS, Read),
-        (&LABEL, Write),
-        (&AMPLITUDE, Write),
+        (&LABEL, WriteOwn),
+        (&AMPLITUDE, WriteOwn),
     ],
     params,
-    workgroups: per_sample,
+    grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
 }];

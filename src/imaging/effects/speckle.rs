@@ -25,13 +25,12 @@ pub use tables::SpeckleTables;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
 use super::lateral::narrowed;
-use super::pass::{Access, Access::*, Band, ParamBlock, Pass, View, groups, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, reference};
 use super::point_spread::PointSpread;
 use super::{Effect, Parameters, Stage, Verdict, needle};
 use crate::base::random::seed_words;
 use crate::base::range::parameters;
 use crate::imaging::synth::SynthError;
-use crate::imaging::synth::slab::maps_at;
 use crate::imaging::synth::tables::{Inputs, Tables};
 
 parameters! {
@@ -146,7 +145,7 @@ fn has_specular(tables: &Tables) -> bool {
 
 const GATHER: Pass = scatter_pass(
     "scatter_pass",
-    const { &[(&POSITION, Read), (&AMPLITUDE, Read), (&SCATTER, Write)] },
+    const { &[(&POSITION, Read), (&AMPLITUDE, Read), (&SCATTER, WriteOwn)] },
 );
 
 /// Scatter pass for a deforming mesh, whose sub-planes bend with the tissue.
@@ -156,21 +155,21 @@ const GATHER_WARPED: Pass = scatter_pass(
         &[
             (&POSITION, Read),
             (&AMPLITUDE, Read),
-            (&SCATTER, Write),
+            (&SCATTER, WriteOwn),
             (&ELEMENT, Read),
             (&ELEMENT_MAPS, Read),
         ]
     },
 );
 
-const fn scatter_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+const fn scatter_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "speckle_scatter",
         shader: SHADER,
         entry,
         bindings,
         params,
-        workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+        grid: Grid::FineSamples(fine_lines),
         flips: false,
         cpu: reference!(scatter),
     }
@@ -181,9 +180,9 @@ const ADD_SPECULAR: Pass = Pass {
     name: "speckle_specular",
     shader: SHADER,
     entry: "specular_pass",
-    bindings: &[(&SPECULAR, Read), (&AXIAL_KERNEL, Read), (&SCATTER, Write)],
+    bindings: &[(&SPECULAR, Read), (&AXIAL_KERNEL, Read), (&SCATTER, WriteOwn)],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+    grid: Grid::FineSamples(fine_lines),
     flips: false,
     cpu: reference!(add_specular),
 };
@@ -192,9 +191,9 @@ const AXIAL: Pass = Pass {
     name: "speckle_axial",
     shader: SHADER,
     entry: "axial_pass",
-    bindings: &[(&SCATTER, Read), (&AXIAL_KERNEL, Read), (&SCATTER_AXIAL, Write)],
+    bindings: &[(&SCATTER, ReadLine), (&AXIAL_KERNEL, Read), (&SCATTER_AXIAL, WriteOwn)],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), fine_lines(tables) as u32, 1],
+    grid: Grid::FineSamples(fine_lines),
     flips: false,
     cpu: reference!(axial),
 };
@@ -203,9 +202,9 @@ const LATERAL: Pass = Pass {
     name: "speckle_lateral",
     shader: SHADER,
     entry: "lateral_pass",
-    bindings: &[(&SCATTER_AXIAL, Read), (&LATERAL_KERNEL, Read), (&AMPLITUDE, Write)],
+    bindings: &[(&SCATTER_AXIAL, Read), (&LATERAL_KERNEL, Read), (&AMPLITUDE, WriteOwn)],
     params,
-    workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(lateral),
 };
@@ -284,7 +283,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
         per_mm: (1.0 / own.lattice_mm) as f32,
         axial_reach: own.axial_reach() as u32,
         lateral_reach: own.lateral.reach as u32,
-        carries_at: maps_at(tables)[1],
+        carries_at: view.slab.map_or(0, |slab| slab.maps_at[2]),
         unused: 0,
     })
 }

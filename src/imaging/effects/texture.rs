@@ -11,7 +11,7 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, bytes_of};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, per_sample, reference};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Parameters, Stage, Verdict};
 use crate::anatomy::acoustics::{Tissue, bank};
 use crate::anatomy::volume::VolumeError;
@@ -84,15 +84,15 @@ static PASSES: &[Pass] = &[Pass {
     ),
     entry: "main",
     bindings: &[
-        (&POSITION, Read),
-        (&LABEL, Read),
+        (&POSITION, ReadOwn),
+        (&LABEL, ReadOwn),
         (&LABEL_ROWS, Read),
         (&TEXTURE_ENTRIES, Read),
         (&TEXTURE_ATLAS, Read),
-        (&AMPLITUDE, Write),
+        (&AMPLITUDE, WriteOwn),
     ],
     params,
-    workgroups: per_sample,
+    grid: Grid::Planes,
     flips: false,
     cpu: reference!(run),
 }];

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::buffers::AMPLITUDE;
 use super::common::plane_step;
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, reference, spread};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
 use crate::base::range::{check, parameters};
 use crate::base::real::Real;
@@ -73,9 +73,9 @@ static PASSES: &[Pass] = &[Pass {
     name: "thickness",
     shader: include_str!("../../../shaders/thickness.wgsl"),
     entry: "main",
-    bindings: &[(&AMPLITUDE, Write)],
+    bindings: &[(&AMPLITUDE, WriteOwn)],
     params,
-    workgroups: |tables, _| spread(tables.lines() * tables.samples(), 64),
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
 }];
@@ -100,8 +100,8 @@ pub struct Params {
     pub count: u32,
     /// Sub-planes.
     pub planes: u32,
-    /// Number of invocations along x, to linearise the dispatch.
-    pub stride: u32,
+    /// Samples along a scanline.
+    pub samples: u32,
     /// Padding to a multiple of 16 bytes.
     pub unused: u32,
 }
@@ -116,14 +116,14 @@ fn weights<T: Real>(tables: &Tables) -> [T; 12] {
     padded
 }
 
-fn params(view: &View, band: Band) -> ParamBlock {
+fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let w = weights::<f32>(tables);
     ParamBlock::of(&Params {
         weights: [0, 4, 8].map(|at| Vec4::new(w[at], w[at + 1], w[at + 2], w[at + 3])),
         count: (tables.lines() * tables.samples()) as u32,
         planes: tables.planes() as u32,
-        stride: (PASSES[0].workgroups)(tables, band)[0] * 64,
+        samples: tables.samples() as u32,
         unused: 0,
     })
 }

@@ -13,8 +13,9 @@ use serde::{Deserialize, Serialize};
 
 use super::buffers::{AMPLITUDE, Buffer, bytes_of, columns};
 use super::pass::{
-    Access::{self, *},
-    Band, ParamBlock, Pass, View, groups, reference,
+    Band, Grid, ParamBlock, Pass,
+    Use::{self, *},
+    View, reference,
 };
 use super::shadow::average_db_cm;
 use super::{Effect, OutOfRange, Parameters, Stage, Verdict};
@@ -198,10 +199,10 @@ columns! {
     }
 }
 
-const BY_HAND: Pass = pass("tone", "by_hand", const { &[(&GAIN, Read), (&AMPLITUDE, Write)] });
+const BY_HAND: Pass = pass("tone", "by_hand", const { &[(&GAIN, Read), (&AMPLITUDE, WriteOwn)] });
 
 const GAINS: Pass = Pass {
-    workgroups: |_, _| [1, BANDS as u32, 1],
+    grid: Grid::Workgroups(|_| [BANDS as u32, 1]),
     cpu: reference!(auto_gain::run),
     ..pass(
         "tone_auto_gain",
@@ -213,10 +214,10 @@ const GAINS: Pass = Pass {
 const AUTOMATIC: Pass = pass(
     "tone",
     "automatic",
-    const { &[(&GAIN, Read), (&AMPLITUDE, Write), (&AUTO_GAIN, Read)] },
+    const { &[(&GAIN, Read), (&AMPLITUDE, WriteOwn), (&AUTO_GAIN, Read)] },
 );
 
-const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'static Buffer, Access)]) -> Pass {
+const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name,
         shader: concat!(
@@ -226,7 +227,7 @@ const fn pass(name: &'static str, entry: &'static str, bindings: &'static [(&'st
         entry,
         bindings,
         params,
-        workgroups: |tables, _| [groups(tables.samples(), 64), tables.lines() as u32, 1],
+        grid: Grid::Samples,
         flips: false,
         cpu: reference!(run),
     }

@@ -18,10 +18,10 @@ use bytemuck::{Pod, Zeroable};
 use rayon::prelude::*;
 
 use super::buffers::{ELEMENT, ELEMENT_MAPS, HITS, POSITION};
-use super::pass::{Access::*, Band, ParamBlock, Pass, View, reference, spread};
+use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
-use crate::imaging::synth::slab::{Slab, maps_at};
+use crate::imaging::synth::slab::Slab;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 use crate::mechanics::mesh::NONE;
@@ -59,7 +59,7 @@ static PASSES: &[Pass] = &[
         entry: "raster",
         bindings: &[(&POSITION, Read), (&ELEMENT_MAPS, Read), (&HITS, Write)],
         params,
-        workgroups: |_, _| [GROUPS, 1, 1],
+        grid: Grid::Shared(GROUPS),
         flips: false,
         cpu: reference!(sort),
     },
@@ -68,13 +68,13 @@ static PASSES: &[Pass] = &[
         shader: SHADER,
         entry: "main",
         bindings: &[
-            (&POSITION, Write),
+            (&POSITION, WriteOwn),
             (&ELEMENT_MAPS, Read),
-            (&HITS, Read),
-            (&ELEMENT, Write),
+            (&HITS, ReadOwn),
+            (&ELEMENT, WriteOwn),
         ],
         params,
-        workgroups: |tables, _| spread(tables.lines() * tables.samples() * tables.planes(), 64),
+        grid: Grid::Planes,
         flips: false,
         cpu: reference!(map),
     },
@@ -105,17 +105,17 @@ pub struct Params {
     pub deformed: u32,
     /// Number of elements of the reference state in the slab.
     pub reference: u32,
-    /// Start of the maps of the deformed elements to barycentric coordinates, behind those of the reference elements, in vec4.
+    /// Start of the maps of the reference elements to barycentric coordinates, in vec4.
+    pub reference_at: u32,
+    /// Start of the maps of the deformed elements to barycentric coordinates, in vec4.
     pub frames_at: u32,
     /// Start of the maps of the deformed elements to the reference state, in vec4.
     pub carries_at: u32,
-    /// Padding to a multiple of 16 bytes.
-    pub unused: u32,
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let [frames_at, carries_at] = maps_at(tables);
+    let [reference_at, frames_at, carries_at] = view.slab.map_or([0; 3], |slab| slab.maps_at);
     let count = |elements: fn(&Slab<f32>) -> usize| view.slab.map_or(0, elements) as u32;
     ParamBlock::of(&Params {
         lines: tables.lines() as u32,
@@ -123,9 +123,9 @@ fn params(view: &View, _: Band) -> ParamBlock {
         planes: tables.planes() as u32,
         deformed: count(|slab| slab.deformed.elements.len()),
         reference: count(|slab| slab.reference.elements.len()),
+        reference_at,
         frames_at,
         carries_at,
-        unused: 0,
     })
 }
 

@@ -30,7 +30,7 @@ impl Synthesizer {
     ///
     /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared by all.
     /// The threads belong to the synthesizer, as many as the caller's rayon pool has, or fewer where memory does not suffice; they
-    /// share its tables, and last until it is dropped or its settings change. On a GPU up to three frames are in flight.
+    /// share its tables, and last until it is dropped or its settings change. On a GPU a submission has several frames, and three submissions are in flight.
     ///
     /// ```
     /// use insonify::{Backend, SceneFile, SynthError};
@@ -55,20 +55,15 @@ impl Synthesizer {
         states: &[FrameState],
         mut sink: impl FnMut(usize, &Frame) -> Result<(), E>,
     ) -> Result<(), E> {
-        if let Executor::Gpu(_) = self.executor {
-            self.drop_in_flight();
-            let mut tickets = VecDeque::with_capacity(IN_FLIGHT);
-            for at in 0..states.len() + IN_FLIGHT {
-                if let Some(done) = at.checked_sub(IN_FLIGHT)
-                    && let Some(ticket) = tickets.pop_front()
-                {
-                    sink(done, self.take(ticket)?)?;
-                }
-                if let Some(state) = states.get(at) {
-                    tickets.push_back(self.submit(state)?);
-                }
+        if let Executor::Gpu(gpu) = &mut self.executor {
+            // Enough submissions that one is ready while another is worked on.
+            let size = states.len().div_ceil(IN_FLIGHT);
+            let size = gpu.reserve_frames(&self.plan, &self.tables, size)?;
+            let result = self.batch_on_gpu(states, size, &mut sink);
+            if let (Executor::Gpu(gpu), true) = (&self.executor, result.is_err()) {
+                (0..IN_FLIGHT).for_each(|place| gpu.release(place));
             }
-            return Ok(());
+            return result;
         }
         self.batch(
             states,
@@ -99,6 +94,49 @@ impl Synthesizer {
 }
 
 impl Synthesizer {
+    /// Renders a batch in submissions of so many frames, of which several are in flight.
+    fn batch_on_gpu<E: From<SynthError>>(
+        &mut self,
+        states: &[FrameState],
+        size: usize,
+        sink: &mut impl FnMut(usize, &Frame) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.drop_in_flight();
+        let mut in_flight: VecDeque<(_, Vec<Frame>)> = VecDeque::with_capacity(IN_FLIGHT);
+        let mut spare: Vec<Vec<Frame>> = Vec::new();
+        let submissions = states.len().div_ceil(size);
+        for turn in 0..submissions + IN_FLIGHT {
+            if let Some(done) = turn.checked_sub(IN_FLIGHT)
+                && let Some((submission, mut frames)) = in_flight.pop_front()
+            {
+                if let Executor::Gpu(gpu) = &mut self.executor {
+                    gpu.take((&self.plan, &self.tables), submission, done % IN_FLIGHT, &mut frames)?;
+                }
+                for (at, frame) in frames.iter_mut().enumerate() {
+                    mem::swap(&mut self.frame, frame);
+                    sink(done * size + at, &self.frame)?;
+                }
+                spare.push(frames);
+            }
+            let Some(chunk) = states.chunks(size).nth(turn) else {
+                continue;
+            };
+            let mut frames = spare.pop().unwrap_or_default();
+            frames.resize_with(chunk.len(), Frame::default);
+            for (at, (state, frame)) in chunk.iter().zip(&mut frames).enumerate() {
+                self.begin(state, frame)?;
+                let state = self.local.of(state);
+                if let Executor::Gpu(gpu) = &mut self.executor {
+                    gpu.stage(&self.plan, &self.tables, state, at, chunk.len())?;
+                }
+            }
+            if let Executor::Gpu(gpu) = &mut self.executor {
+                in_flight.push_back((gpu.submit(&self.tables, chunk.len(), turn % IN_FLIGHT)?, frames));
+            }
+        }
+        Ok(())
+    }
+
     /// Threads for a batch; `None` where frames are rendered in turn: on a GPU, on one thread, for so few frames that most threads would have
     /// none, and where memory suffices for one frame at a time.
     fn team(&mut self, frames: usize) -> Result<Option<Team>, SynthError> {

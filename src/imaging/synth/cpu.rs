@@ -9,7 +9,7 @@ use super::{FrameState, PassTime, SynthError};
 use crate::base::lossy::Lossy;
 use crate::base::memory;
 use crate::base::real::Real;
-use crate::imaging::effects::pass::{Access, Pass, View};
+use crate::imaging::effects::pass::{Pass, View};
 use crate::imaging::plan::{Plan, PlannedPass};
 
 /// Scalar type of a CPU reference.
@@ -74,7 +74,7 @@ impl<T: PassScalar> CpuExecutor<T> {
     pub fn bytes_of(plan: &Plan) -> u64 {
         let written = |buffer| {
             let mut bindings = plan.passes.iter().flat_map(|planned| planned.pass.bindings);
-            bindings.any(|binding| *binding == (buffer, Access::Write))
+            bindings.any(|&(bound, how)| bound == buffer && how.writes())
         };
         let resources = plan.resources.iter().filter(|planned| written(planned.resource));
         // The plan counts numbers of 4 bytes.

@@ -57,7 +57,10 @@ impl Synthesizer {
         let submission = match &mut self.executor {
             Executor::Cpu(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
             Executor::CpuF64(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
-            Executor::Gpu(gpu) => gpu.submit(tables, state, place_of(ticket)).map(Some),
+            Executor::Gpu(gpu) => {
+                let staged = gpu.stage(plan, tables, state, 0, 1);
+                staged.and_then(|()| gpu.submit(tables, 1, place_of(ticket))).map(Some)
+            }
         };
         let submission = submission?;
         self.submitted += 1;
@@ -93,7 +96,12 @@ impl Synthesizer {
             }
             if let (Executor::Gpu(gpu), Some(submission)) = (&mut self.executor, flight.submission.take()) {
                 let of = (&self.plan, &*self.tables);
-                gpu.take(of, submission, place_of(ticket), &mut flight.frame.pixels)?;
+                gpu.take(
+                    of,
+                    submission,
+                    place_of(ticket),
+                    std::slice::from_mut(&mut flight.frame),
+                )?;
             }
             std::mem::swap(&mut self.frame, &mut flight.frame);
             self.spare.push(flight.frame);

@@ -1,25 +1,25 @@
-//! GPU execution of a plan: its buffers, pipelines by pass, persistent bind groups, one submission per
-//! frame.
+//! GPU execution of a plan: its buffers, pipelines and bind groups persist; a submission has one frame or several, one upload, and the
+//! dispatches of the fused passes.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 use super::layers::{Beam, numbered};
-use super::slab::{Slab, maps_at};
+use super::linker::{self, ENTRY, Linked};
+use super::slab::Slab;
 use super::tables::Tables;
-use super::{FrameState, PassTime, SynthError};
+use super::{Frame, FrameState, PassTime, SynthError};
 use crate::base::memory;
 use crate::gpu::{
-    Dispatch, Gpu, GpuError, Needs, Parameters, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut,
-    Timer,
+    Access, Dispatch, Gpu, GpuError, Needs, PassSource, Pipeline, Readback, Recorder, StorageBuffer, TextureOut, Timer,
 };
 use crate::imaging::effects::buffers::{
-    AMPLITUDE, AMPLITUDE_NEXT, Buffer, ELEMENT, ELEMENT_MAPS, HITS, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION,
-    SCAN_MAP,
+    self, AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, HITS, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION, SCAN_MAP,
 };
-use crate::imaging::effects::pass::{Access, Band, Pass, View};
-use crate::imaging::plan::Plan;
+use crate::imaging::effects::pass::{Band, ParamBlock, Pass, View};
+use crate::imaging::fusion::{Bound, Fused, MOST_BUFFERS, Sequence};
+use crate::imaging::plan::{Plan, PlannedResource};
+use crate::mechanics::mesh::element::{Carry, Frame as ElementFrame};
 
 /// Device requirements of a plan beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {
@@ -38,27 +38,71 @@ pub fn needs(plan: &Plan) -> Needs {
     }
 }
 
-/// A submission of a frame.
+/// A submission of frames.
 pub type Submission = wgpu::SubmissionIndex;
+
+/// Alignment of what is bound of a buffer, bytes.
+const ALIGNED: usize = ParamBlock::CAPACITY;
+
+/// Largest number of frames of a submission, and of bytes that their passes write.
+const MOST_FRAMES: usize = 16;
+const FRAMES_BYTES: u64 = 512 << 20;
+
+/// Allowance for the parameters of a frame, bytes.
+const UPLOAD_BYTES: u64 = 64 << 10;
+
+/// Bytes of the maps of an element: in the reference state, and in the deformed state.
+const OF_REFERENCE: usize = size_of::<ElementFrame<f32>>();
+const OF_DEFORMED: usize = size_of::<ElementFrame<f32>>() + size_of::<Carry<f32>>();
 
 /// A dispatch of a frame.
 struct Step {
-    pass: &'static Pass,
+    passes: Vec<&'static Pass>,
     pipeline: Pipeline,
     bindings: wgpu::BindGroup,
     band: Band,
+    /// Start of its blocks of parameters in the uploads, one a frame.
+    blocks_at: usize,
+    /// Workgroups of one frame.
     workgroups: [u32; 3],
+}
+
+/// Places in the buffer of uploads, bytes: element maps of the reference state, blocks of parameters of the passes one by one and fused,
+/// buffers filled before every frame, and element maps of the deformed state, which end with those that a submission has.
+#[derive(Default)]
+struct Uploads {
+    /// The buffer.
+    buffer: Option<StorageBuffer>,
+    /// Its contents behind the element maps of the reference state.
+    contents: Vec<u8>,
+    single_at: usize,
+    fused_at: usize,
+    /// Buffers, with their starts and sizes for one frame.
+    per_frame: Vec<(&'static Buffer, usize, usize)>,
+    maps_at: usize,
+    /// Bytes of the resources of the plan that it holds.
+    planned: u64,
+    /// End of what a submission uploads.
+    end: usize,
 }
 
 /// The GPU backend.
 pub struct GpuExecutor {
     gpu: Gpu,
-    pipelines: BTreeMap<(&'static str, &'static str), Pipeline>,
+    /// Pipelines by source.
+    pipelines: BTreeMap<String, Pipeline>,
     buffers: BTreeMap<(&'static Buffer, usize), StorageBuffer>,
     bands: Vec<Band>,
-    steps: Vec<Step>,
-    parameters: Parameters,
-    /// Read-backs of the frames in flight, one set a place; a place gets its set when it is first used.
+    /// Number of frames for which there is memory.
+    frames: usize,
+    /// Last frame of the last submission.
+    last: usize,
+    /// Dispatches of fused passes.
+    fused: Vec<Step>,
+    /// Dispatches of passes one by one, made when they are first needed: for timing and inspection.
+    single: Vec<Step>,
+    uploads: Uploads,
+    /// Read-backs of the submissions in flight, one set a place; a place gets its set when it is first used.
     ring: Vec<Vec<Readback>>,
     texture: Option<TextureOut>,
     slab: Option<Slab<f32>>,
@@ -73,14 +117,16 @@ pub struct GpuExecutor {
 impl GpuExecutor {
     /// Compiles the passes of a plan and allocates the buffers of its resources.
     pub fn new(gpu: Gpu, plan: &Plan, tables: &Tables) -> Result<Self, SynthError> {
-        let parameters = Parameters::new(&gpu, "parameters", 1)?;
         let mut executor = Self {
             gpu,
             pipelines: BTreeMap::new(),
             buffers: BTreeMap::new(),
             bands: Vec::new(),
-            steps: Vec::new(),
-            parameters,
+            frames: 1,
+            last: 0,
+            fused: Vec::new(),
+            single: Vec::new(),
+            uploads: Uploads::default(),
             ring: Vec::new(),
             texture: None,
             slab: None,
@@ -99,39 +145,86 @@ impl GpuExecutor {
             memory::check(plan.bytes().saturating_sub(self.bytes()), "a frame on software Vulkan")?;
         }
         self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
+        self.frames = 1;
+        self.fit_frames(plan, tables, changed)
+    }
+
+    /// Makes memory for several frames of a submission, as many of these as limits and memory allow, and returns their number.
+    pub fn reserve_frames(&mut self, plan: &Plan, tables: &Tables, asked: usize) -> Result<usize, SynthError> {
+        let resources = || plan.resources.iter();
+        let is_uploaded = |resource: &Buffer| resource.per_frame.is_some() || resource.is_packed;
+        let uploads: u64 = resources()
+            .filter(|planned| is_uploaded(planned.resource))
+            .map(|planned| planned.bytes)
+            .sum();
+        let written = || resources().filter(|planned| linker::is_of_a_frame(planned.resource));
+        let largest = written().map(|planned| planned.bytes).max().unwrap_or(0);
+        let one = written().map(|planned| planned.bytes).sum::<u64>() + uploads;
+        let fit = self.gpu.limits().max_storage_buffer_binding_size / (largest.max(uploads) + UPLOAD_BYTES);
+        let within = (fit.min(FRAMES_BYTES / one.max(1)) as usize).clamp(1, MOST_FRAMES);
+        // An image in bands is a submission of its own.
+        let frames = if self.bands.len() > 1 {
+            1
+        } else {
+            asked.clamp(1, within)
+        };
+        if frames > self.frames {
+            if self.gpu.report().software {
+                memory::check(
+                    one * (frames - self.frames) as u64,
+                    "frames of a submission on software Vulkan",
+                )?;
+            }
+            self.frames = frames;
+            self.fit_frames(plan, tables, &[])?;
+        }
+        Ok(frames)
+    }
+
+    fn fit_frames(&mut self, plan: &Plan, tables: &Tables, changed: &[&'static Buffer]) -> Result<(), SynthError> {
         let parts = |buffer: &Buffer, bands: &[Band]| if buffer.is_per_pixel { bands.len() } else { 1 };
         self.buffers
             .retain(|&(buffer, part), _| plan.uses(buffer) && part < parts(buffer, &self.bands));
-        let per_frame = plan
-            .resources
-            .iter()
-            .filter(|planned| planned.resource.per_frame.is_some());
-        // Twice their size, as some compute them in two steps.
-        let most = per_frame.map(|planned| planned.bytes as usize / 2).max().unwrap_or(0);
-        self.numbers.clear();
-        self.numbers.reserve(most);
         match &tables.mesh {
             Some(mesh) if plan.uses(&ELEMENT_MAPS) => self.slab.get_or_insert_with(|| Slab::new(mesh)).forget(),
             _ => self.slab = None,
         }
-        for planned in &plan.resources {
+        let owned = |planned: &&PlannedResource| planned.resource.per_frame.is_none() && !planned.resource.is_packed;
+        for planned in plan.resources.iter().filter(owned) {
             for part in 0..parts(planned.resource, &self.bands) {
                 let changed = changed.contains(&planned.resource);
                 self.fit_buffer(planned.resource, planned.bytes, part, tables, changed)?;
             }
         }
-        self.fit_steps(plan, tables)?;
+        self.fit_uploads(plan, tables)?;
+        self.single.clear();
+        let known = std::mem::take(&mut self.pipelines);
+        self.fused = self.steps(
+            plan,
+            tables,
+            plan.fused(self.most_buffers()),
+            self.uploads.fused_at,
+            known,
+        )?;
         self.fit_outputs(tables)?;
         if self.timer.is_some() {
-            self.time_passes(true, plan)?;
+            self.time_passes(true, plan, tables)?;
         }
         Ok(())
+    }
+
+    fn most_buffers(&self) -> usize {
+        // One is taken by the parameters.
+        (self.gpu.limits().max_storage_buffers_per_shader_stage as usize - 1).min(MOST_BUFFERS)
     }
 
     /// Keeps read-backs and the host's texture as long as the image size does not change.
     fn fit_outputs(&mut self, tables: &Tables) -> Result<(), GpuError> {
         let row_bytes = tables.words_per_row() as u64 * 4;
-        let sizes = self.bands.iter().map(|band| u64::from(band.rows) * row_bytes);
+        let sizes = self
+            .bands
+            .iter()
+            .map(|band| self.frames as u64 * u64::from(band.rows) * row_bytes);
         let kept = self
             .ring
             .first()
@@ -148,7 +241,7 @@ impl GpuExecutor {
 
     /// Makes read-backs for the places of the ring up to one.
     fn reserve_place(&mut self, tables: &Tables, place: usize) -> Result<(), GpuError> {
-        let row_bytes = tables.words_per_row() as u64 * 4;
+        let row_bytes = self.frames as u64 * tables.words_per_row() as u64 * 4;
         while self.ring.len() <= place {
             let bands = self.bands.iter();
             let readbacks = bands.map(|band| Readback::new(&self.gpu, "pixels", u64::from(band.rows) * row_bytes));
@@ -170,6 +263,12 @@ impl GpuExecutor {
         } else {
             bytes
         };
+        let bytes = bytes
+            * if linker::is_of_a_frame(buffer) {
+                self.frames as u64
+            } else {
+                1
+            };
         let key = (buffer, part);
         let fits = self
             .buffers
@@ -187,91 +286,324 @@ impl GpuExecutor {
         }
     }
 
-    fn fit_steps(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
-        self.steps.clear();
-        let dispatches = plan.passes.iter().map(|planned| {
-            if is_per_pixel(planned.pass) {
+    fn fit_uploads(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
+        let elements = if self.slab.is_some() {
+            ELEMENT_MAPS.bytes(tables) as usize / (OF_REFERENCE + OF_DEFORMED)
+        } else {
+            0
+        };
+        let bands = |passes: &[&Pass]| {
+            if passes.iter().any(|pass| is_per_pixel(pass)) {
                 self.bands.len()
             } else {
                 1
             }
-        });
-        self.parameters = Parameters::new(&self.gpu, "parameters", dispatches.sum::<usize>() as u32)?;
-        let whole = Band {
-            first_row: 0,
-            rows: tables.height() as u32,
         };
-        let mut flipped = false;
-        for planned in &plan.passes {
-            let pass = planned.pass;
-            let pipeline = self.pipeline(pass)?;
-            let bands: Cow<[Band]> = if is_per_pixel(pass) {
-                self.bands.clone().into()
-            } else {
-                vec![whole].into()
-            };
-            for (part, &band) in bands.iter().enumerate() {
-                let bound: Vec<&StorageBuffer> = pass
-                    .bindings
-                    .iter()
-                    .map(|&(buffer, _)| {
-                        &self.buffers[&(actual(buffer, flipped), if buffer.is_per_pixel { part } else { 0 })]
-                    })
-                    .collect();
-                let bindings = pipeline.bind(&self.gpu, &self.parameters, &bound)?;
-                let workgroups = (pass.workgroups)(tables, band);
-                self.steps.push(Step {
-                    pass,
-                    pipeline: pipeline.clone(),
-                    bindings,
-                    band,
-                    workgroups,
-                });
-            }
-            flipped ^= pass.flips;
-        }
-        let used: Vec<_> = self
-            .steps
+        let single_at = (self.frames * elements * OF_REFERENCE).next_multiple_of(ALIGNED);
+        let single = plan
+            .passes
             .iter()
-            .map(|step| (step.pass.name, step.pass.entry))
-            .collect();
-        self.pipelines.retain(|key, _| used.contains(key));
+            .map(|planned| bands(&[planned.pass]) * linker::block_bytes(1));
+        let fused_at = single_at + self.frames * single.sum::<usize>();
+        let fused = plan.fused(self.most_buffers()).into_iter().map(|fused| {
+            let passes: Vec<_> = numbers_of(&fused).map(|at| plan.passes[at].pass).collect();
+            bands(&passes) * linker::block_bytes(passes.len())
+        });
+        let mut end = fused_at + self.frames * fused.sum::<usize>();
+        let per_frame = plan
+            .resources
+            .iter()
+            .filter(|planned| planned.resource.per_frame.is_some());
+        let (mut longest, mut planned) = (0, 0);
+        let place = |resource: &PlannedResource| {
+            let (at, bytes) = (end, resource.bytes as usize);
+            end += (self.frames * bytes).next_multiple_of(ALIGNED);
+            longest = longest.max(bytes);
+            planned += bytes;
+            (resource.resource, at, bytes)
+        };
+        let per_frame = per_frame.map(place).collect();
+        let bytes = end + self.frames * elements * OF_DEFORMED;
+        let kept = self.uploads.buffer.take().filter(|kept| kept.bytes() == bytes as u64);
+        let buffer = match kept {
+            Some(kept) => kept,
+            None => StorageBuffer::zeroed(&self.gpu, "uploads", bytes as u64)?,
+        };
+        self.uploads = Uploads {
+            buffer: Some(buffer),
+            contents: vec![0; bytes - single_at],
+            single_at,
+            fused_at,
+            per_frame,
+            planned: (self.frames * (planned + elements * (OF_REFERENCE + OF_DEFORMED))) as u64,
+            maps_at: end,
+            end,
+        };
+        self.numbers.clear();
+        // Twice their size, as some compute them in two steps.
+        self.numbers.reserve(longest / 2);
         Ok(())
     }
 
-    fn pipeline(&mut self, pass: &'static Pass) -> Result<Pipeline, GpuError> {
-        if let Some(pipeline) = self.pipelines.get(&(pass.name, pass.entry)) {
-            return Ok(pipeline.clone());
+    /// Dispatches of passes, with their constants in the uploads. Pipelines are taken from `known` where they are there.
+    fn steps(
+        &mut self,
+        plan: &Plan,
+        tables: &Tables,
+        fused: Vec<Fused>,
+        mut blocks_at: usize,
+        mut known: BTreeMap<String, Pipeline>,
+    ) -> Result<Vec<Step>, GpuError> {
+        let all_rows = Band {
+            first_row: 0,
+            rows: tables.height() as u32,
+        };
+        let bound = plan.bound();
+        let mut steps = Vec::new();
+        for fused in fused {
+            let linked = linker::link(&bound, &fused);
+            let pipeline = match known.remove(&linked.source) {
+                Some(pipeline) => pipeline,
+                None => self.pipeline(&bound, &fused, &linked)?,
+            };
+            let passes: Vec<&'static Pass> = numbers_of(&fused).map(|at| bound[at].pass).collect();
+            let bands: Cow<[Band]> = match passes.iter().any(|pass| is_per_pixel(pass)) {
+                true => self.bands.clone().into(),
+                false => vec![all_rows].into(),
+            };
+            for (part, &band) in bands.iter().enumerate() {
+                let extents: Vec<_> = passes.iter().map(|pass| pass.grid.workgroups(tables, band)).collect();
+                self.write_constants(blocks_at, &extents, &linked, part);
+                steps.push(Step {
+                    bindings: self.bind(&pipeline, &linked, part, blocks_at)?,
+                    pipeline: pipeline.clone(),
+                    band,
+                    blocks_at,
+                    workgroups: linker::workgroups(&bound, &fused, &extents),
+                    passes: passes.clone(),
+                });
+                blocks_at += self.frames * linker::block_bytes(passes.len());
+            }
+            self.pipelines.insert(linked.source, pipeline);
         }
-        let storage: Vec<Access> = pass.bindings.iter().map(|&(_, access)| access).collect();
+        Ok(steps)
+    }
+
+    /// Writes extents and distances between frames into the blocks of a dispatch.
+    fn write_constants(&mut self, blocks_at: usize, extents: &[[u32; 3]], linked: &Linked, part: usize) {
+        let (block, passes) = (linker::block_bytes(extents.len()), extents.len());
+        let extents = extents.iter().flat_map(|&[x, y, z]| [x, y, z, 0]);
+        let apart = linked.buffers.iter().map(|bound| {
+            let per_frame = self
+                .uploads
+                .per_frame
+                .iter()
+                .find(|(buffer, ..)| *buffer == bound.buffer);
+            let part = if bound.buffer.is_per_pixel { part } else { 0 };
+            let bytes = match per_frame {
+                Some(&(_, _, bytes)) => bytes as u64,
+                None => self.buffers.get(&(bound.buffer, part)).map_or(0, StorageBuffer::bytes) / self.frames as u64,
+            };
+            bytes as u32 / bound.element
+        });
+        let constants: Vec<u32> = extents.chain(apart).collect();
+        let at = blocks_at - self.uploads.single_at + passes * ParamBlock::CAPACITY;
+        for frame in 0..self.frames {
+            let own = &mut self.uploads.contents[at + frame * block..];
+            own[..4 * constants.len()].copy_from_slice(bytemuck::cast_slice(&constants));
+        }
+    }
+
+    fn make_single(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
+        if self.single.is_empty() {
+            let alone = |at| {
+                vec![Sequence {
+                    passes: vec![at],
+                    by_line: false,
+                }]
+            };
+            let alone = (0..plan.passes.len()).map(alone).collect();
+            self.single = self.steps(plan, tables, alone, self.uploads.single_at, BTreeMap::new())?;
+        }
+        Ok(())
+    }
+
+    fn pipeline(&self, bound: &[Bound], fused: &Fused, linked: &Linked) -> Result<Pipeline, GpuError> {
+        let names: Vec<&str> = numbers_of(fused).map(|at| bound[at].pass.name).collect();
+        let storage: Vec<Access> = linked.buffers.iter().map(|bound| bound.access).collect();
         let source = PassSource {
-            label: pass.name,
-            source: pass.shader,
-            entry: pass.entry,
+            label: &names.join(" + "),
+            source: &linked.source,
+            entry: ENTRY,
             storage: &storage,
             constants: &[],
         };
-        let pipeline = Pipeline::new(&self.gpu, &source)?;
-        self.pipelines.insert((pass.name, pass.entry), pipeline.clone());
-        Ok(pipeline)
+        Pipeline::new(&self.gpu, &source)
     }
 
-    /// Submits a frame, whose pixels are asked for at a place of the ring.
-    pub fn submit(&mut self, tables: &Tables, state: &FrameState, place: usize) -> Result<Submission, SynthError> {
+    fn bind(
+        &self,
+        pipeline: &Pipeline,
+        linked: &Linked,
+        part: usize,
+        blocks_at: usize,
+    ) -> Result<wgpu::BindGroup, GpuError> {
+        let Some(uploads) = &self.uploads.buffer else {
+            return Err(GpuError::Mismatch {
+                what: "buffers of uploads".into(),
+                expected: 1,
+                found: 0,
+            });
+        };
+        let blocks = uploads.part(
+            blocks_at as u64,
+            (self.frames * linker::block_bytes(linked.passes)) as u64,
+        );
+        let storage = linked.buffers.iter().map(|bound| {
+            let buffer = bound.buffer;
+            let per_frame = self.uploads.per_frame.iter().find(|(known, ..)| *known == buffer);
+            match per_frame {
+                Some(&(_, at, bytes)) => uploads.part(at as u64, (self.frames * bytes) as u64),
+                None if buffer.is_packed => uploads.part(0, uploads.bytes()),
+                None => self.buffers[&(buffer, if buffer.is_per_pixel { part } else { 0 })].entire(),
+            }
+        });
+        pipeline.bind_parts(&self.gpu, blocks, &storage.collect::<Vec<_>>())
+    }
+
+    /// Takes over the state of a frame of the next submission, which has so many.
+    pub fn stage(
+        &mut self,
+        plan: &Plan,
+        tables: &Tables,
+        state: &FrameState,
+        frame: usize,
+        count: usize,
+    ) -> Result<(), SynthError> {
+        let single = self.timer.is_some();
+        self.stage_for(single, (plan, tables), state, frame, count)
+    }
+
+    fn stage_for(
+        &mut self,
+        single: bool,
+        (plan, tables): (&Plan, &Tables),
+        state: &FrameState,
+        frame: usize,
+        count: usize,
+    ) -> Result<(), SynthError> {
+        if single {
+            self.make_single(plan, tables)?;
+        }
+        self.stage_maps(tables, state, frame, count)?;
+        let view = View {
+            tables,
+            state,
+            slab: self.slab.as_ref(),
+        };
+        let Uploads {
+            contents,
+            single_at,
+            per_frame,
+            ..
+        } = &mut self.uploads;
+        for step in if single { &self.single } else { &self.fused } {
+            let block = step.blocks_at - *single_at + frame * linker::block_bytes(step.passes.len());
+            for (pass, own) in step
+                .passes
+                .iter()
+                .zip(contents[block..].chunks_exact_mut(ParamBlock::CAPACITY))
+            {
+                own.copy_from_slice((pass.params)(&view, step.band).slot());
+            }
+        }
+        for &(buffer, at, bytes) in &*per_frame {
+            let Some(fill) = buffer.per_frame else { continue };
+            fill(tables, state, &mut self.numbers);
+            let numbers: &[u8] = bytemuck::cast_slice(&self.numbers);
+            contents[at - *single_at + frame * bytes..][..numbers.len()].copy_from_slice(numbers);
+        }
+        Ok(())
+    }
+
+    /// Cuts the mesh, and takes over what has changed.
+    fn stage_maps(
+        &mut self,
+        tables: &Tables,
+        state: &FrameState,
+        frame: usize,
+        count: usize,
+    ) -> Result<(), SynthError> {
+        self.last = frame;
+        let uploads = &mut self.uploads;
+        if frame == 0 {
+            uploads.end = uploads.maps_at;
+        }
+        let (Some(slab), Some(buffer)) = (&mut self.slab, &uploads.buffer) else {
+            return Ok(());
+        };
+        let moved = slab.update(tables, state)?;
+        let several = count > 1;
+        let reference_at = frame * (uploads.single_at / self.frames / OF_REFERENCE) * OF_REFERENCE;
+        slab.maps_at[0] = (reference_at / 16) as u32;
+        if moved.reference || several {
+            buffer.write(&self.gpu, reference_at as u64, slab.reference.frames.as_flattened())?;
+        }
+        if moved.deformed || several {
+            for (place, maps) in [
+                bytemuck::cast_slice::<_, u8>(slab.deformed.frames.as_flattened()),
+                bytemuck::cast_slice(slab.deformed.carries.as_flattened()),
+            ]
+            .into_iter()
+            .enumerate()
+            {
+                slab.maps_at[1 + place] = (uploads.end / 16) as u32;
+                uploads.contents[uploads.end - uploads.single_at..][..maps.len()].copy_from_slice(maps);
+                uploads.end += maps.len();
+            }
+        }
+        Ok(())
+    }
+
+    /// Uploads what has been staged, all at once.
+    fn upload(&self, single: bool) -> Result<(), GpuError> {
+        let uploads = &self.uploads;
+        let start = if single { uploads.single_at } else { uploads.fused_at };
+        let contents = &uploads.contents[start - uploads.single_at..uploads.end - uploads.single_at];
+        uploads
+            .buffer
+            .as_ref()
+            .map_or(Ok(()), |buffer| buffer.write(&self.gpu, start as u64, contents))
+    }
+
+    /// Submits the frames that have been staged, whose pixels are asked for at a place of the ring.
+    pub fn submit(&mut self, tables: &Tables, count: usize, place: usize) -> Result<Submission, SynthError> {
         let gpu = self.gpu.clone();
-        gpu.scoped("frame", || {
+        let submitted = gpu.scoped("frame", || {
             self.reserve_place(tables, place)?;
-            self.upload(tables, state)?;
+            self.upload(self.timer.is_some())?;
             let submission = gpu.submit("frame", |recorder| {
-                self.run_all(recorder)?;
+                self.run_all(recorder, count)?;
                 for (part, readback) in self.ring[place].iter().enumerate() {
-                    recorder.read_back(&self.buffers[&(&PIXELS, part)], readback)?;
+                    let bytes = readback.bytes() / self.frames as u64 * count as u64;
+                    recorder.read_back_part(&self.buffers[&(&PIXELS, part)], 0..bytes, readback)?;
                 }
                 Ok(())
             })?;
             self.ring[place].iter().for_each(Readback::request);
             Ok(submission)
-        })
+        });
+        if submitted.is_err() || count > 1 {
+            self.forget_maps();
+        }
+        submitted
+    }
+
+    /// Has the next frame upload all element maps.
+    fn forget_maps(&mut self) {
+        if let Some(slab) = &mut self.slab {
+            slab.forget();
+        }
     }
 
     /// Whether the pixels of a place have come; never waits.
@@ -280,26 +612,26 @@ impl GpuExecutor {
         Ok(self.ring[place].iter().all(Readback::is_ready))
     }
 
-    /// Waits for a submission, and copies the pixels of its place.
+    /// Waits for a submission, and copies the pixels of its frames.
     pub fn take(
         &mut self,
         (plan, tables): (&Plan, &Tables),
         submission: Submission,
         place: usize,
-        pixels: &mut [u8],
+        frames: &mut [Frame],
     ) -> Result<(), SynthError> {
         let gpu = self.gpu.clone();
         gpu.scoped("pixels", || {
             let waited = gpu.wait_for("a frame", Some(submission));
             let (width, stride) = (tables.width(), tables.words_per_row() * 4);
             let copied = waited.and_then(|()| {
-                self.bands
-                    .iter()
-                    .zip(&self.ring[place])
-                    .try_for_each(|(band, readback)| {
-                        let rows = &mut pixels[band.first_row as usize * width..][..band.rows as usize * width];
-                        readback.copy_rows(rows, width, stride)
-                    })
+                for (at, frame) in frames.iter_mut().enumerate() {
+                    for (band, readback) in self.bands.iter().zip(&self.ring[place]) {
+                        let rows = &mut frame.pixels[band.first_row as usize * width..][..band.rows as usize * width];
+                        readback.copy_rows(at * band.rows as usize * stride, rows, width, stride)?;
+                    }
+                }
+                Ok(())
             });
             self.release(place);
             copied?;
@@ -317,10 +649,9 @@ impl GpuExecutor {
     /// Renders a frame into the texture.
     pub fn render_to_texture(&mut self, plan: &Plan, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         let gpu = self.gpu.clone();
-        gpu.scoped("frame", || {
-            self.prepare_texture(tables, state)?;
-            gpu.submit("frame", |recorder| self.run_into_texture(recorder))?;
-            self.read_times(plan)
+        self.into_texture(plan, tables, state, |executor| {
+            gpu.submit("frame", |recorder| executor.run_into_texture(recorder))?;
+            executor.read_times(plan)
         })
     }
 
@@ -328,43 +659,65 @@ impl GpuExecutor {
     pub fn encode(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
+        plan: &Plan,
         tables: &Tables,
         state: &FrameState,
     ) -> Result<(), SynthError> {
         let gpu = self.gpu.clone();
-        gpu.scoped("frame", || {
-            self.prepare_texture(tables, state)?;
-            Ok(self.run_into_texture(&mut Recorder::new(&gpu, encoder))?)
+        self.into_texture(plan, tables, state, |executor| {
+            Ok(executor.run_into_texture(&mut Recorder::new(&gpu, encoder))?)
         })
     }
 
-    fn prepare_texture(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
-        if self.texture.is_none() {
-            self.texture = Some(self.make_texture(tables)?);
+    /// Uploads a frame and has `run` record it, in one error scope.
+    fn into_texture(
+        &mut self,
+        plan: &Plan,
+        tables: &Tables,
+        state: &FrameState,
+        run: impl FnOnce(&mut Self) -> Result<(), SynthError>,
+    ) -> Result<(), SynthError> {
+        let gpu = self.gpu.clone();
+        let done = gpu.scoped("frame", || {
+            if self.texture.is_none() {
+                self.texture = Some(self.make_texture(tables)?);
+            }
+            self.stage(plan, tables, state, 0, 1)?;
+            self.upload(self.timer.is_some())?;
+            run(self)
+        });
+        if done.is_err() {
+            self.forget_maps();
         }
-        self.upload(tables, state)
+        done
     }
 
     fn run_into_texture(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
-        self.run_all(recorder)?;
+        self.run_all(recorder, 1)?;
         match &self.texture {
             Some(texture) => recorder.copy_to_texture(&self.buffers[&(&PIXELS, 0)], texture),
             None => Ok(()),
         }
     }
 
-    fn run_all(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
+    fn run_all(&self, recorder: &mut Recorder, frames: usize) -> Result<(), GpuError> {
         self.clear_hits(recorder);
-        let dispatches = dispatches(&self.steps, 0..self.steps.len());
         match &self.timer {
-            Some(timer) => recorder.run_timed(timer, dispatches),
-            None => recorder.run("frame", dispatches),
+            Some(timer) => recorder.run_timed(timer, dispatches(&self.single, frames)),
+            None => recorder.run("frame", dispatches(&self.fused, frames)),
         }
     }
 
     /// Runs the steps up to and including a pass; all of them if there is none of that name.
-    pub fn run_until(&mut self, pass: &str, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
-        self.upload(tables, state)?;
+    pub fn run_until(
+        &mut self,
+        pass: &str,
+        plan: &Plan,
+        tables: &Tables,
+        state: &FrameState,
+    ) -> Result<(), SynthError> {
+        self.stage_for(true, (plan, tables), state, 0, 1)?;
+        self.upload(true).inspect_err(|_| self.forget_maps())?;
         self.gpu.submit("clear", |recorder| {
             self.clear_hits(recorder);
             Ok(())
@@ -386,46 +739,15 @@ impl GpuExecutor {
     }
 
     fn end_of(&self, pass: &str) -> usize {
-        let last = self.steps.iter().rposition(|step| step.pass.name == pass);
-        last.map_or(self.steps.len(), |at| at + 1)
+        let last = self.single.iter().rposition(|step| step.passes[0].name == pass);
+        last.map_or(self.single.len(), |at| at + 1)
     }
 
     fn run_steps(&mut self, start: usize, end: usize) -> Result<(), SynthError> {
         self.gpu.submit("part of a frame", |recorder| {
-            recorder.run("part of a frame", dispatches(&self.steps, start..end))
+            recorder.run("part of a frame", dispatches(&self.single[start..end], 1))
         })?;
         Ok(())
-    }
-
-    fn upload(&mut self, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
-        if let Some(slab) = &mut self.slab {
-            let moved = slab.update(tables, state)?;
-            let maps = &self.buffers[&(&ELEMENT_MAPS, 0)];
-            let [frames_at, carries_at] = maps_at(tables).map(|at| 16 * u64::from(at));
-            if moved.reference {
-                maps.write(&self.gpu, 0, slab.reference.frames.as_flattened())?;
-            }
-            if moved.deformed {
-                maps.write(&self.gpu, frames_at, slab.deformed.frames.as_flattened())?;
-                maps.write(&self.gpu, carries_at, slab.deformed.carries.as_flattened())?;
-            }
-        }
-        let view = View {
-            tables,
-            state,
-            slab: self.slab.as_ref(),
-        };
-        for (&(buffer, _), made) in &self.buffers {
-            if let Some(numbers) = buffer.per_frame {
-                numbers(tables, state, &mut self.numbers);
-                made.write(&self.gpu, 0, &self.numbers)?;
-            }
-        }
-        for (slot, step) in self.steps.iter().enumerate() {
-            self.parameters
-                .set(slot as u32, (step.pass.params)(&view, step.band).slot())?;
-        }
-        Ok(self.parameters.write(&self.gpu)?)
     }
 
     fn make_texture(&self, tables: &Tables) -> Result<TextureOut, GpuError> {
@@ -441,8 +763,11 @@ impl GpuExecutor {
     }
 
     /// Enables or disables timing of passes.
-    pub fn time_passes(&mut self, on: bool, plan: &Plan) -> Result<(), SynthError> {
-        let names: Vec<&str> = self.steps.iter().map(|step| step.pass.name).collect();
+    pub fn time_passes(&mut self, on: bool, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
+        if on {
+            self.make_single(plan, tables)?;
+        }
+        let names: Vec<&str> = self.single.iter().map(|step| step.passes[0].name).collect();
         self.timer = if on { Timer::new(&self.gpu, &names)? } else { None };
         self.times.clear();
         self.frame_ms = None;
@@ -478,8 +803,10 @@ impl GpuExecutor {
             };
             let mut readback = Readback::new(&self.gpu, "beam", (count * per_sample * 4) as u64)?;
             let mut words = vec![0u32; count * per_sample];
-            self.gpu
-                .submit("beam", |recorder| recorder.read_back(buffer, &readback))?;
+            let (start, bytes) = (self.last as u64 * buffer.bytes() / self.frames as u64, readback.bytes());
+            self.gpu.submit("beam", |recorder| {
+                recorder.read_back_part(buffer, start..start + bytes, &readback)
+            })?;
             readback.read(&self.gpu, &mut words)?;
             Ok(words)
         };
@@ -496,7 +823,7 @@ impl GpuExecutor {
                 .collect(),
             element: numbered(elements, words(&ELEMENT, 1)?),
             label: words(&LABEL, 1)?.into_iter().map(|word| word as u8).collect(),
-            amplitude: numbers(words(actual(&AMPLITUDE, flipped), 1)?),
+            amplitude: numbers(words(buffers::bound(&AMPLITUDE, flipped), 1)?),
             needle: mask.iter().step_by(2).copied().collect(),
             shade: mask.iter().skip(1).step_by(2).copied().collect(),
             loss: words(&LOSS, 1)?,
@@ -525,34 +852,33 @@ impl GpuExecutor {
 
     /// Names of the compiled passes.
     pub fn pipelines(&self) -> impl Iterator<Item = &'static str> + '_ {
-        self.pipelines.keys().map(|(name, _)| *name)
+        self.fused.iter().flat_map(|step| &step.passes).map(|pass| pass.name)
     }
 
-    /// Size of all buffers, bytes.
+    /// Size of the resources of the plan, bytes.
     pub fn bytes(&self) -> u64 {
-        self.buffers.values().map(StorageBuffer::bytes).sum()
+        self.uploads.planned + self.buffers.values().map(StorageBuffer::bytes).sum::<u64>()
     }
 }
 
-/// Dispatches of a range of steps. The slot of a step's parameters is its place among all steps.
-fn dispatches(steps: &[Step], range: Range<usize>) -> impl Iterator<Item = Dispatch<'_>> {
-    range.map(|slot| Dispatch {
-        pipeline: &steps[slot].pipeline,
-        bindings: &steps[slot].bindings,
-        slot: slot as u32,
-        workgroups: steps[slot].workgroups,
+/// Dispatches of steps, for so many frames.
+fn dispatches(steps: &[Step], frames: usize) -> impl Iterator<Item = Dispatch<'_>> {
+    steps.iter().map(move |step| {
+        let [x, y, z] = step.workgroups;
+        Dispatch {
+            pipeline: &step.pipeline,
+            bindings: &step.bindings,
+            slot: 0,
+            workgroups: [x, y, z * frames as u32],
+        }
     })
+}
+
+/// Numbers of the passes of a dispatch, in the order in which it has them.
+fn numbers_of(fused: &Fused) -> impl Iterator<Item = usize> + '_ {
+    fused.iter().flat_map(|sequence| &sequence.passes).copied()
 }
 
 fn is_per_pixel(pass: &Pass) -> bool {
     pass.bindings.iter().any(|(buffer, _)| buffer.is_per_pixel)
-}
-
-/// Buffer that is bound in place of one, given whether the number of flips is odd.
-fn actual(buffer: &'static Buffer, flipped: bool) -> &'static Buffer {
-    match flipped {
-        true if *buffer == AMPLITUDE => &AMPLITUDE_NEXT,
-        true if *buffer == AMPLITUDE_NEXT => &AMPLITUDE,
-        _ => buffer,
-    }
 }

@@ -2,7 +2,7 @@
 
 use super::layers::Beam;
 use super::tables::Tables;
-use super::{FrameState, PassTime, SynthError};
+use super::{Frame, FrameState, PassTime, SynthError};
 use crate::gpu::{Gpu, Needs};
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::plan::Plan;
@@ -37,14 +37,16 @@ macro_rules! methods {
 }
 methods! {
     fit(&Plan, &Tables, &[&'static Buffer]) -> Result<(), SynthError>;
-    submit(&Tables, &FrameState, usize) -> Result<Submission, SynthError>;
+    reserve_frames(&Plan, &Tables, usize) -> Result<usize, SynthError>;
+    stage(&Plan, &Tables, &FrameState, usize, usize) -> Result<(), SynthError>;
+    submit(&Tables, usize, usize) -> Result<Submission, SynthError>;
     is_ready(usize) -> Result<bool, SynthError>;
-    take((&Plan, &Tables), Submission, usize, &mut [u8]) -> Result<(), SynthError>;
+    take((&Plan, &Tables), Submission, usize, &mut [Frame]) -> Result<(), SynthError>;
     release(usize) -> ();
     render_to_texture(&Plan, &Tables, &FrameState) -> Result<(), SynthError>;
-    run_until(&str, &Tables, &FrameState) -> Result<(), SynthError>;
+    run_until(&str, &Plan, &Tables, &FrameState) -> Result<(), SynthError>;
     run_on(&str, &str) -> Result<(), SynthError>;
-    time_passes(bool, &Plan) -> Result<(), SynthError>;
+    time_passes(bool, &Plan, &Tables) -> Result<(), SynthError>;
     beam(bool, &Tables) -> Result<Beam, SynthError>;
     gpu() -> &Gpu;
     times() -> &[PassTime];

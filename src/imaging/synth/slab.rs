@@ -141,6 +141,9 @@ pub struct Slab<T> {
     pub deformed: Crossing<T>,
     /// Elements of the reference state; their maps to the reference state are the identity.
     pub reference: Crossing<T>,
+    /// Starts of the maps in the buffer of element maps on a GPU, in vec4: of the reference elements, and of the deformed ones, to barycentric
+    /// coordinates and to the reference state.
+    pub maps_at: [u32; 3],
 }
 
 impl<T: Real> Slab<T> {
@@ -154,6 +157,7 @@ impl<T: Real> Slab<T> {
             pose: None,
             deformed: Crossing::new(count),
             reference: Crossing::new(count),
+            maps_at: [0; 3],
             mesh: Arc::clone(mesh),
         }
     }
@@ -312,11 +316,4 @@ impl<'a> SlabView<'a> {
         let end = ((line(high) + NEAR).floor() + 1.0).clamp(f64::from(first), f64::from(all)) as u32;
         [first, end]
     }
-}
-
-/// Starts of the maps of the deformed elements in the buffer of element maps, in vec4, behind those of the reference elements: to barycentric
-/// coordinates, and to the reference state.
-pub fn maps_at(tables: &Tables) -> [u32; 2] {
-    let elements = tables.mesh.as_ref().map_or(0, |mesh| mesh.elements().len()) as u32;
-    [4 * elements, 8 * elements]
 }

@@ -97,7 +97,7 @@ impl<T: Real> Mirror<'_, T> {
     }
 }
 
-/// Adds the mirror images.
+/// Adds the mirror images, into the second buffer.
 pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
@@ -115,11 +115,10 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
             .is_some_and(|row| row.impedance < GAS_MRAYL)
     };
     let (labels, losses) = (&store.label, &store.loss);
-    let above = &mut store.amplitude_next[..lines * samples];
-    above.copy_from_slice(&store.amplitude[..lines * samples]);
-    let above = &*above;
-    let scanlines = store.amplitude[..lines * samples].par_chunks_mut(samples).enumerate();
-    scanlines.for_each(|(line, amplitudes)| {
+    let above = &store.amplitude[..lines * samples];
+    let scanlines = store.amplitude_next[..lines * samples].par_chunks_mut(samples);
+    scanlines.enumerate().for_each(|(line, amplitudes)| {
+        amplitudes.copy_from_slice(&above[line * samples..][..samples]);
         let top = mirror.tops[line] as usize;
         if top >= samples || !is_gas(labels[line * samples + top]) {
             return;

@@ -1,0 +1,155 @@
+//! Fusion of passes: those that a GPU runs in one dispatch.
+//!
+//! A pass follows another in the same invocation, or in the same workgroup behind a barrier, where it uses what the other wrote at its own
+//! sample or on its own scanline ([`Use`]). Passes that need nothing of each other run side by side in workgroups of their own.
+
+use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::effects::pass::{Grid, Pass, Use};
+
+/// Largest number of buffers of a dispatch; devices are opened for as many, where they can bind them.
+pub const MOST_BUFFERS: usize = 32;
+
+/// A pass with the buffers that are bound to it in a frame.
+#[derive(Clone)]
+pub struct Bound {
+    /// Declaration of the pass.
+    pub pass: &'static Pass,
+    /// Its buffers, in the order of its bindings.
+    pub buffers: Vec<(&'static Buffer, Use)>,
+}
+
+/// Passes that run in sequence in each workgroup, by their number in the frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Sequence {
+    /// Numbers of the passes, in order.
+    pub passes: Vec<usize>,
+    /// Whether a workgroup has a complete scanline or row of pixels, with a barrier between passes.
+    pub by_line: bool,
+}
+
+/// Sequences that one dispatch runs side by side.
+pub type Fused = Vec<Sequence>;
+
+/// How far a pass reaches for what another wrote.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Reach {
+    Own,
+    Line,
+    Any,
+}
+
+fn reach(how: Use) -> Reach {
+    match how {
+        Use::ReadOwn | Use::WriteOwn => Reach::Own,
+        Use::ReadLine | Use::WriteLine => Reach::Line,
+        Use::Read | Use::Write => Reach::Any,
+    }
+}
+
+/// Reach between two passes: the widest over the buffers that both use and one writes; `None` if they are independent.
+fn between(a: &Bound, b: &Bound) -> Option<Reach> {
+    let pairs = a.buffers.iter().flat_map(|x| b.buffers.iter().map(move |y| (x, y)));
+    pairs
+        .filter(|((x, used), (y, again))| x == y && (used.writes() || again.writes()))
+        .map(|((_, used), (_, again))| reach(*used).max(reach(*again)))
+        .max()
+}
+
+/// Grids whose samples and scanlines are the same.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Domain {
+    Beam,
+    Fine,
+    Image,
+    Alone,
+}
+
+fn domain(grid: Grid) -> Domain {
+    match grid {
+        Grid::Planes | Grid::Samples | Grid::Scanlines => Domain::Beam,
+        Grid::FineSamples(_) => Domain::Fine,
+        Grid::Pixels | Grid::Words => Domain::Image,
+        Grid::Workgroups(_) | Grid::Shared(_) => Domain::Alone,
+    }
+}
+
+/// Number of different buffers of some passes.
+fn buffers<'a>(passes: &[Bound], of: impl IntoIterator<Item = &'a usize>) -> usize {
+    let mut all: Vec<&Buffer> = Vec::new();
+    for (buffer, _) in of.into_iter().flat_map(|&at| &passes[at].buffers) {
+        if !all.contains(buffer) {
+            all.push(buffer);
+        }
+    }
+    all.len()
+}
+
+/// Dispatches of a frame, in order, each with at most so many buffers.
+pub fn fuse(passes: &[Bound], most: usize) -> Vec<Fused> {
+    let mut sequences: Vec<Sequence> = Vec::new();
+    for (at, pass) in passes.iter().enumerate() {
+        let own = domain(pass.pass.grid);
+        let of = |sequence: &Sequence| domain(passes[sequence.passes[0]].pass.grid);
+        let widest = |sequence: &Sequence| {
+            sequence
+                .passes
+                .iter()
+                .filter_map(|&other| between(&passes[other], pass))
+                .max()
+        };
+        let fits = |sequence: &Sequence| {
+            own != Domain::Alone
+                && of(sequence) == own
+                && widest(sequence) < Some(Reach::Any)
+                && buffers(passes, sequence.passes.iter().chain([&at])) <= most
+        };
+        // Behind all that it needs; in the last of these if it fits.
+        let last = sequences.iter().rposition(|sequence| widest(sequence).is_some());
+        let first = last.map_or(0, |last| if fits(&sequences[last]) { last } else { last + 1 });
+        let by_line = matches!(pass.pass.grid, Grid::Scanlines);
+        match (first..sequences.len()).find(|&joined| fits(&sequences[joined])) {
+            Some(joined) => {
+                let by_line = by_line || widest(&sequences[joined]) == Some(Reach::Line);
+                sequences[joined].passes.push(at);
+                sequences[joined].by_line |= by_line;
+            }
+            None => sequences.insert(
+                first,
+                Sequence {
+                    passes: vec![at],
+                    by_line,
+                },
+            ),
+        }
+    }
+    side_by_side(passes, sequences, most)
+}
+
+/// Joins neighbouring sequences that need nothing of each other and have workgroups of the same size.
+fn side_by_side(passes: &[Bound], sequences: Vec<Sequence>, most: usize) -> Vec<Fused> {
+    let joins =
+        |sequence: &Sequence| sequence.by_line || matches!(passes[sequence.passes[0]].pass.grid, Grid::Workgroups(_));
+    let mut fused: Vec<Fused> = Vec::new();
+    for sequence in sequences {
+        let independent = |other: &Sequence| {
+            joins(other)
+                && !(other.passes.iter()).any(|&a| {
+                    sequence
+                        .passes
+                        .iter()
+                        .any(|&b| between(&passes[a], &passes[b]).is_some())
+                })
+        };
+        match fused.last_mut() {
+            Some(last)
+                if joins(&sequence)
+                    && last.iter().all(independent)
+                    && buffers(passes, last.iter().chain([&sequence]).flat_map(|other| &other.passes)) <= most =>
+            {
+                last.push(sequence);
+            }
+            _ => fused.push(vec![sequence]),
+        }
+    }
+    fused
+}

@@ -1,0 +1,489 @@
+//! Linking of fused passes into one shader, for several frames at a time.
+//!
+//! Each pass is a shader of its own ([`Pass`](crate::imaging::effects::pass::Pass)). Of each, what its entry point reaches is taken over; declarations
+//! that are the same in several passes are taken over once. Binding 0 has a block for each frame with the parameters of all passes, and bindings 1, 2,
+//! ... the buffers. What passes write is there once for each frame, one behind the other: indices into it are shifted to the frame of the workgroup.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write;
+
+use crate::gpu::Access;
+use crate::imaging::effects::buffers::Buffer;
+use crate::imaging::effects::pass::{Grid, ParamBlock};
+use crate::imaging::fusion::{Bound, Fused, MOST_BUFFERS};
+
+/// Name of the entry point of a linked shader.
+pub const ENTRY: &str = "fused";
+
+/// A linked shader.
+pub struct Linked {
+    /// WGSL source.
+    pub source: String,
+    /// Number of its passes.
+    pub passes: usize,
+    /// Buffers at bindings 1, 2, ...
+    pub buffers: Vec<BoundBuffer>,
+}
+
+/// A buffer of a linked shader.
+pub struct BoundBuffer {
+    /// The buffer.
+    pub buffer: &'static Buffer,
+    /// Widest access of the passes.
+    pub access: Access,
+    /// Size of an element of its array in the shader, bytes.
+    pub element: u32,
+    /// Type of the array.
+    of: String,
+}
+
+/// Bytes of the block of a frame: the parameters of each pass, its extent, and the distance of the frames in each buffer.
+pub fn block_bytes(passes: usize) -> usize {
+    (passes * (ParamBlock::CAPACITY + 16) + 4 * MOST_BUFFERS).next_multiple_of(ParamBlock::CAPACITY)
+}
+
+/// Whether each frame of a submission has its own part of a buffer, one behind the other.
+pub fn is_of_a_frame(buffer: &Buffer) -> bool {
+    buffer.contents.is_none() && !buffer.is_packed
+}
+
+/// Joins the passes of a dispatch.
+pub fn link(passes: &[Bound], fused: &Fused) -> Linked {
+    let order: Vec<usize> = fused.iter().flat_map(|sequence| &sequence.passes).copied().collect();
+    let mut linker = Linker::default();
+    let mut calls = Vec::new();
+    for (place, &at) in order.iter().enumerate() {
+        let items = items(passes[at].pass.shader);
+        let mut unit = Unit {
+            place,
+            bound: &passes[at],
+            items: &items,
+            done: BTreeMap::new(),
+        };
+        calls.push(linker.entry(&mut unit));
+    }
+    linker.finish(fused, &calls)
+}
+
+/// How the entry point of a pass is called.
+struct Call {
+    name: String,
+    parameters: String,
+    /// Size of its workgroup.
+    size: u32,
+    /// Whether it has the place of its invocation, not the one of its workgroup.
+    by_invocation: bool,
+}
+
+/// A declaration of a module.
+struct Item<'a> {
+    name: &'a str,
+    /// Its tokens, without attributes.
+    tokens: Vec<&'a str>,
+    binding: Option<usize>,
+    size: Option<u32>,
+    by_invocation: bool,
+}
+
+struct Unit<'a> {
+    place: usize,
+    bound: &'a Bound,
+    items: &'a [Item<'a>],
+    done: BTreeMap<&'a str, Name>,
+}
+
+#[derive(Clone)]
+enum Name {
+    /// Another name.
+    Plain(String),
+    /// A buffer, indexed from the frame on if passes write it.
+    Buffer(String, bool),
+}
+
+#[derive(Default)]
+struct Linker {
+    declared: String,
+    /// Names by declaration.
+    known: BTreeMap<String, String>,
+    taken: BTreeSet<String>,
+    buffers: Vec<BoundBuffer>,
+}
+
+/// Stands for the own name of a declaration.
+const SELF: &str = "\u{1}";
+
+impl Linker {
+    /// Takes over the entry point of a pass, and its parameters.
+    fn entry(&mut self, unit: &mut Unit) -> Call {
+        let pass = unit.bound.pass;
+        let parameters = unit.items.iter().find(|item| item.binding == Some(0));
+        let parameters = parameters.map(|item| after_colon(&item.tokens)).unwrap_or_default();
+        let parameters = self.rewritten(unit, &parameters, None);
+        let entry = unit.items.iter().find(|item| item.name == pass.entry);
+        let Name::Plain(name) = self.resolve(unit, pass.entry) else {
+            unreachable!("a function is no buffer")
+        };
+        Call {
+            name,
+            parameters,
+            size: entry.and_then(|entry| entry.size).unwrap_or(64),
+            by_invocation: entry.is_some_and(|entry| entry.by_invocation),
+        }
+    }
+
+    fn resolve<'a>(&mut self, unit: &mut Unit<'a>, name: &'a str) -> Name {
+        if let Some(done) = unit.done.get(name) {
+            return done.clone();
+        }
+        let Some(item) = unit.items.iter().find(|item| item.name == name) else {
+            return Name::Plain(name.to_owned());
+        };
+        let resolved = match item.binding {
+            Some(0) => Name::Plain(format!("batch_blocks[batch_frame].p{}", unit.place)),
+            Some(binding) => {
+                let (buffer, how) = unit.bound.buffers[binding - 1];
+                let of = self.rewritten(unit, &after_colon(&item.tokens), None);
+                let access = if how.writes() { Access::Write } else { Access::Read };
+                self.bind(buffer, access, of)
+            }
+            None => Name::Plain(self.declare(unit, item)),
+        };
+        unit.done.insert(name, resolved.clone());
+        resolved
+    }
+
+    fn bind(&mut self, buffer: &'static Buffer, access: Access, of: String) -> Name {
+        let name = format!("buffer_{}", buffer.name);
+        match self.buffers.iter_mut().find(|known| known.buffer == buffer) {
+            Some(known) => {
+                debug_assert_eq!(known.of, of, "{buffer:?}");
+                if access == Access::Write {
+                    known.access = access;
+                }
+            }
+            None => {
+                let element = match of.split(['<', '>']).nth(1) {
+                    Some("vec4") => 16,
+                    Some("vec2") => 8,
+                    Some("f32" | "u32" | "atomic") => 4,
+                    _ => buffer.element as u32,
+                };
+                self.buffers.push(BoundBuffer {
+                    buffer,
+                    access,
+                    element,
+                    of,
+                });
+            }
+        }
+        Name::Buffer(name, is_of_a_frame(buffer))
+    }
+
+    fn declare<'a>(&mut self, unit: &mut Unit<'a>, item: &Item<'a>) -> String {
+        let text = self.rewritten(unit, &item.tokens, Some(item.name));
+        if let Some(known) = self.known.get(&text) {
+            return known.clone();
+        }
+        let mut name = item.name.to_owned();
+        while !self.taken.insert(name.clone()) {
+            name = format!("{}_{}", item.name, self.taken.len());
+        }
+        let _ = writeln!(self.declared, "{}\n", text.replace(SELF, &name));
+        self.known.insert(text, name.clone());
+        name
+    }
+
+    /// Tokens with all names of the module resolved.
+    fn rewritten<'a>(&mut self, unit: &mut Unit<'a>, tokens: &[&'a str], own: Option<&str>) -> String {
+        let is_struct = tokens.first() == Some(&"struct");
+        let mut text = String::new();
+        let mut shifted = Vec::new();
+        let mut shift = None;
+        let mut before = "";
+        for (at, &token) in tokens.iter().enumerate() {
+            let next = tokens[at + 1..].iter().find(|token| !is_space(token));
+            let is_member = before == "." || (is_struct && next == Some(&":"));
+            if is_word(token) && !is_member {
+                match own {
+                    Some(own) if own == token => text.push_str(SELF),
+                    _ => match self.resolve(unit, token) {
+                        Name::Plain(name) => text.push_str(&name),
+                        Name::Buffer(name, is_shifted) => {
+                            text.push_str(&name);
+                            shift = is_shifted.then_some(name);
+                        }
+                    },
+                }
+            } else {
+                text.push_str(token);
+                if token == "[" {
+                    shifted.push(shift.is_some());
+                    if let Some(name) = shift.take() {
+                        let _ = write!(text, "at_{name} + u32(");
+                    }
+                } else if token == "]" && shifted.pop() == Some(true) {
+                    text.insert(text.len() - 1, ')');
+                }
+            }
+            if !is_space(token) {
+                before = token;
+            }
+        }
+        text
+    }
+
+    fn finish(self, fused: &Fused, calls: &[Call]) -> Linked {
+        let mut source = self.declared;
+        let count = calls.len();
+        let _ = writeln!(source, "struct Block {{");
+        for (place, call) in calls.iter().enumerate() {
+            let _ = writeln!(
+                source,
+                "    @align(16) @size({}) p{place}: {},",
+                ParamBlock::CAPACITY,
+                call.parameters
+            );
+        }
+        let rest = block_bytes(count) - count * (ParamBlock::CAPACITY + 16);
+        let _ = writeln!(source, "    extents: array<vec4<u32>, {count}>,");
+        let _ = writeln!(
+            source,
+            "    @size({rest}) apart: array<vec4<u32>, {}>,\n}}",
+            MOST_BUFFERS / 4
+        );
+        let _ = writeln!(source, "var<private> batch_frame: u32;");
+        let _ = writeln!(
+            source,
+            "@group(0) @binding(0) var<storage, read> batch_blocks: array<Block>;"
+        );
+        let mut shifts = String::new();
+        for (at, bound) in self.buffers.iter().enumerate() {
+            let (name, of, binding) = (bound.buffer.name, &bound.of, at + 1);
+            let access = match bound.access {
+                Access::Read => "read",
+                Access::Write => "read_write",
+            };
+            let _ = writeln!(
+                source,
+                "@group(0) @binding({binding}) var<storage, {access}> buffer_{name}: {of};"
+            );
+            if is_of_a_frame(bound.buffer) {
+                let _ = writeln!(source, "var<private> at_buffer_{name}: u32;");
+                let apart = format!("batch_blocks[0].apart[{}][{}]", at / 4, at % 4);
+                let _ = writeln!(shifts, "    at_buffer_{name} = batch_frame * {apart};");
+            }
+        }
+        source.push_str(&wrapper(fused, calls, &shifts));
+        Linked {
+            source,
+            passes: count,
+            buffers: self.buffers,
+        }
+    }
+}
+
+const BY_INVOCATION: &str = "@builtin(global_invocation_id) id: vec3<u32>";
+const BY_WORKGROUP: &str = "@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) id: vec3<u32>";
+
+/// Threads of a workgroup that has a scanline.
+const THREADS: u32 = 256;
+
+/// Entry point that calls those of the passes.
+fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
+    let mut text = String::new();
+    let extent = |place: usize| format!("batch_blocks[0].extents[{place}]");
+    match (&fused[..], calls) {
+        ([_], [call]) => {
+            let inputs = if call.by_invocation {
+                BY_INVOCATION
+            } else {
+                BY_WORKGROUP
+            };
+            let thread = if call.by_invocation { "" } else { "thread, " };
+            let z = format!("{}.z", extent(0));
+            let _ = writeln!(text, "@compute @workgroup_size({})\nfn {ENTRY}({inputs}) {{", call.size);
+            let _ = writeln!(text, "    batch_frame = id.z / {z};\n{shifts}");
+            let _ = writeln!(text, "    {}({thread}vec3<u32>(id.xy, id.z % {z}));", call.name);
+        }
+        ([sequence], _) if !sequence.by_line => {
+            let _ = writeln!(text, "@compute @workgroup_size(64)\nfn {ENTRY}({BY_INVOCATION}) {{");
+            let _ = writeln!(text, "    batch_frame = id.z;\n{shifts}");
+            for (place, call) in calls.iter().enumerate() {
+                let z = format!("{}.z", extent(place));
+                let _ = writeln!(text, "    for (var z = 0u; z < {z}; z++) {{");
+                let _ = writeln!(text, "        {}(vec3<u32>(id.xy, z));\n    }}", call.name);
+            }
+        }
+        _ => {
+            let _ = writeln!(
+                text,
+                "@compute @workgroup_size({THREADS})\nfn {ENTRY}({BY_WORKGROUP}) {{"
+            );
+            let _ = writeln!(text, "    batch_frame = id.z;\n{shifts}    var line = id.y;");
+            let mut place = 0;
+            for sequence in fused {
+                let e = extent(place);
+                let lines = if sequence.by_line {
+                    format!("{e}.y")
+                } else {
+                    format!("{e}.y * {e}.z")
+                };
+                let _ = writeln!(text, "    if line < {lines} {{");
+                for call in &calls[place..][..sequence.passes.len()] {
+                    let (e, name) = (extent(place), &call.name);
+                    let _ = match (sequence.by_line, call.by_invocation) {
+                        (false, _) => writeln!(
+                            text,
+                            "        {name}(thread, vec3<u32>(0u, line % {e}.y, line / {e}.y));"
+                        ),
+                        (true, false) => writeln!(text, "        {name}(thread, vec3<u32>(0u, line, 0u));"),
+                        (true, true) => writeln!(
+                            text,
+                            "        for (var z = 0u; z < {e}.z; z++) {{\n            \
+                             for (var x = thread; x < 64u * {e}.x; x += {THREADS}u) {{\n                \
+                             {name}(vec3<u32>(x, line, z));\n            }}\n        }}"
+                        ),
+                    };
+                    let _ = writeln!(text, "        storageBarrier();\n        workgroupBarrier();");
+                    place += 1;
+                }
+                let _ = writeln!(text, "        return;\n    }}\n    line -= {lines};");
+            }
+        }
+    }
+    text.push_str("}\n");
+    text
+}
+
+/// Workgroups of a dispatch for one frame, given the extents of its passes; those of the frames lie along z.
+pub fn workgroups(passes: &[Bound], fused: &Fused, extents: &[[u32; 3]]) -> [u32; 3] {
+    match (&fused[..], extents) {
+        ([_], [own]) => *own,
+        ([sequence], _) if !sequence.by_line => {
+            let most = |axis: usize| extents.iter().map(|extent| extent[axis]).max().unwrap_or(0);
+            [most(0), most(1), 1]
+        }
+        _ => {
+            let mut place = 0;
+            let lines = fused.iter().map(|sequence| {
+                let [_, y, z] = extents[place];
+                place += sequence.passes.len();
+                let shares = matches!(passes[sequence.passes[0]].pass.grid, Grid::Workgroups(_));
+                if shares { y * z } else { y }
+            });
+            [1, lines.sum(), 1]
+        }
+    }
+}
+
+fn is_word(token: &str) -> bool {
+    token.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+}
+
+fn is_space(token: &str) -> bool {
+    token.starts_with(char::is_whitespace)
+}
+
+/// Words, numbers, white space and single characters of a source, without comments.
+fn tokens(source: &str) -> Vec<&str> {
+    let mut tokens = Vec::new();
+    let mut rest = source;
+    while let Some(first) = rest.chars().next() {
+        let end = |part: fn(char) -> bool| rest.find(|c| !part(c)).unwrap_or(rest.len());
+        let length = if rest.starts_with("//") {
+            let line = rest.find('\n').unwrap_or(rest.len());
+            rest = &rest[line..];
+            continue;
+        } else if first.is_ascii_alphanumeric() || first == '_' {
+            let is_number = first.is_ascii_digit();
+            end(if is_number {
+                |c| c.is_ascii_alphanumeric() || c == '.'
+            } else {
+                |c| c.is_ascii_alphanumeric() || c == '_'
+            })
+        } else if first.is_whitespace() {
+            end(char::is_whitespace)
+        } else {
+            first.len_utf8()
+        };
+        let (token, after) = rest.split_at(length);
+        tokens.push(token);
+        rest = after;
+    }
+    tokens
+}
+
+/// Declarations of a module.
+fn items(source: &str) -> Vec<Item<'_>> {
+    let mut items = Vec::new();
+    let mut own = Vec::new();
+    let mut depth = 0;
+    for token in tokens(source) {
+        match token {
+            "(" | "[" | "{" => depth += 1,
+            ")" | "]" | "}" => depth -= 1,
+            _ => {}
+        }
+        if own.is_empty() && is_space(token) {
+            continue;
+        }
+        own.push(token);
+        if depth == 0 && (token == ";" || token == "}") {
+            items.push(Item::new(&own));
+            own.clear();
+        }
+    }
+    items
+}
+
+impl<'a> Item<'a> {
+    fn new(all: &[&'a str]) -> Self {
+        let mut item = Self {
+            name: "",
+            tokens: Vec::new(),
+            binding: None,
+            size: None,
+            by_invocation: false,
+        };
+        let mut at = 0;
+        while at < all.len() {
+            if all[at] != "@" {
+                item.tokens.push(all[at]);
+                at += 1;
+                continue;
+            }
+            // An attribute, with its value if it has one.
+            let value = all.get(at + 3).copied().unwrap_or_default();
+            match all[at + 1] {
+                "binding" => item.binding = value.parse().ok(),
+                "workgroup_size" => item.size = value.parse().ok(),
+                "builtin" => item.by_invocation |= value == "global_invocation_id",
+                _ => {}
+            }
+            at += if all.get(at + 2) == Some(&"(") { 5 } else { 2 };
+            at += usize::from(all.get(at).is_some_and(|token| is_space(token)));
+        }
+        let words = || item.tokens.iter().skip_while(|token| is_space(token));
+        let kind = words().next().copied().unwrap_or_default();
+        let from = if kind == "var" {
+            words().position(|&token| token == ">")
+        } else {
+            Some(0)
+        };
+        let named = words()
+            .skip(from.map_or(0, |from| from + 1))
+            .find(|token| is_word(token));
+        item.name = named.copied().unwrap_or_default();
+        item
+    }
+}
+
+/// Type of a variable.
+fn after_colon<'a>(tokens: &[&'a str]) -> Vec<&'a str> {
+    let type_of = tokens.iter().skip_while(|&&token| token != ":").skip(1);
+    type_of
+        .take_while(|&&token| token != ";")
+        .copied()
+        .filter(|token| !is_space(token))
+        .collect()
+}

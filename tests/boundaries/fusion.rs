@@ -1,0 +1,161 @@
+//! Passes fused into dispatches: order, barriers, and the shaders that are linked of them.
+
+use insonify::imaging::effects::pass::{Grid, Use};
+use insonify::imaging::fusion::{Bound, Fused, MOST_BUFFERS, fuse};
+use insonify::imaging::plan::Plan;
+use insonify::imaging::synth::linker::{ENTRY, link};
+use insonify::imaging::synth::tables::Tables;
+use insonify::input::scene::SceneFile;
+use naga::valid::{Capabilities, ValidationFlags, Validator};
+use naga::{AddressSpace, StorageAccess};
+
+use super::plans::{everything, scenes};
+use super::shaders::tables;
+
+/// A pass's place among the dispatches: dispatch, sequence, place in it.
+fn place(fused: &[Fused], pass: usize) -> [usize; 3] {
+    let mut found = Vec::new();
+    for (dispatch, sequences) in fused.iter().enumerate() {
+        for (at, sequence) in sequences.iter().enumerate() {
+            let own = sequence.passes.iter().position(|&other| other == pass);
+            found.extend(own.map(|own| [dispatch, at, own]));
+        }
+    }
+    assert_eq!(found.len(), 1, "pass {pass} is in one dispatch");
+    found[0]
+}
+
+fn most_buffers(bound: &[Bound], fused: &Fused) -> usize {
+    let passes = fused.iter().flat_map(|sequence| &sequence.passes);
+    let mut places: Vec<u32> = passes
+        .flat_map(|&at| &bound[at].buffers)
+        .map(|(buffer, _)| buffer.place)
+        .collect();
+    places.sort_unstable();
+    places.dedup();
+    places.len()
+}
+
+#[test]
+fn passes_that_share_what_one_writes_stay_in_order() {
+    let mut barriers = 0;
+    for scene in scenes() {
+        let bound = Plan::new(&tables(&scene)).bound();
+        for most in [MOST_BUFFERS, 12, 7] {
+            let fused = fuse(&bound, most);
+            for of in &fused {
+                let alone = of.len() == 1 && of[0].passes.len() == 1;
+                assert!(alone || most_buffers(&bound, of) <= most, "{}: {of:?}", scene.name);
+            }
+            for second in 0..bound.len() {
+                for first in 0..second {
+                    let shared = bound[first]
+                        .buffers
+                        .iter()
+                        .flat_map(|a| bound[second].buffers.iter().map(move |b| (a, b)));
+                    let shared = shared.filter(|((x, a), (y, b))| x == y && (a.writes() || b.writes()));
+                    let uses: Vec<Use> = shared.flat_map(|((_, a), (_, b))| [*a, *b]).collect();
+                    if uses.is_empty() {
+                        continue;
+                    }
+                    let [a, b] = [first, second].map(|pass| place(&fused, pass));
+                    let names = [first, second].map(|pass| bound[pass].pass.name);
+                    assert!(a < b, "{}: {names:?} in {fused:?}", scene.name);
+                    if a[0] < b[0] {
+                        continue;
+                    }
+                    assert_eq!(a[1], b[1], "{}: {names:?} side by side", scene.name);
+                    let anywhere = uses.iter().any(|how| matches!(how, Use::Read | Use::Write));
+                    assert!(!anywhere, "{}: {names:?} need all that is before", scene.name);
+                    let own = uses.iter().all(|how| matches!(how, Use::ReadOwn | Use::WriteOwn));
+                    assert!(
+                        own || fused[a[0]][a[1]].by_line,
+                        "{}: {names:?} need a barrier",
+                        scene.name
+                    );
+                    barriers += usize::from(!own);
+                }
+            }
+        }
+    }
+    assert!(barriers > 100, "{barriers}");
+}
+
+#[test]
+fn a_workgroup_that_shares_a_scanline_has_all_of_it() {
+    for scene in scenes() {
+        let bound = Plan::new(&tables(&scene)).bound();
+        for sequence in fuse(&bound, MOST_BUFFERS).iter().flatten() {
+            let shares = sequence
+                .passes
+                .iter()
+                .any(|&at| matches!(bound[at].pass.grid, Grid::Scanlines));
+            assert!(sequence.by_line || !shares, "{}: {sequence:?}", scene.name);
+        }
+    }
+}
+
+#[test]
+fn a_frame_has_few_dispatches() {
+    let default = SceneFile::parse("version = 1", "default.toml").expect("a scene");
+    let default = default.resolve(".".as_ref()).expect("the default scene");
+    let plan = Plan::new(&Tables::new(default.anatomy, default.settings).expect("tables"));
+    assert_eq!(
+        (plan.passes.len(), plan.fused(MOST_BUFFERS).len()),
+        (24, 9),
+        "{}",
+        plan.report()
+    );
+    let all = Plan::new(&tables(&everything()));
+    assert_eq!(
+        (all.passes.len(), all.fused(MOST_BUFFERS).len()),
+        (24, 10),
+        "{}",
+        all.report()
+    );
+    // A device with the least that WebGPU promises.
+    assert!(all.fused(7).len() < 18, "{:?}", all.fused(7));
+}
+
+#[test]
+fn linked_shaders_are_valid_and_bind_what_their_passes_use() {
+    for scene in scenes() {
+        let bound = Plan::new(&tables(&scene)).bound();
+        for most in [MOST_BUFFERS, 7] {
+            for fused in fuse(&bound, most) {
+                let linked = link(&bound, &fused);
+                let place = format!("{}: {fused:?}\n{}", scene.name, linked.source);
+                let module = naga::front::wgsl::parse_str(&linked.source)
+                    .unwrap_or_else(|error| panic!("{}\n{place}", error.emit_to_string(&linked.source)));
+                Validator::new(ValidationFlags::all(), Capabilities::empty())
+                    .validate(&module)
+                    .unwrap_or_else(|error| panic!("{}\n{place}", error.emit_to_string(&linked.source)));
+                assert!(
+                    module.entry_points.len() == 1 && module.entry_points[0].name == ENTRY,
+                    "{place}"
+                );
+                assert_eq!(linked.buffers.len(), most_buffers(&bound, &fused), "{place}");
+                for (_, variable) in module.global_variables.iter() {
+                    let Some(binding) = variable.binding else { continue };
+                    let Some(own) = (binding.binding as usize).checked_sub(1).map(|at| &linked.buffers[at]) else {
+                        continue;
+                    };
+                    let passes = fused.iter().flat_map(|sequence| &sequence.passes);
+                    let mut uses = passes
+                        .flat_map(|&at| &bound[at].buffers)
+                        .filter(|(buffer, _)| *buffer == own.buffer);
+                    let access = match uses.any(|(_, how)| how.writes()) {
+                        true => StorageAccess::LOAD | StorageAccess::STORE,
+                        false => StorageAccess::LOAD,
+                    };
+                    assert_eq!(
+                        variable.space,
+                        AddressSpace::Storage { access },
+                        "{:?} in {place}",
+                        own.buffer
+                    );
+                }
+            }
+        }
+    }
+}
