@@ -80,6 +80,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         },
         effects: Effects::usual(),
         has_needle: false,
+        layers: Vec::new(),
     };
     let pose = Pose::from_direction(Point3::new(25.0, 0.0, 10.0), Vector3::y(), None)?;
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu)?;

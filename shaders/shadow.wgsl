@@ -48,38 +48,12 @@ struct Params {
 @group(0) @binding(5) var<storage, read> rows_below: array<LabelRow>;
 @group(0) @binding(6) var<storage, read_write> mirrored: array<f32>;
 
-const MOST_UNITS = 0x7fffffffu;
-const THREADS = 256u;
-
-var<workgroup> partial: array<u32, THREADS>;
-
 fn tissue_loss(index: u32) -> u32 {
     return label_rows[labels[index]].loss;
 }
 
 fn tissue_and_needle_loss(index: u32) -> u32 {
     return tissue_loss(index) + u32(needle_mask[index].y * params.needle_units);
-}
-
-// Exclusive prefix over the workgroup of each thread's sum; saturating addition of non-negative numbers is associative.
-fn exclusive(thread: u32, sum: u32) -> u32 {
-    // The sums of an earlier call may still be read.
-    workgroupBarrier();
-    partial[thread] = sum;
-    workgroupBarrier();
-    for (var reach = 1u; reach < THREADS; reach *= 2u) {
-        var before = 0u;
-        if thread >= reach {
-            before = partial[thread - reach];
-        }
-        workgroupBarrier();
-        partial[thread] = min(partial[thread] + before, MOST_UNITS);
-        workgroupBarrier();
-    }
-    if thread == 0u {
-        return 0u;
-    }
-    return partial[thread - 1u];
 }
 
 // What does not occlude.

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::base::read;
 use crate::imaging::quality::Picked;
+use crate::imaging::synth::tables::Settings;
 use crate::input::scenario::run::{Requests, run};
 use crate::input::scenario::{self, Scenario, ScenarioFile, Summary};
 use crate::mechanics::insertion::Recording;
@@ -175,7 +176,11 @@ impl Insert {
         if asked.frames {
             self.extras.check(&scenario.scene)?;
             let anatomy = scenario.scene.anatomy.clone();
-            let chosen = self.backend.synthesizer(anatomy, scenario.scene.settings.clone())?;
+            let settings = Settings {
+                layers: self.extras.layers(),
+                ..scenario.scene.settings.clone()
+            };
+            let chosen = self.backend.synthesizer(anatomy, settings)?;
             writer.render(chosen, self.images(), &self.extras, self.preview)?;
         }
         let mut summary = run(&scenario, model.as_mut(), asked, &mut writer)?;

@@ -108,7 +108,8 @@ impl Render {
         if let Some(file) = self.output.as_deref().filter(|path| Target::is_file(path)) {
             self.force.check(&[file], &self.input.files())?;
         }
-        let (scene, picked) = self.input.scene(&self.backend)?;
+        let (mut scene, picked) = self.input.scene(&self.backend)?;
+        scene.settings.layers = self.extras.layers();
         if let Some(path) = &self.save_labels {
             self.force.check(&[path], &self.input.files())?;
             crate::anatomy::volume::save(&scene.anatomy.volume, path)?;

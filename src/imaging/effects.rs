@@ -29,6 +29,7 @@ pub mod speckle;
 pub mod texture;
 pub mod thickness;
 pub mod tone;
+pub mod truth;
 pub mod warp;
 
 use schemars::JsonSchema;
@@ -276,6 +277,7 @@ registry! {
     scan_conversion;
     noise: Option<noise::Noise> = "Additive Gaussian noise on grey levels.";
     quantise;
+    truth, columns truth::Columns;
 }
 
 /// All effects, in the order of execution within a frame: by stage, then as listed.

@@ -189,6 +189,7 @@ impl Synthesizer {
             image_to_world: Matrix4::identity(),
             pixel_mm: tables.image_grid.pixel_mm(),
             left_out: 0,
+            layers: Vec::new(),
         };
         Ok(Self {
             local: LocalFrame::new(tables.origin),
@@ -527,6 +528,8 @@ pub struct Frame {
     pub pixel_mm: f64,
     /// Number of segments of needle and seeds not shown because there are too many.
     pub left_out: usize,
+    /// Images of the ground-truth layers asked for ([`tables::Settings::layers`]), in that order.
+    pub layers: Vec<Vec<u16>>,
 }
 
 #[cfg(test)]

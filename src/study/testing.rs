@@ -45,6 +45,7 @@ pub fn scene() -> (Anatomy, Settings, FrameState) {
         },
         effects,
         has_needle: false,
+        layers: Vec::new(),
     };
     (anatomy, settings, FrameState::at(default_pose(Phantom::TwoLayer)))
 }

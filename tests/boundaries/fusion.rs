@@ -97,7 +97,11 @@ fn a_workgroup_that_shares_a_scanline_has_all_of_it() {
 
 #[test]
 fn a_frame_has_few_dispatches() {
-    let default = SceneFile::parse("version = 1", "default.toml").expect("a scene");
+    let default = SceneFile::parse(
+        "version = 1\nvolume = { phantom = \"abdomen\", resolution_mm = 4 }",
+        "default.toml",
+    )
+    .expect("a scene");
     let default = default.resolve(".".as_ref()).expect("the default scene");
     let plan = Plan::new(&Tables::new(default.anatomy, default.settings).expect("tables"));
     assert_eq!(

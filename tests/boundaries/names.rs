@@ -207,6 +207,13 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "echoes have the beam widths, losses and textures of the scene's effects",
     ),
     (
+        "imaging/effects/truth.rs",
+        &["needle", "shadow"],
+        "their layers have passes where the scene calls for them",
+    ),
+    ("imaging/synth/cpu.rs", &["truth"], "returns the layers with the frame"),
+    ("imaging/synth/gpu.rs", &["truth"], "returns the layers with the frame"),
+    (
         "cli/rf.rs",
         &["shadow", "speckle", "texture"],
         "its help says which effects act on echoes",

@@ -6,7 +6,7 @@ use insonify::anatomy::acoustics::TissueOverride;
 use insonify::base::range::Ranges;
 use insonify::imaging::effects::{
     Effects, blur, contact, geometry, interface, needle, noise, quantise, receiver, refraction, scan_conversion,
-    shadow, slice, speckle, texture, thickness, tone, warp,
+    shadow, slice, speckle, texture, thickness, tone, truth, warp,
 };
 use insonify::imaging::quality::QualitySpec;
 use insonify::input::scenario::instruments::{ContactProbeSpec, NeedleTable};
@@ -186,6 +186,17 @@ fn blocks() -> Vec<Block> {
         block!("scan_conversion", scan_conversion::Params, width, lines, samples, fill),
         block!("noise", noise::Params, seed, width, first_row, frame, scale),
         block!("quantise", quantise::Params, width, words_per_row),
+        block!(
+            "truth",
+            truth::Params,
+            probe_to_world,
+            world_to_index,
+            places,
+            size,
+            sample_mm,
+            lines,
+            samples
+        ),
     ]
 }
 

@@ -4,6 +4,7 @@ use insonify::imaging::effects::Effects;
 use insonify::imaging::effects::buffers::{IMAGE, PIXELS, SCAN_MAP};
 use insonify::imaging::effects::shadow::Shadow;
 use insonify::imaging::plan::Plan;
+use insonify::imaging::synth::layers::Layer;
 use insonify::imaging::synth::tables::{Anatomy, Settings, Tables};
 use insonify::imaging::synth::{Backend, Synthesizer};
 
@@ -253,6 +254,47 @@ pub fn scenes() -> Vec<Scene> {
             &["Phases"],
         ),
         scene(
+            "ground truth",
+            box_of(lossy()),
+            |s| {
+                s.effects.needle = Some(Default::default());
+                s.effects.shadow = Some(Shadow {
+                    f_number: 0.0,
+                    ..Default::default()
+                });
+                s.has_needle = true;
+                s.layers = Layer::ALL.to_vec();
+            },
+            &[
+                "needle",
+                "shadow_loss",
+                "shadow",
+                "truth_label_value",
+                "truth_label_index",
+                "truth_beyond",
+                "truth_displacement",
+                "truth_depth",
+                "truth_needle",
+                "truth_loss",
+            ],
+            &[
+                "Needle",
+                "NeedleMask",
+                "Loss",
+                "PenumbraKernel",
+                "AmplitudeNext",
+                "Layers",
+                "LabelValues",
+            ],
+        ),
+        scene(
+            "ground truth that needs no pass",
+            box_of(lossy()),
+            |s| s.layers = vec![Layer::Sector, Layer::Needle, Layer::Loss],
+            &[],
+            &[],
+        ),
+        scene(
             "shadow of a needle alone",
             box_of(lossless()),
             |s| {
@@ -394,7 +436,7 @@ pub fn scenes() -> Vec<Scene> {
 
 /// Names in the order of the registry, which is that of a frame.
 fn expected_passes(scene: &Scene) -> Vec<&'static str> {
-    const ORDER: [&str; 29] = [
+    const ORDER: [&str; 36] = [
         "geometry",
         "contact",
         "warp_raster",
@@ -424,6 +466,13 @@ fn expected_passes(scene: &Scene) -> Vec<&'static str> {
         "scan_conversion",
         "noise",
         "quantise",
+        "truth_label_value",
+        "truth_label_index",
+        "truth_beyond",
+        "truth_displacement",
+        "truth_depth",
+        "truth_needle",
+        "truth_loss",
     ];
     ORDER
         .into_iter()

@@ -232,6 +232,8 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
         ],
         "shadow_rays" => [256, lines, RAYS as u64],
         "tone_auto_gain" => [256, insonify::imaging::effects::tone::auto_gain::BANDS as u64, 1],
+        "truth_depth" => [256, lines, 1],
+        name if name.starts_with("truth_") => [samples, lines, 1],
         "scan_conversion" | "noise" => [tables.width() as u64, tables.height() as u64, 1],
         "quantise" => [tables.words_per_row() as u64, tables.height() as u64, 1],
         other => panic!("say what work the pass {other} has"),

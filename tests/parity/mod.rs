@@ -28,5 +28,6 @@ mod speckle;
 mod texture;
 mod thickness;
 mod tone;
+mod truth;
 mod warp;
 mod warp_remeshed;

@@ -100,15 +100,14 @@ fn the_layer_beyond_marks_what_is_continued() {
     let body = anatomy::of(frame, &[SILENT, PLAIN], |_| 1);
     let probe = scene::probe(ProbeShape::Linear { width_mm: 60.0 }, 20.0, LINES, 20);
     let mut settings = scene::settings(probe, scene::bare());
+    settings.layers = vec![Layer::Beyond, Layer::Sector];
     for (beyond, expected) in [(Beyond::Void, 0.0), (Beyond::Continue, 19.5 / 60.0)] {
         settings.effects.slice.beyond = beyond;
         let mut synth = super::synthesizer(&body, &settings, insonify::imaging::synth::Backend::Cpu);
         let state = scene::straight();
-        let beam = synth.render_until("slice", &state).expect("a beam");
-        let tables = synth.tables();
-        let image = |layer: Layer| layer.image(&beam, tables, &state.probe_to_world);
-        let count = |pixels: Vec<u16>| pixels.into_iter().map(f64::from).sum::<f64>();
-        let share = count(image(Layer::Beyond)) / count(image(Layer::Sector));
+        let frame = synth.render(&state).expect("a frame");
+        let [beyond_it, sector] = [0, 1].map(|at| frame.layers[at].iter().map(|&value| f64::from(value)).sum::<f64>());
+        let share = beyond_it / sector;
         // 19.5 of the 60 mm of the array lie beside the 41 mm of the volume; columns are 60 mm over the width of the image.
         assert!((share - expected).abs() < 0.05, "{beyond:?}: {share}, not {expected}");
     }

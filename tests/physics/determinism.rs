@@ -1,5 +1,6 @@
 //! The same frame has the same bytes on every run and at any number of threads.
 
+use insonify::imaging::synth::layers::Layer;
 use insonify::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use insonify::mechanics::mesh::TetMesh;
 
@@ -83,7 +84,8 @@ fn rounds(mesh: &TetMesh, at: impl Fn(u64) -> FrameState) -> [Vec<FrameState>; 4
 
 #[test]
 fn batches_have_the_bytes_of_single_frames() {
-    let (anatomy, settings, _) = everything();
+    let (anatomy, mut settings, _) = everything();
+    settings.layers = Layer::ALL.to_vec();
     let rounds = rounds(anatomy.mesh.as_ref().expect("a mesh"), |at| frame_of(&anatomy, at));
     let gpu = gpu_or_skip("batches");
     let on_gpu = || backend(gpu.clone().expect("a GPU"));

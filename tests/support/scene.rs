@@ -70,6 +70,7 @@ pub fn sized(probe: Probe, effects: Effects, width: usize, height: usize) -> Set
         },
         effects,
         has_needle: false,
+        layers: Vec::new(),
     }
 }
 

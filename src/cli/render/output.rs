@@ -154,7 +154,7 @@ impl<'a> Output<'a> {
         if self.extras.overlay {
             overlay::draw(&mut pixels, synth.tables());
         }
-        let layers = self.layers(synth, shot)?;
+        let layers = frame.layers.clone();
         let mut taken = Taken {
             path: picture.clone(),
             parts: Vec::new(),
@@ -184,15 +184,6 @@ impl<'a> Output<'a> {
             self.take_companions(synth, shot, &picture, names, &mut taken)?;
         }
         Ok(taken)
-    }
-
-    fn layers(&self, synth: &Synthesizer, shot: &Shot<'_>) -> Result<Vec<Vec<u16>>, Failure> {
-        if self.layers.is_empty() {
-            return Ok(Vec::new());
-        }
-        let (beam, tables) = (synth.beam()?, synth.tables());
-        let image = |layer: &Layer| layer.image(&beam, tables, &shot.state.probe_to_world);
-        Ok(self.layers.iter().map(image).collect())
     }
 
     /// Frame and layers as parts of the sequences.

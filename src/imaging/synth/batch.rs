@@ -55,15 +55,8 @@ impl Synthesizer {
         states: &[FrameState],
         mut sink: impl FnMut(usize, &Frame) -> Result<(), E>,
     ) -> Result<(), E> {
-        if let Executor::Gpu(gpu) = &mut self.executor {
-            // Enough submissions that one is ready while another is worked on.
-            let size = states.len().div_ceil(IN_FLIGHT);
-            let size = gpu.reserve_frames(&self.plan, &self.tables, size)?;
-            let result = self.batch_on_gpu(states, size, &mut sink);
-            if let (Executor::Gpu(gpu), true) = (&self.executor, result.is_err()) {
-                (0..IN_FLIGHT).for_each(|place| gpu.release(place));
-            }
-            return result;
+        if let Executor::Gpu(_) = &self.executor {
+            return self.batch_on_gpu(states, &mut |at, synth, _| sink(at, &synth.frame));
         }
         self.batch(
             states,
@@ -80,6 +73,9 @@ impl Synthesizer {
         take: impl Fn(usize, &Self, f64) -> Result<T, SynthError> + Sync,
         mut sink: impl FnMut(usize, T) -> Result<(), E>,
     ) -> Result<(), E> {
+        if let Executor::Gpu(_) = &self.executor {
+            return self.batch_on_gpu(states, &mut |at, synth, ms| sink(at, take(at, synth, ms)?));
+        }
         let Some(mut team) = self.team(states.len())? else {
             for at in 0..states.len() {
                 let ms = self.timed(states, at, 1)?;
@@ -94,27 +90,45 @@ impl Synthesizer {
 }
 
 impl Synthesizer {
-    /// Renders a batch in submissions of so many frames, of which several are in flight.
+    /// Renders a batch in submissions of several frames, of which several are in flight, and calls `each` with the time since the frame before, ms.
     fn batch_on_gpu<E: From<SynthError>>(
         &mut self,
         states: &[FrameState],
-        size: usize,
-        sink: &mut impl FnMut(usize, &Frame) -> Result<(), E>,
+        each: &mut impl FnMut(usize, &Self, f64) -> Result<(), E>,
     ) -> Result<(), E> {
         self.drop_in_flight();
+        let Executor::Gpu(gpu) = &mut self.executor else {
+            return Ok(());
+        };
+        // Enough submissions that one is ready while another is worked on.
+        let size = gpu.reserve_frames(&self.plan, &self.tables, states.len().div_ceil(IN_FLIGHT))?;
+        let result = self.submissions(states, size, each);
+        if let (Executor::Gpu(gpu), true) = (&self.executor, result.is_err()) {
+            (0..IN_FLIGHT).for_each(|place| gpu.release(place));
+        }
+        result
+    }
+
+    fn submissions<E: From<SynthError>>(
+        &mut self,
+        states: &[FrameState],
+        size: usize,
+        each: &mut impl FnMut(usize, &Self, f64) -> Result<(), E>,
+    ) -> Result<(), E> {
         let mut in_flight: VecDeque<(_, Vec<Frame>)> = VecDeque::with_capacity(IN_FLIGHT);
         let mut spare: Vec<Vec<Frame>> = Vec::new();
-        let submissions = states.len().div_ceil(size);
-        for turn in 0..submissions + IN_FLIGHT {
+        let mut last = Instant::now();
+        for turn in 0..states.len().div_ceil(size) + IN_FLIGHT {
             if let Some(done) = turn.checked_sub(IN_FLIGHT)
                 && let Some((submission, mut frames)) = in_flight.pop_front()
+                && let Executor::Gpu(gpu) = &mut self.executor
             {
-                if let Executor::Gpu(gpu) = &mut self.executor {
-                    gpu.take((&self.plan, &self.tables), submission, done % IN_FLIGHT, &mut frames)?;
-                }
+                gpu.take((&self.plan, &self.tables), submission, done % IN_FLIGHT, &mut frames)?;
+                let ms = last.elapsed().as_secs_f64() * 1e3 / frames.len() as f64;
+                last = Instant::now();
                 for (at, frame) in frames.iter_mut().enumerate() {
                     mem::swap(&mut self.frame, frame);
-                    sink(done * size + at, &self.frame)?;
+                    each(done * size + at, self, ms)?;
                 }
                 spare.push(frames);
             }

@@ -4,12 +4,13 @@ use std::time::Instant;
 
 use super::store::Store;
 use super::tables::Tables;
-use super::{FrameState, PassTime, SynthError};
+use super::{Frame, FrameState, PassTime, SynthError};
 #[cfg(feature = "internals")]
 use crate::base::lossy::Lossy;
 use crate::base::memory;
 use crate::base::real::Real;
 use crate::imaging::effects::pass::{Pass, View};
+use crate::imaging::effects::truth;
 use crate::imaging::plan::{Plan, PlannedPass};
 
 /// Scalar type of a CPU reference.
@@ -95,10 +96,16 @@ impl<T: PassScalar> CpuExecutor<T> {
         plan: &Plan,
         tables: &Tables,
         state: &FrameState,
-        pixels: &mut [u8],
+        frame: &mut Frame,
     ) -> Result<(), SynthError> {
         self.run(&plan.passes, tables, state)?;
-        pixels.copy_from_slice(&self.store.pixels);
+        frame.pixels.copy_from_slice(&self.store.pixels);
+        truth::images(
+            tables,
+            &self.store.effects.truth.layers,
+            |value| value,
+            &mut frame.layers,
+        );
         Ok(())
     }
 

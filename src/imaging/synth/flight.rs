@@ -53,10 +53,10 @@ impl Synthesizer {
         self.begin(state, &mut frame)?;
         let state = self.local.of(state);
         let ticket = Ticket(self.submitted);
-        let (plan, tables, pixels) = (&self.plan, &self.tables, &mut frame.pixels);
+        let (plan, tables) = (&self.plan, &self.tables);
         let submission = match &mut self.executor {
-            Executor::Cpu(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
-            Executor::CpuF64(cpu) => cpu.render(plan, tables, state, pixels).map(|()| None),
+            Executor::Cpu(cpu) => cpu.render(plan, tables, state, &mut frame).map(|()| None),
+            Executor::CpuF64(cpu) => cpu.render(plan, tables, state, &mut frame).map(|()| None),
             Executor::Gpu(gpu) => {
                 let staged = gpu.stage(plan, tables, state, 0, 1);
                 staged.and_then(|()| gpu.submit(tables, 1, place_of(ticket))).map(Some)

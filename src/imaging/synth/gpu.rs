@@ -17,6 +17,7 @@ use crate::imaging::effects::buffers::{
     self, AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, HITS, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION, SCAN_MAP,
 };
 use crate::imaging::effects::pass::{Band, ParamBlock, Pass, View};
+use crate::imaging::effects::truth::{self, LAYERS};
 use crate::imaging::fusion::{Bound, Fused, MOST_BUFFERS, Sequence};
 use crate::imaging::plan::{Plan, PlannedResource};
 use crate::mechanics::mesh::element::{Carry, Frame as ElementFrame};
@@ -109,6 +110,8 @@ pub struct GpuExecutor {
 
     /// Numbers of a buffer in a frame.
     numbers: Vec<f32>,
+    /// Ground truth of a frame.
+    layers: Vec<u32>,
     timer: Option<Timer>,
     times: Vec<PassTime>,
     frame_ms: Option<f64>,
@@ -131,6 +134,7 @@ impl GpuExecutor {
             texture: None,
             slab: None,
             numbers: Vec::new(),
+            layers: Vec::new(),
             timer: None,
             times: Vec::new(),
             frame_ms: None,
@@ -220,15 +224,11 @@ impl GpuExecutor {
 
     /// Keeps read-backs and the host's texture as long as the image size does not change.
     fn fit_outputs(&mut self, tables: &Tables) -> Result<(), GpuError> {
-        let row_bytes = tables.words_per_row() as u64 * 4;
-        let sizes = self
-            .bands
-            .iter()
-            .map(|band| self.frames as u64 * u64::from(band.rows) * row_bytes);
+        let sizes = self.read_back_sizes(tables);
         let kept = self
             .ring
             .first()
-            .is_some_and(|first| sizes.eq(first.iter().map(Readback::bytes)));
+            .is_some_and(|first| sizes.into_iter().eq(first.iter().map(Readback::bytes)));
         if !kept {
             self.ring.clear();
             self.reserve_place(tables, 0)?;
@@ -239,12 +239,19 @@ impl GpuExecutor {
         Ok(())
     }
 
+    /// Bytes that come back from a submission: the pixels of each band, and behind them the ground truth, if there is any.
+    fn read_back_sizes(&self, tables: &Tables) -> Vec<u64> {
+        let row_bytes = (self.frames * tables.words_per_row() * 4) as u64;
+        let pixels = self.bands.iter().map(|band| u64::from(band.rows) * row_bytes);
+        let layers = self.buffers.get(&(&LAYERS, 0)).map(StorageBuffer::bytes);
+        pixels.chain(layers).collect()
+    }
+
     /// Makes read-backs for the places of the ring up to one.
     fn reserve_place(&mut self, tables: &Tables, place: usize) -> Result<(), GpuError> {
-        let row_bytes = self.frames as u64 * tables.words_per_row() as u64 * 4;
         while self.ring.len() <= place {
-            let bands = self.bands.iter();
-            let readbacks = bands.map(|band| Readback::new(&self.gpu, "pixels", u64::from(band.rows) * row_bytes));
+            let sizes = self.read_back_sizes(tables).into_iter();
+            let readbacks = sizes.map(|bytes| Readback::new(&self.gpu, "frame", bytes));
             self.ring.push(readbacks.collect::<Result<_, _>>()?);
         }
         Ok(())
@@ -584,9 +591,10 @@ impl GpuExecutor {
             self.upload(self.timer.is_some())?;
             let submission = gpu.submit("frame", |recorder| {
                 self.run_all(recorder, count)?;
-                for (part, readback) in self.ring[place].iter().enumerate() {
+                let pixels = (0..self.bands.len()).map(|part| (&PIXELS, part));
+                for (source, readback) in pixels.chain([(&LAYERS, 0)]).zip(&self.ring[place]) {
                     let bytes = readback.bytes() / self.frames as u64 * count as u64;
-                    recorder.read_back_part(&self.buffers[&(&PIXELS, part)], 0..bytes, readback)?;
+                    recorder.read_back_part(&self.buffers[&source], 0..bytes, readback)?;
                 }
                 Ok(())
             })?;
@@ -630,6 +638,12 @@ impl GpuExecutor {
                         let rows = &mut frame.pixels[band.first_row as usize * width..][..band.rows as usize * width];
                         readback.copy_rows(at * band.rows as usize * stride, rows, width, stride)?;
                     }
+                    if let Some(readback) = self.ring[place].get(self.bands.len()) {
+                        let bytes = readback.bytes() as usize / self.frames;
+                        self.layers.resize(bytes / 4, 0);
+                        readback.copy_rows(at * bytes, bytemuck::cast_slice_mut(&mut self.layers), bytes, bytes)?;
+                    }
+                    truth::images(tables, &self.layers, |value| value as u16, &mut frame.layers);
                 }
                 Ok(())
             });

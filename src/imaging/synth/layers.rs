@@ -1,4 +1,4 @@
-//! Beam-space results of a frame, and the ground-truth layers derived from them.
+//! Beam-space results of a frame, and its ground-truth layers.
 
 use nalgebra::{Matrix4, Point3};
 use schemars::JsonSchema;
@@ -65,7 +65,7 @@ pub fn numbered(elements: &[u32], mut slots: Vec<u32>) -> Vec<u32> {
     slots
 }
 
-/// Ground-truth layer at the pixels of a frame, for training models.
+/// Ground-truth layer at the pixels of a frame, for training models: 16 bits a pixel, at the nearest sample, 0 outside the sector.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Layer {
@@ -118,68 +118,6 @@ impl Layer {
     /// First label whose value does not fit the 16 bits of [`Layer::LabelValue`].
     pub fn unfit(labels: &[Label]) -> Option<&Label> {
         labels.iter().find(|label| u16::try_from(label.value).is_err())
-    }
-
-    /// Layer at each pixel, nearest sample; 0 outside the sector. Label values that do not fit 16 bits are 65,535.
-    pub fn image(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
-        let values = self.beam_values(beam, tables, probe_to_world);
-        let pixel = |at: &[f32; 2]| match (at[0] < 0.0, self) {
-            (true, _) => 0,
-            (false, Self::Sector) => 1,
-            (false, _) => {
-                let sample = (at[0] + 0.5) as usize * beam.samples + (at[1] + 0.5) as usize;
-                values.get(sample).copied().unwrap_or(0)
-            }
-        };
-        tables.scan_map.iter().map(pixel).collect()
-    }
-
-    fn beam_values(self, beam: &Beam, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Vec<u16> {
-        let fixed = |value: f64| value.round().clamp(0.0, f64::from(u16::MAX)) as u16;
-        match self {
-            Self::LabelValue => {
-                let labels = tables.anatomy.volume.labels();
-                let value = |label: &u8| u16::try_from(labels[usize::from(*label)].value).unwrap_or(u16::MAX);
-                beam.label.iter().map(value).collect()
-            }
-            Self::LabelIndex => beam.label.iter().map(|&label| u16::from(label)).collect(),
-            Self::Sector => Vec::new(),
-            Self::Beyond => {
-                let is_outside = |at: &[f64; 4]| {
-                    tables
-                        .anatomy
-                        .volume
-                        .label_index_at(&Point3::new(at[0], at[1], at[2]))
-                        .is_none()
-                };
-                let at = beam.position.iter().zip(&beam.label);
-                at.map(|(position, label)| u16::from(*label > 0 && is_outside(position)))
-                    .collect()
-            }
-            Self::Displacement => {
-                let length = |(index, position): (usize, &[f64; 4])| {
-                    let world = world_position(tables, probe_to_world, index / beam.samples, index % beam.samples);
-                    fixed(100.0 * (world - Point3::new(position[0], position[1], position[2])).norm())
-                };
-                beam.position.iter().enumerate().map(length).collect()
-            }
-            Self::Depth => {
-                let mut depths = Vec::with_capacity(beam.label.len());
-                for line in beam.label.chunks(beam.samples) {
-                    let mut passed = 0.0;
-                    for &label in line {
-                        passed += f64::from(u8::from(label != 0));
-                        depths.push(fixed(10.0 * passed * tables.sample_mm()));
-                    }
-                }
-                depths
-            }
-            Self::Needle => beam.needle.iter().map(|&share| fixed(255.0 * share)).collect(),
-            Self::Loss => {
-                let db = |&units: &u32| f64::from(units) / crate::imaging::effects::buffers::UNITS_PER_DB;
-                beam.loss.iter().map(|units| fixed(100.0 * db(units))).collect()
-            }
-        }
     }
 }
 

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use bytemuck::{Pod, Zeroable};
 
 use super::SynthError;
+use super::layers::Layer;
 use super::local_origin::LocalOrigin;
 use crate::anatomy::acoustics::TissueTable;
 use crate::anatomy::volume::LabelVolume;
@@ -59,6 +60,8 @@ pub struct Settings {
     pub effects: Effects,
     /// Whether frames may contain a needle or seeds; without it neither is shown.
     pub has_needle: bool,
+    /// Ground-truth layers of each frame ([`super::Frame::layers`]), each once.
+    pub layers: Vec<Layer>,
 }
 
 impl Settings {

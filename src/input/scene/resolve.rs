@@ -104,6 +104,7 @@ impl SceneFile {
                 image,
                 effects: framing.effects,
                 has_needle: needle.is_some(),
+                layers: Vec::new(),
             },
             quality: self.quality.unwrap_or_default(),
             open_grid: framing.open_grid,

@@ -183,6 +183,7 @@ impl<'a> Bench<'a> {
             },
             effects: effects.clone(),
             has_needle: false,
+            layers: Vec::new(),
         };
         let soft = Acoustics {
             attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,

@@ -81,6 +81,7 @@ impl Known {
             },
             effects,
             has_needle: false,
+            layers: Vec::new(),
         };
         let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
         let frame = synth.render(&FrameState::at(Matrix4::identity())).unwrap();

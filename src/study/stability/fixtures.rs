@@ -600,6 +600,7 @@ pub fn settings(shape: ProbeShape, depth_mm: f64, [lines, samples]: [u32; 2], ef
         },
         effects,
         has_needle: false,
+        layers: Vec::new(),
     }
 }
 

@@ -48,6 +48,7 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
             },
             effects: Effects::usual(),
             has_needle: false,
+            layers: Vec::new(),
         };
         wanted(&Tables::new(anatomy, settings).expect("tables"))
     };

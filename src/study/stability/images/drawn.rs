@@ -76,6 +76,7 @@ pub fn scene(seed: u64, index: u64) -> Case {
         },
         effects,
         has_needle,
+        layers: Vec::new(),
     };
     Case::new(format!("scene {index}"), anatomy, settings, state)
 }

@@ -79,6 +79,7 @@ fn uniform(effects: Effects) -> Settings {
             ..effects
         },
         has_needle: false,
+        layers: Vec::new(),
     }
 }
 

@@ -66,6 +66,7 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
         },
         effects,
         has_needle: false,
+        layers: Vec::new(),
     }
 }
 
