@@ -35,9 +35,13 @@ pub const EFFECT: Effect = Effect {
 };
 
 fn wanted(tables: &Tables) -> Verdict {
-    let names: Vec<&str> = tables.settings.layers.iter().map(|layer| layer.name()).collect();
+    let layers = &tables.settings.layers;
+    let names: Vec<&str> = layers.iter().map(|layer| layer.name()).collect();
     match names.is_empty() {
         true => Err("no ground truth is asked for".into()),
+        false if layers.iter().all(|&layer| pass_of(layer, tables).is_none()) => {
+            Err(format!("{}: one value in the sector of this scene", names.join(", ")))
+        }
         false => Ok(format!("ground truth is asked for: {}", names.join(", "))),
     }
 }
