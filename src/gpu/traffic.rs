@@ -9,6 +9,8 @@ pub struct Traffic {
     pub submissions: u64,
     /// Number of times that the CPU waited for the device.
     pub waits: u64,
+    /// Writes to buffers.
+    pub uploads: u64,
     /// Bytes sent to the device.
     pub bytes_up: u64,
     /// Bytes copied into staging buffers to be read by the CPU.
@@ -22,6 +24,7 @@ impl std::ops::Sub for Traffic {
         Traffic {
             submissions: self.submissions - before.submissions,
             waits: self.waits - before.waits,
+            uploads: self.uploads - before.uploads,
             bytes_up: self.bytes_up - before.bytes_up,
             bytes_down: self.bytes_down - before.bytes_down,
         }
@@ -33,6 +36,7 @@ impl std::ops::Sub for Traffic {
 pub(super) struct Counter {
     submissions: AtomicU64,
     waits: AtomicU64,
+    uploads: AtomicU64,
     bytes_up: AtomicU64,
     bytes_down: AtomicU64,
 }
@@ -47,6 +51,7 @@ impl Counter {
     }
 
     pub fn sent(&self, bytes: u64) {
+        self.uploads.fetch_add(1, Relaxed);
         self.bytes_up.fetch_add(bytes, Relaxed);
     }
 
@@ -58,6 +63,7 @@ impl Counter {
         Traffic {
             submissions: self.submissions.load(Relaxed),
             waits: self.waits.load(Relaxed),
+            uploads: self.uploads.load(Relaxed),
             bytes_up: self.bytes_up.load(Relaxed),
             bytes_down: self.bytes_down.load(Relaxed),
         }

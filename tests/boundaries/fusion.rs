@@ -5,12 +5,15 @@ use insonify::imaging::fusion::{Bound, Fused, MOST_BUFFERS, fuse};
 use insonify::imaging::plan::Plan;
 use insonify::imaging::synth::linker::{ENTRY, link};
 use insonify::imaging::synth::tables::Tables;
+use insonify::imaging::synth::{FrameState, SynthError, Synthesizer};
 use insonify::input::scene::SceneFile;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, StorageAccess};
 
 use super::plans::{everything, scenes};
 use super::shaders::tables;
+use crate::support::gpu::{backend, gpu_or_skip};
+use crate::support::scene;
 
 /// A pass's place among the dispatches: dispatch, sequence, place in it.
 fn place(fused: &[Fused], pass: usize) -> [usize; 3] {
@@ -162,4 +165,40 @@ fn linked_shaders_are_valid_and_bind_what_their_passes_use() {
             }
         }
     }
+}
+
+/// What a frame costs besides its dispatches.
+#[test]
+fn a_frame_has_one_upload_one_submission_and_one_wait() {
+    let Some(gpu) = gpu_or_skip("traffic of a frame") else {
+        return;
+    };
+    let (anatomy, settings, _) = scene::everything();
+    let mut synth = Synthesizer::new(anatomy.clone(), settings, backend(gpu.clone())).expect("a synthesizer");
+    let count = |work: &mut dyn FnMut()| {
+        let before = gpu.traffic();
+        work();
+        let spent = gpu.traffic() - before;
+        [spent.uploads, spent.submissions, spent.waits]
+    };
+    let mut states: Vec<_> = (0..14).map(|at| scene::frame_of(&anatomy, at)).collect();
+    let pose = states[0].probe_to_world;
+    synth.render(&states[0]).expect("a frame");
+    states[1].probe_to_world = pose;
+    let mesh_moves = count(&mut || drop(synth.render(&states[1]).expect("a frame")));
+    assert_eq!(mesh_moves, [1, 1, 1], "the mesh moves");
+    let probe_moves = count(&mut || drop(synth.render(&states[2]).expect("a frame")));
+    assert_eq!(
+        probe_moves,
+        [2, 1, 1],
+        "the probe moves, and elements of the reference state are sent"
+    );
+    let mut batch = |states: &[FrameState]| {
+        synth
+            .render_batch(states, |_, _| Ok::<_, SynthError>(()))
+            .expect("a batch")
+    };
+    batch(&states[2..]);
+    // Twelve frames in three submissions.
+    assert_eq!(count(&mut || batch(&states[2..])), [3 + 12, 3, 3], "a batch");
 }
