@@ -488,7 +488,8 @@ impl GpuExecutor {
         count: usize,
     ) -> Result<(), SynthError> {
         let single = self.timer.is_some();
-        self.stage_for(single, (plan, tables), state, frame, count)
+        let staged = self.stage_for(single, (plan, tables), state, frame, count);
+        self.arrived(staged)
     }
 
     fn stage_for(
@@ -601,10 +602,19 @@ impl GpuExecutor {
             self.ring[place].iter().for_each(Readback::request);
             Ok(submission)
         });
+        if submitted.is_err() {
+            self.release(place);
+        }
+        // The maps of several frames lie elsewhere than those of one.
         if submitted.is_err() || count > 1 {
             self.forget_maps();
         }
         submitted
+    }
+
+    /// Has the maps of the mesh sent again with the next frame if this one has failed.
+    fn arrived<T>(&mut self, result: Result<T, SynthError>) -> Result<T, SynthError> {
+        result.inspect_err(|_| self.forget_maps())
     }
 
     /// Has the next frame upload all element maps.
@@ -700,10 +710,7 @@ impl GpuExecutor {
             self.upload(self.timer.is_some())?;
             run(self)
         });
-        if done.is_err() {
-            self.forget_maps();
-        }
-        done
+        self.arrived(done)
     }
 
     fn run_into_texture(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
@@ -730,13 +737,16 @@ impl GpuExecutor {
         tables: &Tables,
         state: &FrameState,
     ) -> Result<(), SynthError> {
-        self.stage_for(true, (plan, tables), state, 0, 1)?;
-        self.upload(true).inspect_err(|_| self.forget_maps())?;
-        self.gpu.submit("clear", |recorder| {
-            self.clear_hits(recorder);
-            Ok(())
-        })?;
-        self.run_steps(0, self.end_of(pass))
+        let staged = self.stage_for(true, (plan, tables), state, 0, 1);
+        let run = staged.and_then(|()| {
+            self.upload(true)?;
+            self.gpu.submit("clear", |recorder| {
+                self.clear_hits(recorder);
+                Ok(())
+            })?;
+            self.run_steps(0, self.end_of(pass))
+        });
+        self.arrived(run)
     }
 
     /// Forgets the samples that the warp found in the last frame.

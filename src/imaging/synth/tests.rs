@@ -1,4 +1,5 @@
 use super::*;
+use crate::mechanics::mesh::TetMesh;
 use crate::study::testing;
 
 /// The CPU, and the GPU of the tests, if there is one.
@@ -107,4 +108,34 @@ fn a_frame_in_an_encoder_of_the_host_is_the_one_rendered() {
     let bytes = buffer.get_mapped_range(..).unwrap();
     let rows = bytes.chunks(stride as usize).flat_map(|row| &row[..width as usize]);
     assert!(rows.eq(&expected.pixels));
+}
+
+#[test]
+fn after_a_frame_that_fails_the_mesh_is_sent_again() {
+    type Way = fn(&mut Synthesizer, &FrameState, &Gpu) -> Result<(), SynthError>;
+    let ways: [Way; 4] = [
+        |synth, state, _| synth.render(state).map(drop),
+        |synth, state, _| synth.render_to_texture(state),
+        |synth, state, gpu| synth.encode(&mut gpu.device().create_command_encoder(&Default::default()), state),
+        |synth, state, _| synth.render_until("slice", state).map(drop),
+    ];
+    let Some(gpu) = crate::gpu::testing::open() else { return };
+    let (mut anatomy, settings, state) = testing::scene();
+    let around = |by: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + by);
+    anatomy.mesh = TetMesh::over_box(around(-70.0), around(70.0), 500).ok().map(Arc::new);
+    let mut synth = Synthesizer::new(anatomy, settings, Backend::Gpu(Box::new(gpu.clone()))).unwrap();
+    let frame = |synth: &mut Synthesizer| {
+        let before = gpu.traffic();
+        let pixels = synth.render(&state).unwrap().pixels.clone();
+        (pixels, (gpu.traffic() - before).bytes_up)
+    };
+    let whole = frame(&mut synth);
+    assert!(frame(&mut synth).1 < whole.1, "nothing moves");
+    for (way, make) in ways.into_iter().enumerate() {
+        gpu.faults().report(wgpu::Error::OutOfMemory {
+            source: "no memory for a map".into(),
+        });
+        assert!(make(&mut synth, &state, &gpu).is_err(), "way {way}");
+        assert_eq!(frame(&mut synth), whole, "way {way}");
+    }
 }
