@@ -58,15 +58,17 @@ pub fn cached(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u
     bytes
 }
 
-/// File of a key. Its name depends on the program: another build may round otherwise.
-fn path(folder: &Path, key: &str) -> Option<PathBuf> {
+/// Size and time of making of this program: another build may round otherwise, or be slower.
+pub fn program() -> Option<String> {
     let program = fs::metadata(env::current_exe().ok()?).ok()?;
     let built = program.modified().ok()?.duration_since(UNIX_EPOCH).ok()?;
-    let mut hasher = blake3::Hasher::new();
-    hasher.update(&program.len().to_le_bytes());
-    hasher.update(&built.as_nanos().to_le_bytes());
-    hasher.update(key.as_bytes());
-    Some(folder.join(format!("{}.bin", &hasher.finalize().to_hex()[..32])))
+    Some(format!("{} {}", program.len(), built.as_nanos()))
+}
+
+/// File of a key, for this program.
+fn path(folder: &Path, key: &str) -> Option<PathBuf> {
+    let name = blake3::hash(format!("{} {key}", program()?).as_bytes()).to_hex();
+    Some(folder.join(format!("{}.bin", &name[..32])))
 }
 
 /// Contents of a file whose length and checksum are right.

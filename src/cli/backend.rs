@@ -1,17 +1,28 @@
 //! Selection of the rendering backend.
 
-use crate::gpu::adapter::{self, hardware};
+pub mod timing;
+
+use std::sync::Arc;
+
+use crate::base::report::machine::Machine;
+use crate::gpu::adapter::{self, AdapterReport, hardware};
 use crate::gpu::{AdapterChoice, Gpu, Needs};
-use crate::imaging::synth::tables::{Anatomy, Settings};
-use crate::imaging::synth::{Backend, SynthError, Synthesizer};
+use crate::imaging::quality::cache::Cache;
+use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
+use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::study::tradeoff::gather::Devices;
 use clap::{Args, ValueEnum};
+use timing::{FrameTimes, Kept};
 
 use super::failure::Failure;
+use super::terminal;
+
+/// Reason for a GPU that is not compared with the CPU.
+pub const BEST: &str = "it is the best adapter";
 
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum BackendName {
-    /// A hardware GPU if there is one, else the CPU
+    /// A hardware GPU or the CPU, whichever is faster; of a single frame, the GPU unless the CPU has been faster before
     #[default]
     Auto,
     /// The CPU in single precision
@@ -40,6 +51,22 @@ pub struct Chosen {
 }
 
 impl Chosen {
+    fn of(tables: &Arc<Tables>, backend: Backend, reason: impl Into<String>) -> Result<Self, SynthError> {
+        Ok(Self {
+            synth: Synthesizer::of(Arc::clone(tables), backend)?,
+            reason: reason.into(),
+            warnings: Vec::new(),
+        })
+    }
+
+    /// Says on which backend frames are rendered, and why.
+    pub fn tell(&self) {
+        let on = self
+            .adapter()
+            .map_or_else(String::new, |adapter| format!(" on {adapter}"));
+        terminal::say(format_args!("backend: {}{on} ({})", self.synth.backend(), self.reason));
+    }
+
     /// Name of the GPU adapter; `None` on the CPU.
     pub fn adapter(&self) -> Option<&str> {
         self.synth.gpu().map(|gpu| gpu.report().name.as_str())
@@ -58,58 +85,32 @@ impl BackendArgs {
         }
     }
 
-    /// Creates a synthesizer on the requested backend.
-    pub fn synthesizer(&self, anatomy: Anatomy, settings: Settings) -> Result<Chosen, Failure> {
-        let mut chosen = self.choose(anatomy, settings)?;
+    /// Creates a synthesizer on the requested backend. `several` is the state of a frame, if there are more to render: then `auto` times
+    /// frames of it on a hardware GPU and on the CPU.
+    pub fn synthesizer(
+        &self,
+        anatomy: Anatomy,
+        settings: Settings,
+        several: Option<&FrameState>,
+    ) -> Result<Chosen, Failure> {
+        self.check()?;
+        let tables = Arc::new(Tables::new(anatomy, settings)?);
+        let choice = self.choice();
+        let mut chosen = match (self.backend, &choice.name) {
+            (BackendName::Cpu, _) => Chosen::of(&tables, Backend::Cpu, "it was asked for")?,
+            (BackendName::CpuF64, _) => Chosen::of(&tables, Backend::CpuF64, "it was asked for")?,
+            (BackendName::Gpu, _) => Chosen::of(&tables, Backend::Adapter(choice), "it was asked for")?,
+            (BackendName::Auto, Some(name)) => {
+                let reason = format!("the adapter \"{name}\" was asked for");
+                Chosen::of(&tables, Backend::Adapter(choice), reason)?
+            }
+            (BackendName::Auto, None) => match hardware(&adapter::list()) {
+                Ok(best) => faster(&tables, best, several, &Cache::of_user(&Machine::here().to_string()))?,
+                Err(none) => Chosen::of(&tables, Backend::Cpu, none)?,
+            },
+        };
         chosen.warnings.extend_from_slice(&chosen.synth.plan().warnings);
         Ok(chosen)
-    }
-
-    fn choose(&self, anatomy: Anatomy, settings: Settings) -> Result<Chosen, Failure> {
-        self.check()?;
-        let cpu = |anatomy, settings, reason: String, warnings| -> Result<Chosen, Failure> {
-            Ok(Chosen {
-                synth: Synthesizer::new(anatomy, settings, Backend::Cpu)?,
-                reason,
-                warnings,
-            })
-        };
-        match self.backend {
-            BackendName::Cpu => cpu(anatomy, settings, "it was asked for".into(), Vec::new()),
-            BackendName::CpuF64 => Ok(Chosen {
-                synth: Synthesizer::new(anatomy, settings, Backend::CpuF64)?,
-                reason: "it was asked for".into(),
-                warnings: Vec::new(),
-            }),
-            BackendName::Gpu => Ok(Chosen {
-                synth: Synthesizer::new(anatomy, settings, Backend::Adapter(self.choice()))?,
-                reason: "it was asked for".into(),
-                warnings: Vec::new(),
-            }),
-            BackendName::Auto => {
-                let choice = self.choice();
-                let reason = match &choice.name {
-                    Some(name) => Ok(format!("the adapter \"{name}\" was asked for")),
-                    None => hardware(&adapter::list()).map(|_| "it is the best adapter".to_owned()),
-                };
-                let reason = match reason {
-                    Ok(reason) => reason,
-                    Err(none) => return cpu(anatomy, settings, none, Vec::new()),
-                };
-                match Synthesizer::new(anatomy.clone(), settings.clone(), Backend::Adapter(choice.clone())) {
-                    Ok(synth) => Ok(Chosen {
-                        synth,
-                        reason,
-                        warnings: Vec::new(),
-                    }),
-                    Err(SynthError::Gpu(error)) if error.is_machine() && choice.name.is_none() => {
-                        let warning = format!("the GPU cannot render this scene, the CPU does: {error}");
-                        cpu(anatomy, settings, "the GPU could not".into(), vec![warning])
-                    }
-                    Err(error) => Err(error.into()),
-                }
-            }
-        }
     }
 
     /// Devices to measure in addition to the CPU, and those that cannot be measured.
@@ -130,3 +131,57 @@ impl BackendArgs {
         AdapterChoice::from_flag(self.adapter.as_deref())
     }
 }
+
+/// A synthesizer on an adapter or on the CPU, whichever makes a frame faster, by times that are kept or, of several frames,
+/// measured now; on the CPU if the adapter cannot render the scene.
+fn faster(
+    tables: &Arc<Tables>,
+    adapter: &AdapterReport,
+    several: Option<&FrameState>,
+    cache: &Cache,
+) -> Result<Chosen, SynthError> {
+    let mut kept = Kept::of(adapter, cache);
+    let known = kept.find(tables);
+    let reason = known.map(|times| format!("{}, measured before and kept", times.text(&adapter.name)));
+    if let (Some(reason), Some(false)) = (&reason, known.map(FrameTimes::is_gpu)) {
+        return Chosen::of(tables, Backend::Cpu, reason);
+    }
+    let compared = || -> Result<Chosen, SynthError> {
+        let named = AdapterChoice::named(format!("{} ({})", adapter.name, adapter.backend));
+        let mut gpu = Chosen::of(tables, Backend::Adapter(named), BEST)?;
+        let state = match (reason, several) {
+            (Some(reason), _) => return Ok(Chosen { reason, ..gpu }),
+            (None, None) => {
+                gpu.reason += ", not compared with the CPU for a single frame";
+                return Ok(gpu);
+            }
+            (None, Some(state)) => state,
+        };
+        let mut cpu = match Chosen::of(tables, Backend::Cpu, "") {
+            Ok(cpu) => cpu,
+            Err(error) => {
+                gpu.reason = format!("the CPU could not: {error}");
+                return Ok(gpu);
+            }
+        };
+        let times = FrameTimes::measure(&mut gpu.synth, &mut cpu.synth, state)?;
+        let mut chosen = if times.is_gpu() { gpu } else { cpu };
+        chosen.reason = format!("{}, measured now", times.text(&adapter.name));
+        if let Err(error) = kept.put(times) {
+            chosen.warnings.push(format!("the times cannot be kept: {error}"));
+        }
+        Ok(chosen)
+    };
+    match compared() {
+        Err(SynthError::Gpu(error)) if error.is_machine() => {
+            let mut cpu = Chosen::of(tables, Backend::Cpu, "the GPU could not")?;
+            let warning = format!("the GPU cannot render this scene, the CPU does: {error}");
+            cpu.warnings.push(warning);
+            Ok(cpu)
+        }
+        chosen => chosen,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -9,9 +9,12 @@ use crate::base::cache;
 use crate::base::report::machine::Machine;
 use crate::gpu::adapter::{self, ADAPTER_VARIABLE, AdapterReport};
 use crate::gpu::{AdapterChoice, Gpu, GpuError, Needs};
+use crate::imaging::quality::cache::Cache;
 use clap::Args;
 use serde::Serialize;
 
+use super::backend::BEST;
+use super::backend::timing::{FrameTimes, Kept};
 use super::failure::Failure;
 use super::terminal;
 use crate::gpu::adapter::hardware;
@@ -22,7 +25,7 @@ pub struct Doctor {
     /// Part of the name of the GPU adapter to select
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `cache`, `hints`, `warnings`
+    /// Print JSON: `version`, `machine`, `adapters`, `backend`, `adapter`, `reason`, `measured` (scenes), `cache`, `hints`, `warnings`
     #[arg(long)]
     json: bool,
 }
@@ -35,6 +38,8 @@ struct Report {
     backend: &'static str,
     adapter: Option<String>,
     reason: String,
+    /// Times by which `auto` chooses, if it is not the CPU in any case.
+    measured: Vec<FrameTimes>,
     cache: Option<PathBuf>,
     hints: Vec<String>,
     warnings: Vec<String>,
@@ -51,6 +56,7 @@ impl Doctor {
             backend: "cpu",
             adapter: None,
             reason: String::new(),
+            measured: Vec::new(),
             cache: cache::folder(),
             hints: Vec::new(),
             warnings: Vec::new(),
@@ -61,9 +67,12 @@ impl Doctor {
                 Ok(gpu) => {
                     report.backend = "gpu";
                     report.adapter = Some(gpu.report().name.clone());
+                    if name.is_none() {
+                        report.measured = Kept::of(gpu.report(), &Cache::of_user(&report.machine.to_string())).times;
+                    }
                     report.reason = match name {
                         Some(name) => format!("\"{name}\" was asked for"),
-                        None => "it is the best adapter".to_owned(),
+                        None => format!("{BEST}; scenes of several frames take what is faster, measured once"),
                     };
                 }
                 Err(error) => {
@@ -99,6 +108,11 @@ impl fmt::Display for Report {
         match &self.adapter {
             Some(adapter) => writeln!(f, "used      {} on {adapter}: {}", self.backend, self.reason)?,
             None => writeln!(f, "used      {}: {}", self.backend, self.reason)?,
+        }
+        for times in &self.measured {
+            let backend = if times.is_gpu() { "gpu" } else { "cpu" };
+            let adapter = self.adapter.as_deref().unwrap_or_default();
+            writeln!(f, "measured  {}: {backend}, {}", times.scene, times.text(adapter))?;
         }
         if let Some(folder) = &self.cache {
             writeln!(

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::base::read;
 use crate::imaging::quality::Picked;
-use crate::imaging::synth::tables::Settings;
+use crate::imaging::synth::FrameState;
 use crate::input::scenario::run::{Requests, run};
 use crate::input::scenario::{self, Scenario, ScenarioFile, Summary};
 use crate::mechanics::insertion::Recording;
@@ -175,12 +175,12 @@ impl Insert {
         let mut writer = Writer::new(&scenario, folder.path(), asked)?;
         if asked.frames {
             self.extras.check(&scenario.scene)?;
-            let anatomy = scenario.scene.anatomy.clone();
-            let settings = Settings {
-                layers: self.extras.layers(),
-                ..scenario.scene.settings.clone()
-            };
-            let chosen = self.backend.synthesizer(anatomy, settings)?;
+            let (anatomy, mut settings) = (scenario.scene.anatomy.clone(), scenario.scene.settings.clone());
+            settings.layers = self.extras.layers();
+            let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
+            let state = FrameState::at(*pose.probe_to_world());
+            let chosen = self.backend.synthesizer(anatomy, settings, Some(&state))?;
+            chosen.tell();
             writer.render(chosen, self.images(), &self.extras, self.preview)?;
         }
         let mut summary = run(&scenario, model.as_mut(), asked, &mut writer)?;

@@ -362,7 +362,7 @@ impl Workspace {
         settings.has_needle = false;
         let start = guided.driven[0].time_s;
         let state = FrameState::at(*scene.probe_path().at(start).probe_to_world());
-        let mut chosen = self.backend.synthesizer(scene.anatomy.clone(), settings)?;
+        let mut chosen = self.backend.synthesizer(scene.anatomy.clone(), settings, None)?;
         let pixels = chosen.synth.render(&state)?.pixels.clone();
         let path = guided.driven.iter().step_by(guided.driven.len().div_ceil(MOST_ROWS));
         let path: Vec<[f64; 2]> = path.map(|at| guided.guide.needle(&at.command).tip_mm).collect();

@@ -132,7 +132,7 @@ impl PathArgs {
         let anatomy = &scenario.scene.anatomy;
         let mut chosen = self
             .backend
-            .synthesizer(anatomy.clone(), scenario.scene.settings.clone())?;
+            .synthesizer(anatomy.clone(), scenario.scene.settings.clone(), None)?;
         let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
         chosen.synth.render(&FrameState::at(*pose.probe_to_world()))?;
         let picture = plan.picture(&chosen.synth, &scenario);

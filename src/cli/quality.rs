@@ -95,7 +95,7 @@ impl QualityArgs {
             return Ok(None);
         }
         let grids = grid::candidates(&scene.settings.probe, open, image);
-        let on = |scene: &Scene| backend.synthesizer(scene.anatomy.clone(), scene.settings.clone());
+        let on = |scene: &Scene| backend.synthesizer(scene.anatomy.clone(), scene.settings.clone(), None);
         let (adapter, software) = {
             let chosen = on(scene)?;
             let adapter = chosen.adapter().map_or(String::new(), |name| format!(", {name}"));

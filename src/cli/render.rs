@@ -120,17 +120,10 @@ impl Render {
         let place = Place::open(target, &self.extras, self.force, &self.input.files())?;
         place.left().iter().for_each(terminal::warn);
         let output = Output::open(place.inner.clone(), &self.extras, &scene, count)?;
-        let mut chosen = self
-            .backend
-            .synthesizer(scene.anatomy.clone(), scene.settings.clone())?;
-        let on = chosen
-            .adapter()
-            .map_or_else(String::new, |adapter| format!(" on {adapter}"));
-        terminal::say(format_args!(
-            "backend: {}{on} ({})",
-            chosen.synth.backend(),
-            chosen.reason
-        ));
+        let several = scene.states(count).next().filter(|_| count > 1);
+        let (anatomy, settings) = (scene.anatomy.clone(), scene.settings.clone());
+        let mut chosen = self.backend.synthesizer(anatomy, settings, several.as_ref())?;
+        chosen.tell();
         chosen.warnings.iter().for_each(terminal::warn);
         let mut report = self.frames(&scene, &mut chosen, output, &place, count)?;
         let path = place.install()?;

@@ -72,7 +72,8 @@ pub enum Backend {
     Cpu,
     /// CPU reference in double precision: the gold standard.
     CpuF64,
-    /// The best hardware GPU, or [`Backend::Cpu`] where there is none or where it cannot render the scene.
+    /// The best hardware GPU, or [`Backend::Cpu`] where there is none or where it cannot render the scene. Nothing is timed: the choice does not
+    /// depend on the load of the machine. The command, whose `--backend auto` times frames on both, says which is faster.
     Auto,
     /// A GPU adapter of this machine.
     Adapter(AdapterChoice),
@@ -179,7 +180,7 @@ impl Synthesizer {
     }
 
     /// A synthesizer with tables that others may share.
-    fn of(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
+    pub(crate) fn of(tables: Arc<Tables>, backend: Backend) -> Result<Self, SynthError> {
         let plan = Plan::new(&tables);
         let executor = backend.executor(&plan, &tables)?;
         let frame = Frame {
