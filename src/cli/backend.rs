@@ -22,7 +22,7 @@ pub const BEST: &str = "it is the best adapter";
 
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum BackendName {
-    /// A hardware GPU or the CPU, whichever is faster; of a single frame, the GPU unless the CPU has been faster before
+    /// A hardware GPU or the CPU, whichever timed frames of the scene show to be faster; the GPU where there are no times
     #[default]
     Auto,
     /// The CPU in single precision
