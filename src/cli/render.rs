@@ -144,7 +144,8 @@ impl Render {
         count: usize,
     ) -> Result<Report, Failure> {
         let synth = &mut chosen.synth;
-        synth.time_passes(self.json)?;
+        // A GPU makes a timed frame twice: there, one more frame is timed.
+        synth.time_passes(self.json && synth.gpu().is_none())?;
         // For a constant pose the scene has already warned.
         let told = scene.probe_path().keys().len() == 1;
         let mut passes = Passes::default();
@@ -185,6 +186,11 @@ impl Render {
         output.finish()?;
         bar.finish_and_clear();
         let frames_per_second = count as f64 / start.elapsed().as_secs_f64();
+        if let (true, Some(_), Some(state)) = (self.json, synth.gpu(), scene.states(count).next()) {
+            synth.time_passes(true)?;
+            synth.render(&state)?;
+            passes.add(synth.pass_times());
+        }
 
         let mut found = oddities.summary(count);
         found.extend(repeated(scene, count));

@@ -348,7 +348,7 @@ impl Synthesizer {
         }
     }
 
-    /// Enables or disables timing of passes. Off initially.
+    /// Enables or disables timing of passes. Off initially. A GPU makes each timed frame twice: by passes one by one, for their times, and fused.
     pub fn time_passes(&mut self, on: bool) -> Result<(), SynthError> {
         match &mut self.executor {
             Executor::Cpu(cpu) => cpu.timed = on,
@@ -367,7 +367,7 @@ impl Synthesizer {
         }
     }
 
-    /// GPU time of the last frame from its first timestamp to its last, ms; `None` on a CPU backend, on a device
+    /// GPU time of the last frame, whose passes are fused, from its first timestamp to its last, ms; `None` on a CPU backend, on a device
     /// without timestamps, and while passes are not timed.
     pub fn gpu_frame_ms(&self) -> Option<f64> {
         match &self.executor {

@@ -112,7 +112,8 @@ pub struct GpuExecutor {
     numbers: Vec<f32>,
     /// Ground truth of a frame.
     layers: Vec<u32>,
-    timer: Option<Timer>,
+    /// Of the passes one by one, and of a frame.
+    timers: Option<[Timer; 2]>,
     times: Vec<PassTime>,
     frame_ms: Option<f64>,
 }
@@ -135,7 +136,7 @@ impl GpuExecutor {
             slab: None,
             numbers: Vec::new(),
             layers: Vec::new(),
-            timer: None,
+            timers: None,
             times: Vec::new(),
             frame_ms: None,
         };
@@ -211,7 +212,7 @@ impl GpuExecutor {
             known,
         )?;
         self.fit_outputs(tables)?;
-        if self.timer.is_some() {
+        if self.timers.is_some() {
             self.time_passes(true, plan, tables)?;
         }
         Ok(())
@@ -487,7 +488,7 @@ impl GpuExecutor {
         frame: usize,
         count: usize,
     ) -> Result<(), SynthError> {
-        let single = self.timer.is_some();
+        let single = self.timers.is_some();
         let staged = self.stage_for(single, (plan, tables), state, frame, count);
         self.arrived(staged)
     }
@@ -515,7 +516,8 @@ impl GpuExecutor {
             per_frame,
             ..
         } = &mut self.uploads;
-        for step in if single { &self.single } else { &self.fused } {
+        let singles = if single { &self.single[..] } else { &[] };
+        for step in singles.iter().chain(&self.fused) {
             let block = step.blocks_at - *single_at + frame * linker::block_bytes(step.passes.len());
             for (pass, own) in step
                 .passes
@@ -589,7 +591,7 @@ impl GpuExecutor {
         let gpu = self.gpu.clone();
         let submitted = gpu.scoped("frame", || {
             self.reserve_place(tables, place)?;
-            self.upload(self.timer.is_some())?;
+            self.upload(self.timers.is_some())?;
             let submission = gpu.submit("frame", |recorder| {
                 self.run_all(recorder, count)?;
                 let pixels = (0..self.bands.len()).map(|part| (&PIXELS, part));
@@ -707,7 +709,7 @@ impl GpuExecutor {
                 self.texture = Some(self.make_texture(tables)?);
             }
             self.stage(plan, tables, state, 0, 1)?;
-            self.upload(self.timer.is_some())?;
+            self.upload(self.timers.is_some())?;
             run(self)
         });
         self.arrived(done)
@@ -723,10 +725,12 @@ impl GpuExecutor {
 
     fn run_all(&self, recorder: &mut Recorder, frames: usize) -> Result<(), GpuError> {
         self.clear_hits(recorder);
-        match &self.timer {
-            Some(timer) => recorder.run_timed(timer, dispatches(&self.single, frames)),
-            None => recorder.run("frame", dispatches(&self.fused, frames)),
-        }
+        let Some([of_passes, of_frame]) = &self.timers else {
+            return recorder.run("frame", dispatches(&self.fused, frames));
+        };
+        recorder.run_timed(of_passes, dispatches(&self.single, frames))?;
+        self.clear_hits(recorder);
+        recorder.run_timed_whole(of_frame, dispatches(&self.fused, frames))
     }
 
     /// Runs the steps up to and including a pass; all of them if there is none of that name.
@@ -786,13 +790,17 @@ impl GpuExecutor {
         TextureOut::new(&self.gpu, tables.width() as u32, tables.height() as u32)
     }
 
-    /// Enables or disables timing of passes.
+    /// Enables or disables timing: each frame is then made twice, by passes one by one and fused.
     pub fn time_passes(&mut self, on: bool, plan: &Plan, tables: &Tables) -> Result<(), SynthError> {
         if on {
             self.make_single(plan, tables)?;
         }
         let names: Vec<&str> = self.single.iter().map(|step| step.passes[0].name).collect();
-        self.timer = if on { Timer::new(&self.gpu, &names)? } else { None };
+        let timers = |names: &[&str]| Timer::new(&self.gpu, names);
+        self.timers = match on {
+            true => timers(&names)?.zip(timers(&["frame"])?).map(<[Timer; 2]>::from),
+            false => None,
+        };
         self.times.clear();
         self.frame_ms = None;
         self.times.reserve_exact(plan.passes.len());
@@ -802,9 +810,11 @@ impl GpuExecutor {
     fn read_times(&mut self, plan: &Plan) -> Result<(), SynthError> {
         self.times.clear();
         self.frame_ms = None;
-        let Some(timer) = &mut self.timer else { return Ok(()) };
-        let timings = timer.read(&self.gpu)?;
-        self.frame_ms = Some(timings.frame_ms);
+        let Some([of_passes, of_frame]) = &mut self.timers else {
+            return Ok(());
+        };
+        let timings = of_passes.read(&self.gpu)?;
+        self.frame_ms = Some(of_frame.read(&self.gpu)?.frame_ms);
         for planned in &plan.passes {
             let name = planned.pass.name;
             let ms = timings
@@ -869,7 +879,7 @@ impl GpuExecutor {
         &self.times
     }
 
-    /// GPU time of the last frame, from its first timestamp to its last, ms.
+    /// GPU time of the fused passes of the last frame, ms.
     pub fn frame_ms(&self) -> Option<f64> {
         self.frame_ms
     }
