@@ -259,6 +259,9 @@ struct Passes {
 
 impl Passes {
     fn add(&mut self, times: &[PassTime]) {
+        if times.is_empty() {
+            return;
+        }
         if self.sums.is_empty() {
             self.sums = times.to_vec();
         } else {
