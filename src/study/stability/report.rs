@@ -1,7 +1,6 @@
 //! Results of the cases, and their output.
 
 mod page;
-mod plot;
 
 use std::fmt::{self, Write};
 
@@ -9,9 +8,14 @@ use serde::Serialize;
 
 use super::record::Measure;
 use super::{Case, Effort};
+use crate::base::output::OutputError;
 use crate::base::report::machine::Machine;
 use crate::base::report::number::figure;
+use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::table::Table;
+
+/// Margin at which the plot shows an exact result and, on its other side, a figure that is no number.
+const ENDS: [f64; 2] = [0.1, 1e13];
 
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -126,6 +130,44 @@ impl Report {
 
     fn effort(&self) -> &'static str {
         self.effort.pick("quick counts", "whole counts")
+    }
+
+    /// Draws the margins as an SVG document.
+    ///
+    /// # Errors
+    /// [`OutputError`] if the plot cannot be drawn.
+    pub fn plot(&self) -> Result<String, OutputError> {
+        let (plot, rows) = self.margins();
+        plot.svg_by_row(&rows)
+    }
+
+    /// Plots the margin of each figure that has a limit, the decisive one of a case drawn large; and the names of the rows, one per group and case.
+    pub(super) fn margins(&self) -> (Plot, Vec<String>) {
+        let mut rows = Vec::new();
+        let [mut holds, mut fails] = ["holds", "fails"].map(|_| [Vec::new(), Vec::new()]);
+        for group in self.groups() {
+            rows.push(format!("[ {group} ]"));
+            for case in self.of_group(group) {
+                let shown = case.measures.iter().filter(|it| it.limit.is_some() || !it.holds);
+                for measure in shown {
+                    let exact = if measure.holds { ENDS[1] } else { ENDS[0] };
+                    let at = measure.margin.unwrap_or(exact).clamp(ENDS[0], ENDS[1]);
+                    let large = case.worst().is_some_and(|worst| std::ptr::eq(worst, measure));
+                    let of = if measure.holds { &mut holds } else { &mut fails };
+                    of[usize::from(large)].push([at, -(rows.len() as f64)]);
+                }
+                rows.push(case.name.clone());
+            }
+        }
+        let ends = [0.5, 0.5 - rows.len() as f64];
+        let mut series = vec![Series::line("limit", 6, ends.map(|y| [1.0, y]).to_vec())];
+        for (name, colour, [small, large]) in [("holds", 0, holds), ("fails", 1, fails)] {
+            series.push(Series::points(name, colour, Marker::Dot, small));
+            series.push(Series::points(name, colour, Marker::Disc, large));
+        }
+        let x = Axis::log("margin: limit over figure (1e13: exact; large: the figure nearest to its limit)");
+        let plot = Plot::new("Margins of the hard cases", x, Axis::linear(""), series);
+        (plot, rows)
     }
 
     /// Returns the report with every figure in Markdown.

@@ -1,6 +1,7 @@
 //! HTML page of the report.
 
 use super::{CaseReport, Report, limit, margin, sentence};
+use crate::base::output::OutputError;
 use crate::base::report::number::figure;
 use crate::base::report::page::{Page, escape};
 use crate::base::report::table::{Cell, Table};
@@ -8,7 +9,10 @@ use crate::study::stability::record::Measure;
 
 impl Report {
     /// Returns the report, with every figure, as one self-contained HTML document.
-    pub fn page(&self) -> String {
+    ///
+    /// # Errors
+    /// [`OutputError`] if the plot cannot be drawn.
+    pub fn page(&self) -> Result<String, OutputError> {
         let mut page = Page::new("Hard cases");
         let (failed, all) = (self.failed(), self.cases.len());
         let verdict = format!(
@@ -31,7 +35,7 @@ impl Report {
              margin is how many times larger it might be. NaN and infinity never hold, and what must be refused fails if it is not.",
         );
         page.wide_figure(
-            &self.plot(),
+            &self.plot()?,
             "How many times larger each figure might be before its case fails",
         );
         for group in self.groups() {
@@ -51,7 +55,7 @@ impl Report {
                 case.details(&mut page);
             }
         }
-        page.finish()
+        Ok(page.finish())
     }
 }
 
