@@ -7,6 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::base::document::{self, RegionName, Source, Version};
+use crate::base::range::parameters;
 use crate::input::Cause;
 
 /// A measured insertion, and the scenario that is to reproduce it. Paths are relative to the folder of the file.
@@ -73,15 +74,15 @@ pub enum Cost {
     Mean,
 }
 
-/// A layer.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct LayerSpec {
-    /// Region: its name, a part of its name, or its number.
-    pub region: RegionName,
-    /// Young's modulus, kPa (above 0). Default: that of the scenario.
-    pub young_kpa: Option<f64>,
-    /// Whether the modulus is known; otherwise the search starts there. Default false.
-    #[serde(default)]
-    pub known: bool,
+parameters! {
+    /// A layer.
+    pub struct LayerSpec with required keys {
+        /// Region: its name, a part of its name, or its number.
+        region: RegionName;
+        /// Young's modulus. Default: that of the scenario.
+        young_kpa: Option<f64>, above 0 "kPa";
+        /// Whether the modulus is known; otherwise the search starts there. Default false.
+        #[serde(default)]
+        known: bool;
+    }
 }

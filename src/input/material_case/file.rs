@@ -3,52 +3,53 @@
 use std::sync::Arc;
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::base::document::{self, Source, Version};
+use crate::base::range::parameters;
 use crate::input::{Cause, InputError};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::point::{Loading, Method, Structure};
 
-/// A test of a material: one point in simple shear.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CaseFile {
-    /// Version of the format: 1, which is the default.
-    pub version: Option<Version>,
-    /// Constitutive law.
-    pub law: Law,
-    /// k of the spring-pot, 0 (a spring) to 1 (a dashpot); about 0.1 for liver.
-    pub order: f64,
-    /// Modulus G, above 0: of the spring-pot, kPa s^k; of the Zener body's branch, kPa.
-    pub modulus_kpa: f64,
-    /// Zener: modulus G_inf of the spring in parallel with the branch, kPa, 0 or more.
-    pub modulus_inf_kpa: Option<f64>,
-    /// Zener: relaxation time of the spring-pot in the branch, s, above 0.
-    pub tau_s: Option<f64>,
-    /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain in `solve` and `insert`. Default: no
-    /// stiffening.
-    #[serde(alias = "knee_strain")]
-    pub knee_shear: Option<f64>,
-    /// Stiffening coefficient a in G0 (1 + a (shear - knee_shear)^2), 0 or more. Requires `knee_shear`.
-    pub stiffening: Option<f64>,
-    /// Position of the stiffness relative to the memory; the two differ only beyond the knee.
-    #[serde(default, alias = "structure")]
-    pub memory: Structure,
-    /// Quadrature of the history.
-    #[serde(default)]
-    pub rule: Method,
-    /// Load history.
-    pub history: Loading,
-    /// Source text, for errors that point into it.
-    #[serde(skip)]
-    pub(super) source: Option<Arc<Source>>,
+parameters! {
+    /// A test of a material: one point in simple shear.
+    pub struct CaseFile with required keys {
+        /// Version of the format: 1, which is the default.
+        version: Option<Version>;
+        /// Constitutive law.
+        law: Law;
+        /// k of the spring-pot: 0 for a spring, 1 for a dashpot; about 0.1 for liver.
+        order: f64, in 0..=1;
+        /// Modulus G: of the spring-pot, kPa s^k; of the Zener body's branch, kPa.
+        modulus_kpa: f64, above 0;
+        /// Zener: modulus G_inf of the spring in parallel with the branch.
+        modulus_inf_kpa: Option<f64>, in 0 "kPa";
+        /// Zener: relaxation time of the spring-pot in the branch.
+        tau_s: Option<f64>, above 0 "s";
+        /// Shear strain at which the material begins to stiffen: 2/sqrt(3) of the relative strain in `solve` and `insert`. Default: no
+        /// stiffening.
+        #[serde(alias = "knee_strain")]
+        knee_shear: Option<f64>;
+        /// Stiffening coefficient a in G0 (1 + a (shear - knee_shear)^2). Requires `knee_shear`.
+        stiffening: Option<f64>, in 0;
+        /// Position of the stiffness relative to the memory; the two differ only beyond the knee.
+        #[serde(default, alias = "structure")]
+        memory: Structure;
+        /// Quadrature of the history.
+        #[serde(default)]
+        rule: Method;
+        /// Load history.
+        history: Loading;
+        /// Source text, for errors that point into it.
+        #[serde(skip)]
+        source: Option<Arc<Source>>;
+    }
 }
 
 document::input_file!(CaseFile, Cause);
 
 /// Constitutive law.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Law {
     /// Spring-pot: modulus_kpa d^k strain / dt^k = stress.

@@ -45,7 +45,7 @@ pub const MOST_NODES: usize = 5_000_000;
 const BYTES_A_NODE: usize = 2048;
 /// Upper limit of the requested least dihedral angle, degrees: refinement alone leaves 45 in cubic cells, about 35 in the
 /// flattest, and the fit needs room.
-pub const MOST_DIHEDRAL_DEG: f64 = 30.0;
+const MOST_DIHEDRAL_DEG: f64 = 30.0;
 /// Number of times that nodes are fitted to the interfaces; the gain of a sixth round is below 1 % of the mislabelled
 /// volume.
 pub const ROUNDS: usize = 5;
@@ -77,7 +77,7 @@ pub struct LabelGrid<'a> {
 /// Options of the mesh generator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GenerateOptions<'a> {
-    /// Least dihedral angle that moving nodes may cause, degrees (0 to [`MOST_DIHEDRAL_DEG`]; default 12). Smaller follows
+    /// Least dihedral angle that moving nodes may cause, degrees (0 to 30; default 12). Smaller follows
     /// interfaces more closely, larger solves better.
     pub min_dihedral_deg: f64,
     /// Longest edge of a refined element with tissue in it, mm (before nodes are moved); `None` leaves it to the budget.

@@ -22,7 +22,7 @@ use crate::base::real::Real;
 use scratch::Scratch;
 
 /// Backward error beyond which [`Factor::solve_refined`] takes a step of iterative refinement.
-pub const REFINE_ABOVE: f64 = 1e-14;
+const REFINE_ABOVE: f64 = 1e-14;
 
 /// Sparse symmetric matrix over free degrees of freedom, the input of a [`Factor`].
 pub trait Symmetric {
@@ -247,7 +247,7 @@ impl<R: Real + RealField> Factor<R> {
 }
 
 impl Factor {
-    /// Solves K x = b (N, mm) with one step of iterative refinement where the residual exceeds [`REFINE_ABOVE`].
+    /// Solves K x = b (N, mm) with one step of iterative refinement where the residual exceeds 1e-14.
     /// Returns the solution and its residual.
     ///
     /// The residual is the normwise backward error |b - K x| / (|K| |x| + |b|) in maximum norms (J. L. Rigal and J.

@@ -34,7 +34,7 @@ const TOLERANCE: f64 = 1e-10;
 const EQUAL: f64 = 1e-9;
 
 /// History of stress or strain. Before the first time all is at rest; then the value may jump to the first one.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Loading {
     /// Prescribed quantity.
