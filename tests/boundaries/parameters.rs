@@ -326,7 +326,7 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<paths::BendingSpec>(json!({ "entry_mm": [0, 0, 0], "entry_direction": [0, 1, 0] }));
     agree::<VolumeSpec>(json!({}));
     agree::<scenario::tissue::MaterialSpec>(json!({}));
-    agree::<identification::file::LayerSpec>(json!({ "region": "liver" }));
+    agree::<identification::LayerSpec>(json!({ "region": "liver" }));
     let history = json!({ "control": "stress", "time_s": [0, 1], "value": [1, 1] });
     agree::<CaseFile>(json!({ "law": "zener", "order": 0.1, "modulus_kpa": 1, "history": history }));
     agree::<RunSpec>(json!({}));

@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 use std::fmt;
 
-use super::resolve::Case;
+use super::Case;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::statistics;
 use crate::base::report::table::{Cell, Table};

@@ -1,6 +1,6 @@
 //! Validation of a scene file that requires no other file.
 
-use super::error::At;
+use super::At;
 use super::file::{SceneFile, VolumeSpec};
 use crate::anatomy::phantom::Phantom;
 use crate::imaging::effects::Effects;

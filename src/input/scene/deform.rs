@@ -10,7 +10,7 @@ use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 
-use super::error::At;
+use super::At;
 use super::file::SceneFile;
 use crate::anatomy::volume::LabelVolume;
 use crate::base::document::InvalidFile;
