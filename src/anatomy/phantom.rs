@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use crate::anatomy::volume::{LabelVolume, VolumeError};
 
 /// Finest and coarsest resolution, mm.
-pub const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
+const RESOLUTION_RANGE_MM: [f64; 2] = [0.3, 5.0];
 
 /// Maximum number of voxels of a phantom: one byte each, so 256 MiB.
 pub const MAX_VOXELS: usize = 256 << 20;
@@ -48,7 +48,7 @@ pub enum Phantom {
 /// Options for generating a phantom.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PhantomOptions {
-    /// Voxel edge, mm ([`RESOLUTION_RANGE_MM`]); `None` uses the phantom's default.
+    /// Voxel edge, mm (0.3 to 5); `None` uses the phantom's default.
     pub resolution_mm: Option<f64>,
     /// Seed of all irregularity: organ surfaces, the course of vessels, bowel gas.
     pub seed: u64,
@@ -57,7 +57,7 @@ pub struct PhantomOptions {
 /// Generates a phantom. The same kind, resolution and seed give the same bytes at any thread count.
 ///
 /// # Errors
-/// A resolution outside [`RESOLUTION_RANGE_MM`], or a volume past [`MAX_VOXELS`].
+/// A resolution outside its range, or a volume past [`MAX_VOXELS`].
 pub fn make(kind: Phantom, options: &PhantomOptions) -> Result<LabelVolume, VolumeError> {
     let resolution_mm = options.resolution_mm.unwrap_or(match kind {
         Phantom::Abdomen => 1.0,

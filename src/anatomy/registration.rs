@@ -22,7 +22,7 @@ pub use resample::resample;
 use skin::{Foot, Skin};
 
 /// Number of coefficients of each coordinate: 1, x, y, z, x2, y2, z2, xy, yz, zx.
-pub const TERMS: usize = 10;
+const TERMS: usize = 10;
 /// Maximum number of surface points used to fit; more are thinned evenly.
 const MOST_POINTS: usize = 4000;
 /// Least number of surface points.

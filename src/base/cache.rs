@@ -11,7 +11,7 @@ use super::output::atomic;
 use super::read;
 
 /// Environment variable that overrides the cache folder.
-pub const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
+const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 
 /// Size that the files of [`cached`] have together at most, bytes; the ones unused for longest go first.
 const MOST_BYTES: u64 = 512 << 20;

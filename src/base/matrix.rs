@@ -15,13 +15,13 @@ pub struct Rows(pub Matrix4<f64>);
 
 /// Largest error of a rotation's entries that is corrected: tracked rotations are orthonormal to a few 1e-4
 /// (`Prostate10_tracker` of PlusLibData: 3e-4), rounded ones to a few 1e-3.
-pub const RIGID_TOLERANCE: f64 = 5e-3;
+const RIGID_TOLERANCE: f64 = 5e-3;
 
 /// Largest translation of a rigid transform along an axis, mm: a kilometre, so that later products cannot overflow.
 pub(crate) const FARTHEST_MM: f64 = 1e6;
 
 /// Returns the rigid transform nearest to a matrix: its 3 x 3 part is replaced by the rotation of its polar decomposition.
-/// An error, which says what is wrong, if that changes an entry by more than [`RIGID_TOLERANCE`].
+/// An error, which says what is wrong, if that changes an entry by more than 0.005.
 pub fn rigid(matrix: &Matrix4<f64>) -> Result<Matrix4<f64>, String> {
     for row in 0..4 {
         for column in 0..4 {
@@ -94,10 +94,8 @@ pub(crate) fn inverse_rigid(matrix: &Matrix4<f64>) -> Matrix4<f64> {
 
 impl Rows {
     /// Creates a transform from sixteen numbers, row by row; `None` for any other count.
-    pub fn from_numbers(numbers: &[f64]) -> Option<Self> {
-        <&[f64; 16]>::try_from(numbers)
-            .ok()
-            .map(|numbers| Self(Matrix4::from_row_slice(numbers)))
+    fn from_numbers(numbers: &[f64]) -> Option<Self> {
+        (numbers.len() == 16).then(|| Self(Matrix4::from_row_slice(numbers)))
     }
 
     /// Parses sixteen numbers separated by white space, row by row. The error describes what was found instead.

@@ -82,7 +82,7 @@ impl Stability {
 /// Writes a report into a folder, each file atomically.
 fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
     let results = serde_json::to_string_pretty(report).map_err(|error| Failure::Output(error.into()))?;
-    let texts = [report.page(), report.plot(), report.markdown(), results + "\n"];
+    let texts = [report.page()?, report.plot()?, report.markdown(), results + "\n"];
     FILES
         .iter()
         .zip(texts)

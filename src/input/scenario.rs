@@ -27,13 +27,11 @@
 //! ```
 
 pub(crate) mod aim;
-mod along;
 pub(crate) mod carried;
 pub(crate) mod clearance;
 mod cut;
 mod cylinder;
 pub mod deformed;
-mod error;
 pub mod file;
 pub mod guidance;
 pub mod instruments;
@@ -57,15 +55,8 @@ mod scene;
 mod section;
 pub mod stiffened;
 mod summary;
-#[cfg(test)]
-mod tests;
 pub mod tissue;
 mod trial;
-
-use std::path::Path;
-
-use crate::base::document;
-use crate::input::scene::SceneFile;
 
 pub use file::{ScenarioFile, SceneSource};
 pub use instruments::{NeedleModel, NeedleTable};
@@ -73,6 +64,16 @@ pub use resolve::Scenario;
 pub use summary::Summary;
 pub use tissue::{DEFAULT_NODES, TissueModel};
 pub use trial::Trial;
+
+use std::path::Path;
+
+use nalgebra::Point3;
+
+use crate::base::document::{self, InvalidFile};
+use crate::input::InputError;
+use crate::input::scene::SceneFile;
+use crate::mechanics::mesh::generate::{GenerateReport, NEAR_MM};
+use crate::tracking::trajectory::Trajectory;
 
 /// Built-in scenarios, by name.
 pub const EXAMPLES: &[(&str, &str)] = &[
@@ -117,3 +118,97 @@ impl ScenarioFile {
         }
     }
 }
+
+/// Minimum length of a piece of the path, mm: shorter ones are merged.
+const PIECE_MM: f64 = 2.0;
+
+/// Straight pieces of the tip's path, mm.
+fn path_pieces(tip: &Trajectory) -> Vec<[Point3<f64>; 2]> {
+    let mut places = tip.keys().iter().map(|key| key.pose.position_mm());
+    let Some(mut from) = places.next() else {
+        return Vec::new();
+    };
+    let mut pieces = Vec::new();
+    for to in places {
+        if (to - from).norm() >= PIECE_MM {
+            pieces.push([from, to]);
+            from = to;
+        }
+    }
+    pieces
+}
+
+/// Note about a generated mesh.
+fn mesh_note(report: &GenerateReport, along_path: bool) -> String {
+    let GenerateReport { nodes, elements, .. } = report;
+    let all = report.mislabelled_percent;
+    let finer = if along_path {
+        "finer along the needle's path"
+    } else {
+        "no finer along the needle's path"
+    };
+    match report.near_mislabelled_percent {
+        None => format!(
+            "mesh: {nodes} nodes, {elements} tetrahedra; {all:.0} % of the tissue lie in elements of another region"
+        ),
+        Some(near) => format!(
+            "mesh: {nodes} nodes, {elements} tetrahedra, {finer}; {near:.0} % of the tissue within {NEAR_MM} mm of the path and \
+             {all:.0} % of all tissue lie in elements of another region"
+        ),
+    }
+}
+
+impl ScenarioFile {
+    /// Returns a number of this file if it is within its range.
+    fn number(
+        &self,
+        key: impl Into<String>,
+        found: f64,
+        holds: impl FnOnce(f64) -> bool,
+        expected: &'static str,
+    ) -> Result<f64, InputError> {
+        if found.is_finite() && holds(found) {
+            Ok(found)
+        } else {
+            Err(self.fault(key, InvalidFile::number(found, expected)))
+        }
+    }
+
+    /// Returns a direction vector of this file.
+    fn direction(&self, key: &str, found: [f64; 3]) -> Result<nalgebra::Unit<nalgebra::Vector3<f64>>, InputError> {
+        let finite = found.iter().all(|x| x.is_finite());
+        nalgebra::Unit::try_new(nalgebra::Vector3::from(found), 1e-9)
+            .filter(|_| finite)
+            .ok_or_else(|| {
+                let expected = "finite numbers that are not all zero";
+                self.wrong_keys(key, format!("{found:?}"), expected)
+            })
+    }
+
+    /// Returns a point of this file.
+    fn place(&self, key: &str, found: [f64; 3]) -> Result<nalgebra::Point3<f64>, InputError> {
+        if found.iter().all(|x| x.abs() <= crate::base::matrix::FARTHEST_MM) {
+            Ok(found.into())
+        } else {
+            let expected = "finite coordinates of at most 1e6 mm";
+            Err(self.wrong_keys(key, format!("{found:?}"), expected))
+        }
+    }
+
+    /// Converts an error of the scene, which lies in its own file or inline in this one.
+    fn of_scene(&self, mut error: InputError, is_inline: bool) -> InputError {
+        let key = error.key().map(str::to_owned);
+        if is_inline && key.as_deref() == Some("volume.file") && self.source.is_some() {
+            let help = "the key `file` under [scene.volume] names the label file: put the path of your own there";
+            error = error.with_help(Some(help.to_owned()));
+        }
+        match key {
+            Some(key) if key.starts_with("needle") => error.at_key(key, self.source.as_ref()),
+            Some(key) if is_inline => error.at_key(format!("scene.{key}"), self.source.as_ref()),
+            _ => error,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

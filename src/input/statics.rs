@@ -27,11 +27,8 @@
 //! ```
 
 pub mod course;
-mod error;
-mod fields;
 pub mod file;
 mod loads;
-mod materials;
 mod report;
 mod resolve;
 mod run;
@@ -41,11 +38,156 @@ pub use course::{Model, SchemeName};
 pub use file::ProblemFile;
 pub use report::Report;
 
+use std::collections::BTreeMap;
+
+use crate::base::document::InvalidFile;
+use crate::input::InputError;
+use crate::mechanics::mesh::TetMesh;
+use crate::mechanics::tissue::material::Material;
+use crate::mechanics::tissue::nonlinear::{Solid, Stiffening, von_mises};
+use file::MaterialSpec;
+use resolve::Regions;
+use selection::SelectionError;
+
 /// Example problem file with every key of linear tissue.
 pub const EXAMPLE: &str = include_str!("../../assets/press.toml");
 
 /// Example problem file of viscoelastic tissue with a load history.
 pub const CREEP: &str = include_str!("../../assets/liver-plate.toml");
+
+impl ProblemFile {
+    /// Creates an error about a selection of nodes or axes.
+    #[allow(clippy::boxed_local, reason = "the boxed error of a result")]
+    fn odd(&self, odd: SelectionError) -> InputError {
+        self.fault(odd.0, odd.1)
+    }
+
+    /// Checks that a number is finite and no larger than `most`.
+    fn within(&self, key: &str, found: f64, most: f64, expected: &'static str) -> Result<(), InputError> {
+        match found.abs() <= most {
+            true => Ok(()),
+            false => Err(self.fault(key, InvalidFile::number(found, expected))),
+        }
+    }
+
+    /// Checks that each component of a vector is finite and no larger than `most`.
+    fn vector(&self, key: &str, vector: &[f64; 3], most: f64, expected: &'static str) -> Result<(), InputError> {
+        let check = |(at, found): (usize, &f64)| self.within(&format!("{key}[{at}]"), *found, most, expected);
+        vector.iter().enumerate().try_for_each(check)
+    }
+}
+
+/// Symmetric tensors of each element: xx, yy, zz, xy, yz and xz.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Fields {
+    /// Strain; shear as tensor components, half of the engineering shear strain.
+    pub strain: Vec<[f64; 6]>,
+    /// Stress, kPa.
+    pub stress_kpa: Vec<[f64; 6]>,
+}
+
+fn six(m: [[f64; 3]; 3]) -> [f64; 6] {
+    [m[0][0], m[1][1], m[2][2], m[0][1], m[1][2], m[0][2]]
+}
+
+impl Fields {
+    /// Fields of a body displaced by `displacement`, with the stress due to `strained`, both in mm.
+    fn of(body: &Solid, displacement: &[f64], strained: &[f64]) -> Fields {
+        Self::with(body, displacement, &body.stresses_kpa(displacement, strained))
+    }
+
+    /// Fields of a displaced body with known stress, kPa.
+    fn with(body: &Solid, displacement: &[f64], stress_kpa: &[[[f64; 3]; 3]]) -> Fields {
+        Fields {
+            strain: body.strains(displacement).into_iter().map(six).collect(),
+            stress_kpa: stress_kpa.iter().copied().map(six).collect(),
+        }
+    }
+
+    /// Von Mises stress of each element, kPa.
+    pub fn von_mises_kpa(&self) -> Vec<f64> {
+        let equivalent = |&[xx, yy, zz, xy, yz, xz]: &[f64; 6]| von_mises(&[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]);
+        self.stress_kpa.iter().map(equivalent).collect()
+    }
+}
+
+/// Material of a region.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Made {
+    pub law: Stiffening,
+    /// Index of its `[[material]]` table.
+    pub table: usize,
+}
+
+impl ProblemFile {
+    /// Material of each region of the mesh.
+    fn materials(&self, mesh: &TetMesh, regions: &Regions) -> Result<BTreeMap<i32, Made>, InputError> {
+        if self.material.is_empty() {
+            return Err(self.wrong_keys("material", "no `[[material]]`", "at least one"));
+        }
+        let (mut others, mut made) = (None, BTreeMap::new());
+        for (table, spec) in self.material.iter().enumerate() {
+            let key = format!("material[{table}]");
+            let law = self.law(&key, spec)?;
+            let one = Made { law, table };
+            let Some(name) = &spec.region else {
+                if others.replace(one).is_some() {
+                    let found = "a second material without `region`";
+                    return Err(self.wrong_keys(key, found, "one at most, for all other regions"));
+                }
+                continue;
+            };
+            let key = format!("{key}.region");
+            for region in self.regions(&key, name, regions)? {
+                if made.insert(region, one).is_some() {
+                    let found = format!("a second material for {}", regions.called(region));
+                    return Err(self.wrong_keys(key, found, "one for each region"));
+                }
+            }
+        }
+        let mut without = BTreeMap::<i32, usize>::new();
+        for region in mesh.regions() {
+            match (made.contains_key(region), others) {
+                (true, _) => {}
+                (false, Some(others)) => drop(made.insert(*region, others)),
+                (false, None) => *without.entry(*region).or_default() += 1,
+            }
+        }
+        if without.is_empty() {
+            return Ok(made);
+        }
+        let listed = without.iter();
+        let listed = listed.map(|(region, elements)| format!("{} ({elements} tetrahedra)", regions.called(*region)));
+        let found = format!("no material for {}", listed.collect::<Vec<_>>().join(", "));
+        Err(self.wrong_keys(
+            "material",
+            found,
+            "one for each region, or one without `region` for all others",
+        ))
+    }
+
+    fn law(&self, table: &str, spec: &MaterialSpec) -> Result<Stiffening, InputError> {
+        let key = |name: &str| format!("{table}.{name}");
+        let material = Material::given(spec.young_kpa, spec.shear_kpa, spec.poisson);
+        let material = material.map_err(|error| self.fault(key(&error.key), error))?;
+        self.in_ranges(table, spec)?;
+        match (spec.knee_strain, spec.stiffening) {
+            (None, None) => Ok(Stiffening::linear(material)),
+            (knee, _) if self.model == Model::Linear => {
+                let name = if knee.is_some() { "knee_strain" } else { "stiffening" };
+                let found = format!("`{name}` beside `model = \"linear\"`");
+                Err(self.wrong_keys(key(name), found, "`model = \"nonlinear\"` or `\"viscoelastic\"`"))
+            }
+            (Some(knee), Some(rate)) => {
+                Stiffening::new(material, knee, rate).map_err(|error| self.fault(key(&error.key), error))
+            }
+            (Some(_), None) => {
+                Err(self.wrong_keys(key("knee_strain"), "`knee_strain` alone", "`stiffening` beside it"))
+            }
+            (None, Some(_)) => Err(self.wrong_keys(key("stiffening"), "`stiffening` alone", "`knee_strain` beside it")),
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests;

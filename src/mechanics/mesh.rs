@@ -12,9 +12,6 @@
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
 //! | [`Face`] | surface faces, with their outward normals |
 
-use quality::UnusableMesh;
-
-mod adjacency;
 pub mod displacement;
 pub mod element;
 pub mod file;
@@ -30,6 +27,8 @@ mod surface;
 pub use displacement::Displacement;
 pub use locator::{Locator, NONE};
 pub use surface::Face;
+
+use quality::UnusableMesh;
 
 /// A tetrahedral mesh in its reference (undeformed) state, valid by construction.
 ///
@@ -151,7 +150,7 @@ impl TetMesh {
         if signs.next().is_some_and(|first| first < 0.0) && signs.all(|volume| volume < 0.0) {
             elements.iter_mut().for_each(|corners| corners.swap(2, 3));
         }
-        let neighbours = adjacency::neighbours(&elements)?;
+        let neighbours = neighbours(&elements)?;
         Ok(TetMesh {
             nodes,
             elements,
@@ -274,6 +273,57 @@ pub fn check_positions(
 
 fn signed_volume(nodes: &[[f64; 3]], corners: &[u32; 4]) -> f64 {
     element::edges(&corners.map(|node| nodes[node as usize])).determinant() / 6.0
+}
+
+/// Local corners of the face opposite each corner.
+const OPPOSITE: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
+
+/// Returns, for each element and corner, the element across the opposite face, or [`NONE`].
+fn neighbours(elements: &[[u32; 4]]) -> Result<Vec<[u32; 4]>, InvalidMesh> {
+    let mut faces: Vec<([u32; 3], u32, u8)> = Vec::with_capacity(4 * elements.len());
+    for (element, corners) in elements.iter().enumerate() {
+        for (place, opposite) in OPPOSITE.iter().enumerate() {
+            let mut face = opposite.map(|corner| corners[corner]);
+            face.sort_unstable();
+            faces.push((face, element as u32, place as u8));
+        }
+    }
+    faces.sort_unstable();
+    let mut neighbours = vec![[NONE; 4]; elements.len()];
+    for shared in faces.chunk_by(|a, b| a.0 == b.0) {
+        match shared {
+            [_] => {}
+            [a, b] => {
+                neighbours[a.1 as usize][a.2 as usize] = b.1;
+                neighbours[b.1 as usize][b.2 as usize] = a.1;
+            }
+            [a, b, c, ..] => {
+                let sharing = [a.1, b.1, c.1];
+                return Err(repeated(elements, sharing).unwrap_or(InvalidMesh::SharedFace {
+                    face: a.0,
+                    elements: sharing,
+                }));
+            }
+            [] => {}
+        }
+    }
+    Ok(neighbours)
+}
+
+/// Returns the error for two of these elements having the same corners, if any.
+fn repeated(elements: &[[u32; 4]], among: [u32; 3]) -> Option<InvalidMesh> {
+    let corners = among.map(|element| {
+        let mut corners = elements[element as usize];
+        corners.sort_unstable();
+        corners
+    });
+    let (first, second) = [(0, 1), (0, 2), (1, 2)]
+        .into_iter()
+        .find(|(first, second)| corners[*first] == corners[*second])?;
+    Some(InvalidMesh::Repeated {
+        corners: corners[first],
+        elements: [among[first], among[second]],
+    })
 }
 
 #[cfg(test)]

@@ -115,7 +115,7 @@ impl Guide {
 
     /// Sine of the angle between crank and rod, and cosine of that between rod and rail, at an angle of the crank (rad): 0 at a dead
     /// point for the slide, and for the crank.
-    pub fn transmission(&self, angle: f64) -> Option<[f64; 2]> {
+    fn transmission(&self, angle: f64) -> Option<[f64; 2]> {
         let d = self.reach(angle)?;
         let (sin, cos) = angle.sin_cos();
         Some([

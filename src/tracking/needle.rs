@@ -7,13 +7,10 @@ pub use path::NeedlePath;
 
 use nalgebra::{Matrix4, Point3, Unit, Vector3};
 
-use super::error::{TrackingError, within};
+use super::error::{TrackingError, in_range};
 use super::pose::unit;
+use crate::base::range::parameters;
 
-/// Range of needle diameters, mm: finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula.
-pub const DIAMETER_MM: [f64; 2] = [0.05, 10.0];
-/// Range of shaft lengths, mm.
-pub const LENGTH_MM: [f64; 2] = [0.1, 1000.0];
 /// Default diameter, mm: 18 gauge, a usual core biopsy needle.
 pub const DEFAULT_DIAMETER_MM: f64 = 1.27;
 /// Default length, mm: a usual biopsy needle.
@@ -40,7 +37,7 @@ impl NeedlePose {
         length_mm: f64,
         diameter_mm: f64,
     ) -> Result<Self, TrackingError> {
-        within("needle", "length_mm", length_mm, LENGTH_MM)?;
+        in_range::<NeedleSpec>("needle", "length_mm", length_mm)?;
         let direction = unit("needle", "direction", direction)?;
         let tip = point("tip_mm", tip_mm.into())?;
         Self::shaft("tip_mm", vec![tip - direction.scale(length_mm), tip], diameter_mm)
@@ -52,7 +49,7 @@ impl NeedlePose {
     }
 
     fn shaft(key: &'static str, nodes: Vec<Point3<f64>>, diameter_mm: f64) -> Result<Self, TrackingError> {
-        within("needle", "diameter_mm", diameter_mm, DIAMETER_MM)?;
+        in_range::<NeedleSpec>("needle", "diameter_mm", diameter_mm)?;
         if nodes.len() < 2 {
             let text = format!(
                 "needle key `nodes_mm` holds {} points; expected at least 2, hub first",
@@ -141,22 +138,22 @@ fn point(key: &'static str, found: [f64; 3]) -> Result<Point3<f64>, TrackingErro
     }
 }
 
-/// Keys of a needle: `nodes_mm`, or `tip_mm` with `entry_mm` or `direction`.
-#[derive(Clone, Debug, Default, PartialEq)]
-#[cfg_attr(test, derive(serde::Deserialize))]
-pub struct NeedleSpec {
-    /// Tip in the world (LPS), mm.
-    pub tip_mm: Option<[f64; 3]>,
-    /// Point that the shaft passes through on its way to the tip, such as its entry into the skin, mm.
-    pub entry_mm: Option<[f64; 3]>,
-    /// Direction of the needle; any length.
-    pub direction: Option<[f64; 3]>,
-    /// A bent shaft: at least two points, hub first, tip last, mm.
-    pub nodes_mm: Option<Vec<[f64; 3]>>,
-    /// Length of a straight shaft, mm (0.1 to 1000). Default 150; not with `nodes_mm`.
-    pub length_mm: Option<f64>,
-    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge).
-    pub diameter_mm: Option<f64>,
+parameters! {
+    /// Keys of a needle: `nodes_mm`, or `tip_mm` with `entry_mm` or `direction`.
+    pub struct NeedleSpec {
+        /// Tip in the world (LPS), mm.
+        tip_mm: Option<[f64; 3]>;
+        /// Point that the shaft passes through on its way to the tip, such as its entry into the skin, mm.
+        entry_mm: Option<[f64; 3]>;
+        /// Direction of the needle; any length.
+        direction: Option<[f64; 3]>;
+        /// A bent shaft: at least two points, hub first, tip last, mm.
+        nodes_mm: Option<Vec<[f64; 3]>>;
+        /// Length of a straight shaft. Default 150; not with `nodes_mm`.
+        length_mm: Option<f64>, in 0.1..=1000;
+        /// Diameter, from finer than the finest hypodermic (34 G, 0.18 mm) to wider than a biopsy cannula. Default 1.27 (18 gauge).
+        diameter_mm: Option<f64>, in 0.05..=10;
+    }
 }
 
 impl NeedleSpec {

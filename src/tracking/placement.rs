@@ -17,7 +17,7 @@ pub const RAYS: usize = 15;
 /// Step along rays, mm.
 const STEP_MM: f64 = 1.5;
 /// Indentation of the skin at the array's centre, mm.
-pub const PRESS_MM: f64 = 0.5;
+const PRESS_MM: f64 = 0.5;
 /// Thickness of air required outside the skin before the edge of the volume, mm.
 const AIR_MM: f64 = 3.0;
 /// Number of target points that the probe is aimed at: the innermost one and some around it.

@@ -9,14 +9,16 @@ use insonify::imaging::effects::{
     shadow, slice, speckle, texture, thickness, tone, truth, warp,
 };
 use insonify::imaging::quality::QualitySpec;
+use insonify::input::material_case::CaseFile;
 use insonify::input::scenario::instruments::{ContactProbeSpec, NeedleTable};
 use insonify::input::scenario::manipulator::SensorSpec;
 use insonify::input::scenario::planned::{PlanSpec, PlannedNeedle, TargetSpec, TemplateSpec};
 use insonify::input::scenario::stiffened::{StepSolverSpec, TissueViscositySpec};
 use insonify::input::scenario::{file::RunSpec, tissue::TissueSpec};
-use insonify::input::scene::{ImageSpec, deform::DeformSpec, paths::MotionSpec};
+use insonify::input::scene::{ImageSpec, VolumeSpec, deform::DeformSpec, paths};
 use insonify::input::statics::course::{SolverSpec, ViscositySpec};
 use insonify::input::statics::{file::MaterialSpec, selection::CylinderChoice};
+use insonify::input::{identification, scenario};
 use insonify::mechanics::insertion::spring::Parameters;
 use insonify::mechanics::insertion::{Bone, Peak};
 use insonify::mechanics::needle::beam::spec;
@@ -331,7 +333,14 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<Guide>(json!({}));
     agree::<Drive>(json!({}));
     agree::<DeformSpec>(json!({}));
-    agree::<MotionSpec>(json!({}));
+    agree::<paths::MotionSpec>(json!({}));
+    agree::<paths::NeedleTable>(json!({}));
+    agree::<paths::BendingSpec>(json!({ "entry_mm": [0, 0, 0], "entry_direction": [0, 1, 0] }));
+    agree::<VolumeSpec>(json!({}));
+    agree::<scenario::tissue::MaterialSpec>(json!({}));
+    agree::<identification::LayerSpec>(json!({ "region": "liver" }));
+    let history = json!({ "control": "stress", "time_s": [0, 1], "value": [1, 1] });
+    agree::<CaseFile>(json!({ "law": "zener", "order": 0.1, "modulus_kpa": 1, "history": history }));
     agree::<RunSpec>(json!({}));
     agree::<TissueSpec>(json!({}));
     agree::<SensorSpec>(json!({}));

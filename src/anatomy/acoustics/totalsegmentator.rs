@@ -22,7 +22,7 @@ impl Class {
 
     /// Whether it is a solid organ that a probe may be aimed at.
     #[cfg(test)]
-    pub fn is_soft_organ(&self) -> bool {
+    fn is_soft_organ(&self) -> bool {
         self.preset().is_some_and(|tissue| tissue.soft_organ)
     }
 }

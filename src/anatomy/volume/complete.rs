@@ -28,7 +28,7 @@ pub const WALL_MM: f64 = 7.0;
 /// Thickness of soft tissue around labels that extend beyond the smooth outline, mm.
 pub const LEAST_MM: f64 = 3.0;
 /// Largest thickness of muscle, fat or skin, mm.
-pub const THICKEST_MM: f64 = 100.0;
+const THICKEST_MM: f64 = 100.0;
 
 /// Names of the appended labels.
 const LAYERS: [&str; 5] = ["soft_tissue", "muscle", "muscle_internal", "fat", "skin"];

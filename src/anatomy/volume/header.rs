@@ -11,7 +11,7 @@ use super::error::{At, VolumeError};
 use crate::base::matrix::FARTHEST_MM;
 
 /// Largest image, bytes of decoded data. A header that requires more is considered broken.
-pub(crate) const MAX_DATA_BYTES: u64 = 16 << 30;
+const MAX_DATA_BYTES: u64 = 16 << 30;
 
 /// Determinant of the unit axis directions below which the axes are considered coplanar.
 const MIN_DETERMINANT: f64 = 1e-6;

@@ -26,6 +26,9 @@ const PAGE: [u32; 2] = [460, 330];
 const ASPECT: f64 = (460.0 - 86.0) / (330.0 - 64.0);
 /// Half-width of a marker, pixels.
 const MARK: i32 = 6;
+/// Height of a named row and width of the names, pixels.
+const ROW: u32 = 18;
+const NAMES: u32 = 270;
 
 /// Colours that can be told apart with any colour vision (M. Okabe and K. Ito, "Color Universal Design", 2008).
 const COLOURS: [RGBColor; 7] = [
@@ -111,6 +114,8 @@ pub enum Marker {
     Cross,
     /// Open square.
     Frame,
+    /// Small filled circle.
+    Dot,
     /// No marker, for a line through many points.
     None,
 }
@@ -240,6 +245,20 @@ impl Plot {
         Ok(text)
     }
 
+    /// Draws the plot as a tall SVG document whose linear vertical axis has a named row at 0, -1, -2 and so on.
+    ///
+    /// # Errors
+    /// [`OutputError`] if drawing fails.
+    pub fn svg_by_row(&self, rows: &[String]) -> Result<String, OutputError> {
+        let mut text = String::new();
+        {
+            let size = (SIZE[0], ROW * rows.len() as u32 + 120);
+            let root = SVGBackend::with_string(&mut text, size).into_drawing_area();
+            self.draw(&root, Layout::Rows(rows))?;
+        }
+        Ok(text)
+    }
+
     /// Draws the plot as an SVG document for a page on a narrow screen: without title or background, the legend below.
     ///
     /// # Errors
@@ -270,7 +289,7 @@ impl Plot {
     fn draw<'a, DB: DrawingBackend + 'a>(
         &self,
         root: &DrawingArea<DB, Shift>,
-        layout: Layout,
+        layout: Layout<'_>,
     ) -> Result<(), OutputError> {
         static FONT: Once = Once::new();
         FONT.call_once(|| {
@@ -280,7 +299,10 @@ impl Plot {
         });
         let all = || self.series.iter().flat_map(|series| &series.points);
         let x = self.x.range(all().map(|point| point[0]));
-        let y = self.y.range(all().map(|point| point[1]));
+        let y = match layout {
+            Layout::Rows(rows) => 0.5 - rows.len() as f64..0.5,
+            _ => self.y.range(all().map(|point| point[1])),
+        };
         let (x, y) = match self.equal {
             true => level(x, y),
             false => (x, y),
@@ -302,7 +324,7 @@ impl Plot {
     fn chart<'a, DB, X, Y>(
         &self,
         root: &DrawingArea<DB, Shift>,
-        layout: Layout,
+        layout: Layout<'_>,
         x: X,
         y: Y,
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>>
@@ -312,7 +334,7 @@ impl Plot {
         Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
     {
         let (axes, legend) = match layout {
-            Layout::Alone => {
+            Layout::Alone | Layout::Rows(_) => {
                 root.fill(&WHITE)?;
                 root.split_horizontally(SIZE[0] as i32 - LEGEND)
             }
@@ -320,10 +342,14 @@ impl Plot {
         };
         let mut builder = ChartBuilder::on(&axes);
         let (labels, lettering) = match layout {
-            Layout::Alone => {
+            Layout::Alone | Layout::Rows(_) => {
+                let (left, most) = match layout {
+                    Layout::Rows(rows) => (NAMES, rows.len()),
+                    _ => (78, 11),
+                };
                 let builder = builder.caption(&self.title, ("sans-serif", 22)).margin(16);
-                builder.x_label_area_size(52).y_label_area_size(78);
-                ([11, 11], [17, 14])
+                builder.x_label_area_size(52).y_label_area_size(left);
+                ([11, most], [17, 14])
             }
             Layout::Page => {
                 builder.margin(8).x_label_area_size(48).y_label_area_size(70);
@@ -342,7 +368,10 @@ impl Plot {
             .x_desc(&self.x.label)
             .y_desc(&self.y.label)
             .x_label_formatter(&|value| tick(*value, smallest[0]))
-            .y_label_formatter(&|value| tick(*value, smallest[1]))
+            .y_label_formatter(&|value| match layout {
+                Layout::Rows(rows) => rows.get(-value.round() as usize).cloned().unwrap_or_default(),
+                _ => tick(*value, smallest[1]),
+            })
             .axis_desc_style(("sans-serif", lettering[0]))
             .label_style(("sans-serif", lettering[1]))
             .draw()?;
@@ -380,11 +409,13 @@ impl Plot {
 
 /// Layout of a plot.
 #[derive(Clone, Copy, PartialEq, Eq)]
-enum Layout {
+enum Layout<'a> {
     /// With title, the legend beside the axes.
     Alone,
     /// Without title or background, the legend below the axes.
     Page,
+    /// As [`Layout::Alone`], with these names in place of the numbers of the vertical axis.
+    Rows(&'a [String]),
 }
 
 fn colour(n: usize) -> RGBAColor {
@@ -405,6 +436,7 @@ where
         Marker::Square => (EmptyElement::at(at) + Rectangle::new(corners, colour.filled())).into_dyn(),
         Marker::Triangle => TriangleMarker::new(at, MARK + 1, colour.filled()).into_dyn(),
         Marker::Cross => Cross::new(at, MARK, thick).into_dyn(),
+        Marker::Dot => Circle::new(at, MARK / 3, colour.filled()).into_dyn(),
         Marker::Frame => (EmptyElement::at(at) + Rectangle::new(corners, thick)).into_dyn(),
         Marker::None => EmptyElement::at(at).into_dyn(),
     }

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::resolve::Case;
+use super::Case;
 use crate::base::report::number::decimal;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::table::{Cell, Table};

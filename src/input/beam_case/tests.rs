@@ -1,6 +1,6 @@
 use std::path::Path;
 
-use super::resolve::Case;
+use super::Case;
 use super::*;
 use crate::base::csv::CsvError;
 use crate::input::InputError;

@@ -4,7 +4,7 @@
 use std::f64::consts::TAU;
 use std::fmt;
 
-use super::resolve::Case;
+use super::Case;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::statistics;
 use crate::base::report::table::{Cell, Table};
@@ -37,7 +37,7 @@ pub struct Creep {
 pub struct Stiffness {
     /// Position of the stiffness relative to the memory.
     pub structure: Structure,
-    /// Shear strain after [`HELD_S`].
+    /// Shear strain after 100 s.
     pub strain: f64,
     /// G from equation 2 of Kobayashi et al. 2010, kPa.
     pub found_kpa: f64,
@@ -57,7 +57,7 @@ pub struct Rheometer {
 }
 
 /// Duration of a creep test, s.
-pub const HELD_S: f64 = 100.0;
+const HELD_S: f64 = 100.0;
 /// Amplitude of the sinusoidal strain: 3 %, as in Kobayashi et al. 2010.
 const AMPLITUDE: f64 = 0.03;
 const FREQUENCIES: usize = 13;

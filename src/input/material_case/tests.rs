@@ -1,4 +1,4 @@
-use super::report::Report;
+use super::Report;
 use super::*;
 use crate::input::InputError;
 

@@ -5,11 +5,11 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
-use super::along;
 use super::cut;
 use super::file::ScenarioFile;
 use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
+use super::{mesh_note, path_pieces};
 use crate::anatomy::volume::LabelVolume;
 use crate::base::document::RegionName;
 use crate::input::InputError;
@@ -129,7 +129,7 @@ impl ScenarioFile {
         } else {
             "tissue"
         };
-        let pieces: Vec<_> = along::pieces(path)
+        let pieces: Vec<_> = path_pieces(path)
             .into_iter()
             .map(|piece| piece.map(Into::into))
             .collect();
@@ -139,7 +139,7 @@ impl ScenarioFile {
             ..GenerateOptions::default()
         };
         let made = generate(&grid, nodes as usize, &options, progress).map_err(|error| self.fault(key, error))?;
-        notes.push(along::in_words(&made.report, options.along_path));
+        notes.push(mesh_note(&made.report, options.along_path));
         Ok(made.mesh)
     }
 

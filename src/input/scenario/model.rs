@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::along;
 use super::needle::Bending;
+use super::path_pieces;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
 use super::tissue::ColumnsName;
@@ -146,7 +146,7 @@ impl Scenario {
 
     /// Prefetches the data that remeshing along the needle's path will read, so that no step waits for it.
     fn predict_remesh(&self, finite: &mut Finite) {
-        for [from, to] in along::pieces(self.path.tip()) {
+        for [from, to] in path_pieces(self.path.tip()) {
             let along = to - from;
             let length = along.norm();
             finite.prefetch(&from, &(along / length), length, ASIDE_MM);

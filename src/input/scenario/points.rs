@@ -92,7 +92,7 @@ impl Extremes {
     }
 
     /// Extremes of each of [`COMPONENTS`], least and most, mm.
-    pub(super) fn ranges_mm(&mut self) -> [&mut [f64; 2]; 6] {
+    fn ranges_mm(&mut self) -> [&mut [f64; 2]; 6] {
         let [x, y, z] = [&mut self.x_mm, &mut self.y_mm, &mut self.z_mm];
         [
             x,

@@ -114,18 +114,13 @@ impl<'a> Regions<'a> {
 
     /// Checks the values of a material table, independent of its region.
     fn check(&self, table: &str, spec: &MaterialSpec) -> Result<(), InputError> {
-        spec.interaction(&Interaction::default()).check().map_err(|error| {
-            let within = match error.key.as_str() {
-                "density_n_per_mm" | "width_mm" => "peak.",
-                "stiffness_n_per_mm" | "penetration_mm" => "bone.",
-                _ => "",
-            };
-            self.file.fault(format!("{table}.{within}{}", error.key), error)
-        })?;
+        self.file.in_ranges(&format!("{table}.peak"), spec.peak.as_ref())?;
+        self.file.in_ranges(&format!("{table}.bone"), spec.bone.as_ref())?;
         let young = spec.young_kpa.or(spec.shear_kpa.is_none().then_some(1.0));
         let material = Material::given(young, spec.shear_kpa, spec.poisson.unwrap_or(0.0));
         let material = material.map_err(|error| self.file.fault(format!("{table}.{}", error.key), error))?;
-        self.law(table, spec, material).map(drop)
+        self.law(table, spec, material)?;
+        self.file.in_ranges(table, spec)
     }
 
     fn law(&self, table: &str, spec: &MaterialSpec, material: Material) -> Result<Stiffening, InputError> {

@@ -101,42 +101,42 @@ pub enum ColumnsName {
     Dense,
 }
 
-/// Material of a region. Keys left open are taken from the scene's tissue of that label.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct MaterialSpec {
-    /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions without their own
-    /// table.
-    pub region: Option<RegionName>,
-    /// Young's modulus, kPa (above 0).
-    pub young_kpa: Option<f64>,
-    /// In place of `young_kpa`: shear modulus G, kPa (above 0). Young's modulus is 2 (1 + nu) G.
-    pub shear_kpa: Option<f64>,
-    /// Poisson's ratio nu (above -1, below 0.5).
-    pub poisson: Option<f64>,
-    /// Nonlinear and viscoelastic models: relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
-    /// simple shear the relative strain is 0.866 of the shear.
-    pub knee_strain: Option<f64>,
-    /// With `knee_strain`: stiffening coefficient, a in E (1 + a (e - knee)^2) (0 or more).
-    pub stiffening: Option<f64>,
-    /// Sliding friction of the shaft, N per mm of shaft (0 or more).
-    pub friction_n_per_mm: Option<f64>,
-    /// Ratio of static to sliding friction (1 or more). Default 1.
-    pub static_ratio: Option<f64>,
-    /// Cutting force at the advancing tip, N (0 or more).
-    pub cutting_n: Option<f64>,
-    /// Puncture force at the surface of this tissue, N (0 or more). Default 0: none beyond `cutting_n`.
-    pub puncture_n: Option<f64>,
-    /// Different friction along the shaft near the advancing tip. Default: none.
-    pub peak: Option<Peak>,
-    /// Stops the needle, as bone does. Default: only where the region is rigid.
-    pub bone: Option<Bone>,
-    /// Whether the needle must avoid the region, as a large vessel: entering it raises an event and a warning.
-    /// Default false.
-    pub critical: Option<bool>,
-    /// Whether all nodes of the region are fixed. Default: where its Young's modulus is 1e6 kPa or more, as of
-    /// bone.
-    pub rigid: Option<bool>,
+parameters! {
+    /// Material of a region. Keys left open are taken from the scene's tissue of that label.
+    pub struct MaterialSpec {
+        /// Region: its name, a part of its name, or its number. Without one, the table applies to all regions without their own
+        /// table.
+        region: Option<RegionName>;
+        /// Young's modulus.
+        young_kpa: Option<f64>, above 0 "kPa";
+        /// In place of `young_kpa`: shear modulus G. Young's modulus is 2 (1 + nu) G.
+        shear_kpa: Option<f64>, above 0 "kPa";
+        /// Poisson's ratio nu.
+        poisson: Option<f64>, above -1..0.5;
+        /// Nonlinear and viscoelastic models: relative strain above which the tissue stiffens (0 or more). Default: no stiffening. In
+        /// simple shear the relative strain is 0.866 of the shear.
+        knee_strain: Option<f64>;
+        /// With `knee_strain`: stiffening coefficient, a in E (1 + a (e - knee)^2).
+        stiffening: Option<f64>, in 0;
+        /// Sliding friction of the shaft, per length of shaft.
+        friction_n_per_mm: Option<f64>, in 0 "N/mm";
+        /// Ratio of static to sliding friction. Default 1.
+        static_ratio: Option<f64>, in 1;
+        /// Cutting force at the advancing tip.
+        cutting_n: Option<f64>, in 0 "N";
+        /// Puncture force at the surface of this tissue. Default 0: none beyond `cutting_n`.
+        puncture_n: Option<f64>, in 0 "N";
+        /// Different friction along the shaft near the advancing tip. Default: none.
+        peak: Option<Peak>;
+        /// Stops the needle, as bone does. Default: only where the region is rigid.
+        bone: Option<Bone>;
+        /// Whether the needle must avoid the region, as a large vessel: entering it raises an event and a warning.
+        /// Default false.
+        critical: Option<bool>;
+        /// Whether all nodes of the region are fixed. Default: where its Young's modulus is 1e6 kPa or more, as of
+        /// bone.
+        rigid: Option<bool>;
+    }
 }
 
 /// Fixed nodes: by number, or the intersection of a box, a cylinder, a region, its surface and the surface of the mesh.

@@ -1,6 +1,6 @@
 //! Validation of a scene file that requires no other file.
 
-use super::error::At;
+use super::At;
 use super::file::{SceneFile, VolumeSpec};
 use crate::anatomy::phantom::Phantom;
 use crate::imaging::effects::Effects;
@@ -31,6 +31,8 @@ impl SceneFile {
         self.in_ranges("quality", self.quality.as_ref())?;
         self.in_ranges("motion", self.motion.as_ref())?;
         let volume = self.volume()?;
+        self.in_ranges("volume", volume)?;
+        self.in_ranges("needle", self.needle.as_ref())?;
         let table = self.probe_table(plus, notes, warnings);
         let probe = match table {
             Some(spec) => Probe::try_from(spec),

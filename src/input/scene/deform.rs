@@ -10,7 +10,7 @@ use serde::Deserialize;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 
-use super::error::At;
+use super::At;
 use super::file::SceneFile;
 use crate::anatomy::volume::LabelVolume;
 use crate::base::document::InvalidFile;
@@ -102,7 +102,7 @@ impl Deformation {
     }
 
     /// Amplitude of the deformation at a time, s.
-    pub fn amplitude_at(&self, time_s: f64) -> f64 {
+    fn amplitude_at(&self, time_s: f64) -> f64 {
         let after = self.amplitude.partition_point(|point| point[0] <= time_s);
         match (
             after.checked_sub(1).and_then(|at| self.amplitude.get(at)),

@@ -13,6 +13,7 @@ use crate::anatomy::phantom::Phantom;
 use crate::anatomy::volume::complete::Unlabelled;
 use crate::anatomy::volume::texture::{Seam, Values};
 use crate::base::document::{self, Source, Version};
+use crate::base::range::parameters;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
 use crate::input::Cause;
@@ -90,56 +91,56 @@ impl SceneFile {
     }
 }
 
-/// Imaged volume: exactly one of `phantom` and `file`. It may lie anywhere in the world, with probe, needle and deformation in the
-/// same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis uses a local origin at the nearest whole metres.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct VolumeSpec {
-    /// A volume generated from code.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub phantom: Option<Phantom>,
-    /// Phantom only: voxel edge, mm (0.3 to 5). Default: the phantom's own.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub resolution_mm: Option<f64>,
-    /// Phantom only: seed of its irregular surfaces, vessels and gas. Default 0.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub seed: Option<u64>,
-    /// Label file (NIfTI, NRRD or MetaImage), or folder of binary masks named by their files. NIfTI stores its position in single precision, in steps
-    /// of 0.008 mm at 1e5 mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub file: Option<PathBuf>,
-    /// File only: table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label
-    /// descriptions of ITK-SNAP. Default: for labels without names, the file of the same stem that ends in .csv.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub names: Option<PathBuf>,
-    /// File only: treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the
-    /// labels describe one.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub unlabelled: Option<Unlabelled>,
-    /// File only: registration by `insonify register`, which places the completed anatomy in the world.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub registration: Option<PathBuf>,
-    /// File only: CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
-    /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub ct: Option<PathBuf>,
-    /// File only: whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys,
-    /// chambers of the heart, fat around the kidneys and in soft tissue. They are imaged only; meshes and needles use the undivided organs. Default
-    /// true.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub structures: Option<bool>,
-    /// File only: thickness of the muscle that `auto` adds under the fat, mm (0 to 100). Default 8.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub muscle_mm: Option<f64>,
-    /// File only: thickness of the fat that `auto` adds, mm (0 to 100). Default 12.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub fat_mm: Option<f64>,
-    /// File only: thickness of the skin that `auto` adds, mm (0 to 100). Default 2.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub skin_mm: Option<f64>,
-    /// Numbering by which labels without a `[[tissue]]` are assigned tissues. Default `auto`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub preset: Option<Preset>,
+parameters! {
+    /// Imaged volume: exactly one of `phantom` and `file`. It may lie anywhere in the world, with probe, needle and deformation in the
+    /// same coordinates: if a coordinate of its centre exceeds 4096 mm, synthesis uses a local origin at the nearest whole metres.
+    pub struct VolumeSpec {
+        /// A volume generated from code.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        phantom: Option<Phantom>;
+        /// Phantom only: voxel edge. Default: the phantom's own.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        resolution_mm: Option<f64>, in 0.3..=5 "mm";
+        /// Phantom only: seed of its irregular surfaces, vessels and gas. Default 0.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        seed: Option<u64>;
+        /// Label file (NIfTI, NRRD or MetaImage), or folder of binary masks named by their files. NIfTI stores its position in single precision, in steps
+        /// of 0.008 mm at 1e5 mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        file: Option<PathBuf>;
+        /// File only: table of label names: CSV with columns `value` and `name`, a colour table of 3D Slicer, or label
+        /// descriptions of ITK-SNAP. Default: for labels without names, the file of the same stem that ends in .csv.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        names: Option<PathBuf>;
+        /// File only: treatment of unlabelled voxels. Default `auto`: a body is closed around the labelled anatomy unless the
+        /// labels describe one.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        unlabelled: Option<Unlabelled>;
+        /// File only: registration by `insonify register`, which places the completed anatomy in the world.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        registration: Option<PathBuf>;
+        /// File only: CT that the labels were made from (NIfTI, NRRD or MetaImage, Hounsfield units). Unlabelled voxels in the body are then gas, fat,
+        /// muscle, soft tissue or bone by their grey value, gas in the bowel is gas, and contrast-enhanced vessels of the liver are drawn.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        ct: Option<PathBuf>;
+        /// File only: whether structures are drawn into organs that are labelled in one piece: veins of liver and spleen, sinus and pyramids of kidneys,
+        /// chambers of the heart, fat around the kidneys and in soft tissue. They are imaged only; meshes and needles use the undivided organs. Default
+        /// true.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        structures: Option<bool>;
+        /// File only: thickness of the muscle that `auto` adds under the fat. Default 8.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        muscle_mm: Option<f64>, in 0..=100 "mm";
+        /// File only: thickness of the fat that `auto` adds. Default 12.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        fat_mm: Option<f64>, in 0..=100 "mm";
+        /// File only: thickness of the skin that `auto` adds. Default 2.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        skin_mm: Option<f64>, in 0..=100 "mm";
+        /// Numbering by which labels without a `[[tissue]]` are assigned tissues. Default `auto`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        preset: Option<Preset>;
+    }
 }
 
 pose_table! {

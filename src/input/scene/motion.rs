@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Point3, Vector3};
 
-use super::error::At;
+use super::At;
 use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};

@@ -77,40 +77,40 @@ pub enum NeedleFrame {
     Probe,
 }
 
-/// A needle, at rest or moving.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct NeedleTable {
-    /// World axes of the needle and its motion: `lps`, or `ras` as in 3D Slicer. Default: those of `[motion]`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub world: Option<World>,
-    /// Frame of the needle and its motion: `world`, or `probe`, in which case it goes where the probe goes. Default `world`.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub frame: Option<NeedleFrame>,
-    /// Tip in the world, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub tip_mm: Option<[f64; 3]>,
-    /// Point that the shaft passes through on its way to the tip, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub entry_mm: Option<[f64; 3]>,
-    /// Direction of the needle; any length.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub direction: Option<[f64; 3]>,
-    /// A bent shaft: at least two points, hub first, tip last, mm.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub nodes_mm: Option<Vec<[f64; 3]>>,
-    /// Length of a straight shaft, mm (0.1 to 1000). Default 150.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub length_mm: Option<f64>,
-    /// Diameter, mm (0.05 to 10). Default 1.27 (18 gauge).
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub diameter_mm: Option<f64>,
-    /// Motion, in place of a constant pose.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub motion: Option<NeedleMotionSpec>,
-    /// Bending limits of a moving needle in the body. Default: bends freely.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub bending: Option<BendingSpec>,
+parameters! {
+    /// A needle, at rest or moving.
+    pub struct NeedleTable {
+        /// World axes of the needle and its motion: `lps`, or `ras` as in 3D Slicer. Default: those of `[motion]`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        world: Option<World>;
+        /// Frame of the needle and its motion: `world`, or `probe`, in which case it goes where the probe goes. Default `world`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        frame: Option<NeedleFrame>;
+        /// Tip in the world, mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        tip_mm: Option<[f64; 3]>;
+        /// Point that the shaft passes through on its way to the tip, mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        entry_mm: Option<[f64; 3]>;
+        /// Direction of the needle; any length.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        direction: Option<[f64; 3]>;
+        /// A bent shaft: at least two points, hub first, tip last, mm.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        nodes_mm: Option<Vec<[f64; 3]>>;
+        /// Length of a straight shaft. Default 150.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        length_mm: Option<f64>, in 0.1..=1000 "mm";
+        /// Diameter. Default 1.27 (18 gauge).
+        #[serde(skip_serializing_if = "Option::is_none")]
+        diameter_mm: Option<f64>, in 0.05..=10 "mm";
+        /// Motion, in place of a constant pose.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        motion: Option<NeedleMotionSpec>;
+        /// Bending limits of a moving needle in the body. Default: bends freely.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        bending: Option<BendingSpec>;
+    }
 }
 
 impl NeedleTable {
@@ -187,23 +187,24 @@ pub struct NeedleSequenceSpec {
     pub tracker_to_world: Option<Rows>,
 }
 
-/// Bending constraint of a needle and its entry into the body.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct BendingSpec {
-    /// Entry point of the needle into the body, mm.
-    pub entry_mm: [f64; 3],
-    /// Direction of the needle at entry; any length.
-    pub entry_direction: [f64; 3],
-    /// Largest weight of the entry direction (0 to 1). Default 0.9.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub max_weight: Option<f64>,
-    /// Steepness of the transition to constrained bending, 1/mm (0 to 10). Default 0.06.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub alpha_per_mm: Option<f64>,
-    /// Inserted length at which half the weight is reached, mm (0 to 1000). Default 120.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub delta_mm: Option<f64>,
+parameters! {
+    /// Bending constraint of a needle and its entry into the body.
+    #[derive(Copy)]
+    pub struct BendingSpec with required keys {
+        /// Entry point of the needle into the body, mm.
+        entry_mm: [f64; 3];
+        /// Direction of the needle at entry; any length.
+        entry_direction: [f64; 3];
+        /// Largest weight of the entry direction. Default 0.9.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        max_weight: Option<f64>, in 0..=1;
+        /// Steepness of the transition to constrained bending, 1/mm. Default 0.06.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        alpha_per_mm: Option<f64>, in 0..=10;
+        /// Inserted length at which half the weight is reached. Default 120.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        delta_mm: Option<f64>, in 0..=1000 "mm";
+    }
 }
 
 impl BendingSpec {

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use nalgebra::Matrix4;
 
-use super::error::At;
+use super::At;
 use super::file::SceneFile;
 use super::paths::SequenceSpec;
 use crate::base::document::nearest;

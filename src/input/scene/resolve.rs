@@ -6,16 +6,16 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
+use super::At;
 use super::Scene;
+use super::Timeline;
 use super::check::Framing;
 use super::deform::Deformation;
-use super::error::At;
 use super::file::{PoseTable, SceneFile, TextureSpec};
 use super::motion::Needle;
 use super::paths::MotionSpec;
 use super::recording::{CROP, Recording};
 use super::target::Body;
-use super::timeline::Timeline;
 use crate::anatomy::acoustics::{TissueError, TissueTable, bank};
 use crate::anatomy::phantom::{self, PhantomOptions};
 use crate::anatomy::registration::{Quadratic, resample};

@@ -67,17 +67,17 @@ parameters! {
     pub struct MaterialSpec with required keys {
         /// Region: its name, a part of its name, or its number. Without one the material applies to all other regions.
         region: Option<RegionName>;
-        /// Young's modulus, kPa, above 0. Required unless `shear_kpa` is given.
-        young_kpa: Option<f64>;
-        /// In place of `young_kpa`: shear modulus G, kPa, above 0. Young's modulus is 2 (1 + poisson) G.
-        shear_kpa: Option<f64>;
-        /// Poisson's ratio, above -1 and below 0.5.
-        poisson: f64;
+        /// Young's modulus. Required unless `shear_kpa` is given.
+        young_kpa: Option<f64>, above 0 "kPa";
+        /// In place of `young_kpa`: shear modulus G. Young's modulus is 2 (1 + poisson) G.
+        shear_kpa: Option<f64>, above 0 "kPa";
+        /// Poisson's ratio.
+        poisson: f64, above -1..0.5;
         /// Relative strain (0 or more) above which the tissue stiffens, for nonlinear and viscoelastic tissue; sqrt(3)/2 times a knee in
         /// simple shear. Default: no stiffening.
         knee_strain: Option<f64>;
-        /// Stiffening coefficient (0 or more): a in E (1 + a (strain - knee_strain)^2).
-        stiffening: Option<f64>;
+        /// Stiffening coefficient: a in E (1 + a (strain - knee_strain)^2).
+        stiffening: Option<f64>, in 0;
         /// Density: about 1050 for soft tissue. Required with `gravity_m_per_s2`.
         density_kg_per_m3: Option<f64>, above 0..=1e6 "kg/m^3";
     }

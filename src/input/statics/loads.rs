@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::Made;
 use super::file::{LoadSpec, ProblemFile};
-use super::materials::Made;
 use super::resolve::Regions;
 use super::selection::Choice;
 use crate::input::InputError;

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
+use super::Fields;
+use super::Made;
 use super::course::Model;
-use super::fields::Fields;
 use super::file::ProblemFile;
 use super::loads::Loads;
-use super::materials::Made;
 use super::run::History;
 use super::selection::{AXES, Choice, axes, numbered};
 use crate::base::document::{Names, RegionName};

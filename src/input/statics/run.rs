@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use serde::Serialize;
 
+use super::Fields;
 use super::course::{Model, Moment};
-use super::fields::Fields;
 use super::resolve::{Problem, Solved};
 use crate::input::{Cause, InputError};
 use crate::mechanics::tissue::error::LinearError;

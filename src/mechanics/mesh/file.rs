@@ -6,10 +6,14 @@
 //! | `gmsh` | Gmsh meshes (`.msh`), read only |
 //! | [`vtk`] | unstructured grids of VTK, legacy (`.vtk`) and XML (`.vtu`) |
 
-mod cursor;
 mod error;
 mod gmsh;
 pub mod vtk;
+
+pub use error::MeshFileError;
+#[cfg(any(test, feature = "internals"))]
+pub use vtk::write_vtu;
+pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu_with};
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -18,13 +22,8 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::TetMesh;
-use crate::base::memory;
-use crate::base::read;
-pub use error::MeshFileError;
+use crate::base::{memory, read};
 use error::{Fault, quote};
-#[cfg(any(test, feature = "internals"))]
-pub use vtk::write_vtu;
-pub use vtk::{Poly, Values, write_pvd, write_vtp, write_vtu_with};
 
 /// Default name of the point array with the displacements.
 pub const DISPLACEMENT: &str = "displacement";
@@ -171,4 +170,65 @@ fn small(mesh: &TetMesh) -> Option<String> {
     (longest < METRES).then(|| {
         format!("the mesh is {longest:.3} mm long at most; if its coordinates are metres, state the unit: `mesh_unit = \"m\"`")
     })
+}
+
+/// Reader of words and lines, each with its byte offset.
+struct Cursor<'a> {
+    pub bytes: &'a [u8],
+    pub at: usize,
+}
+
+impl<'a> Cursor<'a> {
+    pub fn new(bytes: &'a [u8]) -> Cursor<'a> {
+        Cursor { bytes, at: 0 }
+    }
+
+    /// Returns the unread bytes.
+    pub fn rest(&self) -> &'a [u8] {
+        &self.bytes[self.at..]
+    }
+
+    /// Reads the rest of the line, without its end.
+    pub fn line(&mut self) -> &'a [u8] {
+        let rest = self.rest();
+        let end = rest.iter().position(|b| *b == b'\n').unwrap_or(rest.len());
+        self.at += (end + 1).min(rest.len());
+        &rest[..end]
+    }
+
+    /// Returns the next word and its offset without consuming it; empty at the end.
+    pub fn peek(&self) -> (usize, &'a [u8]) {
+        let rest = self.rest();
+        let start = rest.iter().position(|b| !b.is_ascii_whitespace()).unwrap_or(rest.len());
+        let end = rest[start..]
+            .iter()
+            .position(u8::is_ascii_whitespace)
+            .map_or(rest.len(), |n| start + n);
+        (self.at + start, &rest[start..end])
+    }
+
+    /// Reads the next word and its offset; empty at the end.
+    pub fn word(&mut self) -> (usize, &'a [u8]) {
+        let (at, word) = self.peek();
+        self.at = at + word.len();
+        (at, word)
+    }
+
+    /// Reads the next word as a number; `expected` describes it.
+    pub fn number<T: std::str::FromStr>(&mut self, expected: impl FnOnce() -> String) -> Result<T, Fault> {
+        let (at, word) = self.word();
+        let number = std::str::from_utf8(word).ok().and_then(|word| word.parse().ok());
+        number.ok_or_else(|| Fault::at(at, quote(word), expected()))
+    }
+
+    pub fn count(&mut self) -> Result<usize, Fault> {
+        self.number(|| "a count".to_owned())
+    }
+
+    /// Reads the next `count` bytes.
+    pub fn take(&mut self, count: usize) -> Option<&'a [u8]> {
+        let taken = self.rest().get(..count)?;
+        self.at += count;
+        Some(taken)
+    }
 }

@@ -27,7 +27,6 @@ mod finish;
 mod fit;
 mod path;
 mod refine;
-mod shape;
 mod smooth;
 mod tissue;
 
@@ -45,7 +44,7 @@ pub const MOST_NODES: usize = 5_000_000;
 const BYTES_A_NODE: usize = 2048;
 /// Upper limit of the requested least dihedral angle, degrees: refinement alone leaves 45 in cubic cells, about 35 in the
 /// flattest, and the fit needs room.
-pub const MOST_DIHEDRAL_DEG: f64 = 30.0;
+const MOST_DIHEDRAL_DEG: f64 = 30.0;
 /// Number of times that nodes are fitted to the interfaces; the gain of a sixth round is below 1 % of the mislabelled
 /// volume.
 pub const ROUNDS: usize = 5;
@@ -77,7 +76,7 @@ pub struct LabelGrid<'a> {
 /// Options of the mesh generator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GenerateOptions<'a> {
-    /// Least dihedral angle that moving nodes may cause, degrees (0 to [`MOST_DIHEDRAL_DEG`]; default 12). Smaller follows
+    /// Least dihedral angle that moving nodes may cause, degrees (0 to 30; default 12). Smaller follows
     /// interfaces more closely, larger solves better.
     pub min_dihedral_deg: f64,
     /// Longest edge of a refined element with tissue in it, mm (before nodes are moved); `None` leaves it to the budget.
@@ -316,6 +315,57 @@ fn check(nodes: usize, options: &GenerateOptions) -> Result<(), GenerateError> {
         }),
         _ => Ok(()),
     }
+}
+
+/// Corners of the face opposite each corner.
+const FACES: [[usize; 3]; 4] = [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]];
+
+fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+fn norm(a: [f64; 3]) -> f64 {
+    dot(a, a).sqrt()
+}
+
+/// Returns six times the signed volume, mm^3.
+fn six_volumes(corners: &[[f64; 3]; 4]) -> f64 {
+    let [a, b, c] = [1, 2, 3].map(|corner: usize| sub(corners[corner], corners[0]));
+    dot(a, cross(b, c))
+}
+
+/// Returns the cosine of the smallest dihedral angle: the smaller the better; 1 for a flat element.
+fn sharpest_cosine(corners: &[[f64; 3]; 4]) -> f64 {
+    let [a, b, c] = [1, 2, 3].map(|corner: usize| sub(corners[corner], corners[0]));
+    // Normals of the faces opposite corners 1, 2, 3 and 0, all inwards or all outwards.
+    let faces = [cross(b, c), cross(c, a), cross(a, b)];
+    let last = [0, 1, 2].map(|axis| -(faces[0][axis] + faces[1][axis] + faces[2][axis]));
+    let faces = [faces[0], faces[1], faces[2], last];
+    let scales = faces.map(|face| 1.0 / norm(face));
+    let mut sharpest = -1.0f64;
+    for i in 0..4 {
+        for j in 0..i {
+            let cosine = -dot(faces[i], faces[j]) * scales[i] * scales[j];
+            // NaN where a face has no area.
+            if cosine.is_nan() {
+                return 1.0;
+            }
+            sharpest = sharpest.max(cosine);
+        }
+    }
+    sharpest
 }
 
 #[cfg(test)]

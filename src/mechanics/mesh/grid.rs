@@ -8,7 +8,7 @@ use super::element::{Kind, Outline};
 use crate::base::real::Real;
 
 /// Flag, in the start of a cell's list, of a cell that an inverted element touches.
-pub(super) const TANGLED: u32 = 1 << 31;
+const TANGLED: u32 = 1 << 31;
 /// Target number of cells per element within the volume of the mesh: more make the update slower, fewer the scans.
 const CELLS_PER_ELEMENT: f64 = 0.25;
 /// Capacity in cells per element: a mesh of scattered parts fills only part of the grid.

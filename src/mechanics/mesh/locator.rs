@@ -25,7 +25,7 @@ pub const NONE: u32 = u32::MAX;
 
 /// Maximum number of elements that a walk visits before the grid takes over. Samples move by a few elements from frame to
 /// frame, and a grid look-up costs about as much as this many steps.
-pub const MAX_WALK: u32 = 16;
+const MAX_WALK: u32 = 16;
 
 /// Number of elements that one task of the update prepares.
 const UPDATE_CHUNK: usize = 2048;

@@ -80,28 +80,40 @@ pub(super) fn check_distinct(dofs: &[usize]) -> Result<(), LinearError> {
     }
 }
 
-/// Read-only access to a matrix shared between readers.
-impl<T: Scalar> Compliance for Arc<Symmetric<T>> {
-    fn size(&self) -> usize {
-        Symmetric::size(self)
-    }
+/// Read-only access to a matrix, shared between readers or not.
+macro_rules! stored {
+    ($of:ty) => {
+        impl<T: Scalar> Compliance for $of {
+            fn size(&self) -> usize {
+                Symmetric::size(self)
+            }
 
-    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), LinearError> {
-        self.copy_column(dof, out, T::wide)
-    }
+            fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), LinearError> {
+                self.copy_column(dof, out, T::wide)
+            }
 
-    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), LinearError> {
-        copy_entries(self, rows, columns, out)
-    }
+            fn entries_into(
+                &mut self,
+                rows: &[usize],
+                columns: &[usize],
+                out: MatMut<'_, f64>,
+            ) -> Result<(), LinearError> {
+                copy_entries(self, rows, columns, out)
+            }
 
-    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
-        multiply(self, x, out)
-    }
+            fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
+                multiply(self, x, out)
+            }
 
-    fn bytes(&self) -> usize {
-        Symmetric::bytes(self)
-    }
+            fn bytes(&self) -> usize {
+                Symmetric::bytes(self)
+            }
+        }
+    };
 }
+
+stored!(Symmetric<T>);
+stored!(Arc<Symmetric<T>>);
 
 fn copy_entries<T: Scalar>(
     matrix: &Symmetric<T>,
@@ -130,26 +142,4 @@ fn multiply<T: Scalar>(matrix: &Symmetric<T>, x: &[f64], out: &mut [f64]) -> Res
         .zip(&product)
         .for_each(|(out, product)| *out = product.wide());
     Ok(())
-}
-
-impl<T: Scalar> Compliance for Symmetric<T> {
-    fn size(&self) -> usize {
-        Symmetric::size(self)
-    }
-
-    fn column_into(&mut self, dof: usize, out: &mut [f64]) -> Result<(), LinearError> {
-        self.copy_column(dof, out, T::wide)
-    }
-
-    fn entries_into(&mut self, rows: &[usize], columns: &[usize], out: MatMut<'_, f64>) -> Result<(), LinearError> {
-        copy_entries(self, rows, columns, out)
-    }
-
-    fn multiply_into(&mut self, x: &[f64], out: &mut [f64]) -> Result<(), LinearError> {
-        multiply(self, x, out)
-    }
-
-    fn bytes(&self) -> usize {
-        Symmetric::bytes(self)
-    }
 }

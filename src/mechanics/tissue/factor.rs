@@ -4,11 +4,10 @@
 //! fill), on one thread: at the sizes of tissue meshes a second thread makes it slower. Single precision halves the
 //! times of factorisation and solution, for iterations that correct its errors.
 
-mod scratch;
+use std::fmt;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::mechanics::tissue::error::LinearError;
-use std::sync::Arc;
-
+use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::linalg::cholesky::llt::factor::LltError;
 use faer::sparse::linalg::cholesky::{
     LltRef, SymbolicCholesky, SymbolicCholeskyRaw, SymmetricOrdering, factorize_symbolic_cholesky,
@@ -19,10 +18,10 @@ use faer::{Conj, MatMut, Par, Side};
 
 use super::assembly::Stiffness;
 use crate::base::real::Real;
-use scratch::Scratch;
+use crate::mechanics::tissue::error::LinearError;
 
 /// Backward error beyond which [`Factor::solve_refined`] takes a step of iterative refinement.
-pub const REFINE_ABOVE: f64 = 1e-14;
+const REFINE_ABOVE: f64 = 1e-14;
 
 /// Sparse symmetric matrix over free degrees of freedom, the input of a [`Factor`].
 pub trait Symmetric {
@@ -247,7 +246,7 @@ impl<R: Real + RealField> Factor<R> {
 }
 
 impl Factor {
-    /// Solves K x = b (N, mm) with one step of iterative refinement where the residual exceeds [`REFINE_ABOVE`].
+    /// Solves K x = b (N, mm) with one step of iterative refinement where the residual exceeds 1e-14.
     /// Returns the solution and its residual.
     ///
     /// The residual is the normwise backward error |b - K x| / (|K| |x| + |b|) in maximum norms (J. L. Rigal and J.
@@ -300,6 +299,45 @@ fn defect(stiffness: &Stiffness, solution: &[f64], rhs: &[f64]) -> (Vec<f64>, f6
     );
     let residual = if top == 0.0 { 0.0 } else { top / scale };
     (defect, residual)
+}
+
+/// Buffers that are not in use.
+#[derive(Default)]
+pub struct Scratch(Mutex<Vec<MemBuffer>>);
+
+impl Scratch {
+    /// Runs `work` on a stack of size `need`; `None` if that memory cannot be allocated.
+    pub fn with<T>(&self, need: StackReq, work: impl FnOnce(&mut MemStack) -> T) -> Option<T> {
+        let mut buffer = match self.store().pop().filter(|buffer| fits(buffer, need)) {
+            Some(buffer) => buffer,
+            None => MemBuffer::try_new(need).ok()?,
+        };
+        let result = work(MemStack::new(&mut buffer));
+        self.store().push(buffer);
+        Some(result)
+    }
+
+    fn store(&self) -> std::sync::MutexGuard<'_, Vec<MemBuffer>> {
+        // A panic elsewhere leaves the list intact.
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn fits(buffer: &MemBuffer, need: StackReq) -> bool {
+    buffer.len() >= need.unaligned_bytes_required()
+}
+
+/// A clone starts without buffers.
+impl Clone for Scratch {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl fmt::Debug for Scratch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Scratch({} buffers)", self.store().len())
+    }
 }
 
 #[cfg(test)]

@@ -21,24 +21,245 @@
 mod anderson;
 mod body;
 pub mod creep;
-mod error;
 mod gmres;
 mod law;
 mod predictor;
 mod refactorisation;
 mod simplex;
 mod solver;
-mod structure;
-mod supports;
 mod tangent;
 
+pub use crate::mechanics::tissue::dofs::NONE;
 pub use body::{Body, Sheet, Solid};
-pub use error::NonlinearError;
 #[cfg(feature = "internals")]
 pub use law::relative_strain;
 pub use law::{Stiffening, von_mises};
-#[cfg(feature = "internals")]
-pub use solver::Target;
-pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver};
-pub use structure::Structure;
-pub use supports::Supports;
+pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
+
+use crate::mechanics::tissue::element::DegenerateElement;
+use crate::mechanics::tissue::error::LinearError;
+use crate::mechanics::tissue::viscoelastic::HistoryError;
+use creep::Creep;
+
+/// Why a nonlinear body cannot be made, or an increment of it not be solved. The solver is then unchanged.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum NonlinearError {
+    #[error("the body has no elements")]
+    Empty,
+    #[error("{found} materials for {expected} elements")]
+    Materials { found: usize, expected: usize },
+    #[error("element {element} names node {node}, but there are only {nodes} nodes (numbered from 0)")]
+    Node { element: usize, node: u32, nodes: usize },
+    /// An element has no usable area or volume.
+    #[error("element {element}: {cause}")]
+    Element { element: usize, cause: DegenerateElement },
+    #[error("the thickness is {found} mm; expected a finite number above 0")]
+    Thickness { found: f64 },
+    /// The largest unbalanced force, relative to the largest force, is above the tolerance.
+    #[error(
+        "forces do not balance after {iterations} iterations: what is left is {residual:.1e} of the largest force, expected at \
+         most {tolerance:.0e}; take smaller increments, or more iterations"
+    )]
+    NotConverged {
+        iterations: usize,
+        residual: f64,
+        tolerance: f64,
+    },
+    #[error("displacements or forces are no finite numbers after {iterations} iterations; take smaller increments")]
+    Overflow { iterations: usize },
+    /// A list has the wrong length.
+    #[error("{found} {what}; expected {expected}")]
+    Length {
+        what: &'static str,
+        found: usize,
+        expected: usize,
+    },
+    /// Value `at` of a list (`what`) is NaN or infinite.
+    #[error("{what} {at} is {found}; expected a finite number")]
+    NotFinite { what: &'static str, at: usize, found: f64 },
+    /// The contact does not act on any free displacement.
+    #[error("the contact touches nothing that can move")]
+    DeadContact,
+    /// The tangent has more entries than 32-bit indices can address.
+    #[error("the tangent has too many entries for 32-bit indices")]
+    TooLarge,
+    /// The tangent cannot be factored.
+    #[error(transparent)]
+    Factor(#[from] LinearError),
+    /// The history rejects the order, the rule or a step.
+    #[error(transparent)]
+    History(#[from] HistoryError),
+    /// The body is already strained.
+    #[error("the body is displaced; a history starts at rest")]
+    Displaced,
+}
+
+impl NonlinearError {
+    /// Whether memory ran out, as opposed to an error in the problem.
+    pub fn is_machine(&self) -> bool {
+        matches!(self, NonlinearError::Factor(error) if error.is_machine())
+    }
+}
+
+/// Numbering of `D` degrees of freedom per node, node by node, and of the free ones among them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Supports<const D: usize> {
+    /// Number of each degree of freedom among the free ones; [`NONE`] where prescribed.
+    of: Vec<u32>,
+    free: Vec<u32>,
+    prescribed: Vec<u32>,
+}
+
+impl<const D: usize> Supports<D> {
+    /// Numbers the degrees of freedom of `nodes` nodes, those in `prescribed` (node, axis) prescribed. Duplicates have
+    /// no effect.
+    ///
+    /// # Panics
+    /// If a node or an axis is out of range, or 32 bits cannot number all degrees of freedom.
+    pub fn new(nodes: usize, prescribed: impl IntoIterator<Item = (u32, u8)>) -> Self {
+        assert!(
+            nodes < (u32::MAX / 4) as usize,
+            "{nodes} nodes outnumber 32-bit degrees of freedom"
+        );
+        let mut of = vec![0; D * nodes];
+        for (node, axis) in prescribed {
+            assert!((axis as usize) < D, "axis {axis} in {D} dimensions");
+            of[D * node as usize + axis as usize] = NONE;
+        }
+        let (mut free, mut held) = (Vec::with_capacity(of.len()), Vec::new());
+        for (dof, number) in (0..).zip(&mut of) {
+            if *number == NONE {
+                held.push(dof);
+            } else {
+                *number = free.len() as u32;
+                free.push(dof);
+            }
+        }
+        Supports {
+            of,
+            free,
+            prescribed: held,
+        }
+    }
+
+    /// Number of nodes.
+    pub fn nodes(&self) -> usize {
+        self.of.len() / D
+    }
+
+    /// Number of all degrees of freedom, free or not.
+    pub fn all(&self) -> usize {
+        self.of.len()
+    }
+
+    /// Free degrees of freedom, ascending.
+    pub fn free(&self) -> &[u32] {
+        &self.free
+    }
+
+    /// Prescribed degrees of freedom, ascending.
+    pub fn prescribed(&self) -> &[u32] {
+        &self.prescribed
+    }
+
+    /// Number of a degree of freedom among the free ones, [`NONE`] where it is prescribed.
+    ///
+    /// # Panics
+    /// If `dof` is out of range.
+    pub fn number(&self, dof: usize) -> u32 {
+        self.of[dof]
+    }
+
+    /// Copies the free entries of a vector over all degrees of freedom.
+    fn gather(&self, all: &[f64], free: &mut [f64]) {
+        for (value, dof) in free.iter_mut().zip(&self.free) {
+            *value = all[*dof as usize];
+        }
+    }
+}
+
+/// Body advanced in time; an elastic one ignores the time step.
+#[derive(Clone, Debug)]
+pub enum Structure<const D: usize, const N: usize> {
+    /// Body without memory.
+    Elastic(Box<Solver<D, N>>),
+    /// Body with fractional viscosity.
+    Viscous(Box<Creep<D, N>>),
+}
+
+impl<const D: usize, const N: usize> Structure<D, N> {
+    /// Advances by `step_s` seconds to the loads, prescribed displacements (as in [`Target`]) and contact at the end of
+    /// the step.
+    ///
+    /// # Errors
+    /// [`NonlinearError`]; the body is then unchanged.
+    pub fn step(
+        &mut self,
+        step_s: f64,
+        loads: &[f64],
+        prescribed: &[f64],
+        contact: Option<&Contact>,
+    ) -> Result<&Progress, NonlinearError> {
+        match self {
+            Structure::Elastic(solver) => Ok(solver.step(&Target {
+                loads,
+                prescribed,
+                contact,
+                offset: None,
+            })?),
+            Structure::Viscous(creep) => creep.step(step_s, loads, prescribed, contact),
+        }
+    }
+
+    /// Exports the state as numbers, with the history of a viscous body. Cached data are recomputed, so that this body
+    /// continues as one that [imports](Self::take_state) the state.
+    ///
+    /// # Errors
+    /// [`NonlinearError`] where the stiffness cannot be factored.
+    pub fn put_state(&mut self) -> Result<[Vec<f64>; 2], NonlinearError> {
+        match self {
+            Structure::Elastic(solver) => Ok([solver.put_state(false)?, Vec::new()]),
+            Structure::Viscous(creep) => creep.put_state(),
+        }
+    }
+
+    /// Imports the state of another body of this kind: the same steps then give the same bits.
+    ///
+    /// # Errors
+    /// [`NonlinearError`] for numbers that do not fit such a body.
+    pub fn take_state(&mut self, state: [&[f64]; 2]) -> Result<(), NonlinearError> {
+        match self {
+            Structure::Elastic(solver) => Ok(solver.take_state(state[0], false)?),
+            Structure::Viscous(creep) => creep.take_state(state),
+        }
+    }
+
+    /// Solver, with the body and its supports.
+    pub fn solver(&self) -> &Solver<D, N> {
+        match self {
+            Structure::Elastic(solver) => solver,
+            Structure::Viscous(creep) => creep.solver(),
+        }
+    }
+
+    /// Displacements, mm.
+    pub fn displacement(&self) -> &[f64] {
+        self.solver().displacement()
+    }
+
+    /// Forces on all degrees of freedom, N: loads at free ones, loads plus reactions at prescribed ones.
+    pub fn forces(&self) -> &[f64] {
+        match self {
+            Structure::Elastic(solver) => solver.forces(),
+            Structure::Viscous(creep) => creep.forces(),
+        }
+    }
+
+    /// Contact force along its direction, N.
+    pub fn contact_force(&self) -> f64 {
+        match self {
+            Structure::Elastic(solver) => solver.contact_force(),
+            Structure::Viscous(creep) => creep.contact_force(),
+        }
+    }
+}

@@ -34,22 +34,15 @@ mod growable;
 pub mod levels;
 mod lu;
 pub mod make;
-mod options;
-mod report;
-mod sampling;
-#[cfg(test)]
-mod testing;
-
-use faer::{Mat, MatMut, MatRef};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
 pub use adaptation::Adaptation;
 pub use adapted::{AdaptedMesh, Change};
 pub use error::RemeshError;
 pub use make::{Maker, Source, make};
-pub use options::Options;
-pub use report::{Rebuilt, RemeshReport};
+
+use faer::{Mat, MatMut, MatRef};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// Part of the compliance that a remesh updates: see `docs/remeshing.md`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
@@ -245,3 +238,112 @@ fn check_step(step: u64, mesh: &AdaptedMesh, change: &Change) -> Result<(), Reme
         mesh: mesh.step(),
     })
 }
+
+/// Tolerances and policies of a [`Remesher`](Remesher). The defaults suit tissue meshes of some thousand nodes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Options {
+    /// Smallest reciprocal condition of the capacitance matrix I + dK G; changes below it are refused. There an update
+    /// loses more than ten of sixteen digits; moves within the mesh's own limit stay far above.
+    pub reciprocal_limit: f64,
+    /// Largest number of changes between samples of the errors (0: no samples). Every change is sampled at first and
+    /// after a bad sample, then ever fewer.
+    pub check_every: u64,
+    /// Exact level: sampled backward error of C, or relative error of K^c against C, above which both are recomputed.
+    pub exact_tolerance: f64,
+    /// Level I in f64: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it. See
+    /// [`Remesher::residual`](Remesher::residual).
+    pub residual_double: f64,
+    /// Level I in f32: largest residual. The inverse is rebuilt where a sample exceeds a tenth of it.
+    pub residual_single: f64,
+    /// Exact level: whether to defer work not needed at once, the last product that completes C and due samples of
+    /// errors, to [`Remesher::run_deferred`](Remesher::run_deferred), so that no step has to do it all. Work still pending at
+    /// the next change is done then.
+    pub deferred: bool,
+    /// Largest Poisson's ratio at which levels I to III may use f32.
+    pub single_poisson_limit: f64,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Options {
+            reciprocal_limit: 1e-10,
+            check_every: 16,
+            exact_tolerance: 1e-12,
+            residual_double: 1e-9,
+            residual_single: 1e-2,
+            deferred: false,
+            single_poisson_limit: 0.49,
+        }
+    }
+}
+
+/// Why a compliance was recomputed instead of updated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Rebuilt {
+    /// The residual of a sample, given here, exceeded the tolerance.
+    Residual(f64),
+    /// The compliance at the contacts was no longer positive definite.
+    Indefinite,
+    /// The previous level had not updated all entries.
+    Switched,
+    /// The caller requested it.
+    Requested,
+}
+
+/// Outcome of a remesh.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RemeshReport {
+    /// Level of the remesh.
+    pub level: Level,
+    /// Number of rows of the change (s).
+    pub rank: usize,
+    /// Number of rows in which the stiffness differs from that of the base (|S|), where the level tracks them; else 0.
+    pub held: usize,
+    /// Estimated reciprocal condition of I + dK G; 1 where nothing was solved.
+    pub reciprocal_condition: f64,
+    /// Sampled residual, where taken (see [`Remesher::residual`](Remesher::residual)): at levels I to III for
+    /// unit forces on single degrees of freedom, at the exact level for forces of 1 or -1 N on all of S at once.
+    pub residual: Option<f64>,
+    /// Why the compliance was recomputed, if it was.
+    pub rebuilt: Option<Rebuilt>,
+    /// Whether a due rebuild failed, so that the updated compliance was kept, or left a residual beyond the limit, as
+    /// near incompressibility, where one update loses more digits than the limit allows.
+    pub rebuild_failed: bool,
+    /// Bytes of the large matrices read and written.
+    pub bytes_moved: usize,
+}
+
+/// Counter of updates between samples: one after a start or a bad sample, twice as many after each good one.
+#[derive(Clone, Copy, Debug)]
+struct SampleSchedule {
+    /// Updates since the last sample.
+    updates: u64,
+    interval: u64,
+}
+
+impl SampleSchedule {
+    /// Creates a schedule that samples the next update.
+    pub fn new() -> SampleSchedule {
+        SampleSchedule {
+            updates: 0,
+            interval: 1,
+        }
+    }
+
+    /// Counts an update; returns whether to sample it. With `every` 0 none is sampled.
+    pub fn is_due(&mut self, every: u64) -> bool {
+        self.updates += 1;
+        every > 0 && self.updates >= self.interval
+    }
+
+    /// Records a good sample: the next may wait twice as long, but at most `every` updates.
+    pub fn relax(&mut self, every: u64) {
+        *self = SampleSchedule {
+            updates: 0,
+            interval: (2 * self.interval).min(every),
+        };
+    }
+}
+
+#[cfg(test)]
+mod testing;

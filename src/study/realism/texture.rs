@@ -124,7 +124,7 @@ impl Patch {
 
     /// Returns contrast and correlation of the symmetric co-occurrence matrix (R. M. Haralick et al., IEEE Transactions on Systems, Man,
     /// and Cybernetics 3 (1973) 610) of pixels `dx` columns and `dy` rows apart, in 32 levels over 6 standard deviations.
-    pub fn co_occurrence(&self, [dx, dy]: [usize; 2]) -> [f64; 2] {
+    fn co_occurrence(&self, [dx, dy]: [usize; 2]) -> [f64; 2] {
         let (middle, spread) = (mean(&self.values), std(&self.values));
         let level = |at: usize| {
             let level = (self.values[at] - middle) / spread * LEVELS / 6.0 + LEVELS / 2.0;
@@ -145,7 +145,7 @@ impl Patch {
     }
 
     /// Returns the log-log slopes of power against frequency, axial, lateral and radial, under a Hann window.
-    pub fn power_slopes(&self) -> [f64; 3] {
+    fn power_slopes(&self) -> [f64; 3] {
         let (width, height) = (self.width, self.height);
         let middle = mean(&self.values);
         let hann = |n: usize, of: usize| 0.5 - 0.5 * (TAU * n as f64 / (of as f64 - 1.0)).cos();

@@ -169,7 +169,7 @@ pub fn displaced(tissue: &Tissue) -> f64 {
 const CELL: f64 = 5.0;
 
 /// Relative error of K^-1 allowed in f64 at Poisson's ratio 0.45.
-pub const PROMISED: f64 = 1e-11;
+const PROMISED: f64 = 1e-11;
 
 /// Remesher backends. A backend added here runs in every case of levels.
 pub const BACKENDS: &[Inverses] = &[
@@ -207,7 +207,7 @@ impl Inverses {
     }
 
     /// Returns the rounding unit of its entries relative to f64.
-    pub fn coarseness(&self) -> f64 {
+    fn coarseness(&self) -> f64 {
         match self.precision {
             Precision::Single => f64::from(f32::EPSILON) / f64::EPSILON,
             Precision::Double => 1.0,
@@ -260,7 +260,7 @@ impl Start {
         })
     }
 
-    /// Returns the allowed error of K^-1 for the current mesh: [`PROMISED`] at the usual condition number, growing in proportion to it.
+    /// Returns the allowed error of K^-1 for the current mesh: `PROMISED` at the usual condition number, growing in proportion to it.
     pub fn allowed(&self, now: &Now, backend: &Inverses) -> f64 {
         PROMISED * (now.condition / self.usual_condition).max(1.0) * backend.coarseness()
     }

@@ -206,7 +206,7 @@ pub fn equal(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Tests 1e5 steps from 1e-6 to 1e3 s.
-pub fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
+fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(40_000, 100_000);
     let steps: Vec<f64> = (0..count)
         .map(|at| 10f64.powf(9.0 * at as f64 / (count - 1) as f64 - 6.0))
@@ -240,7 +240,7 @@ pub fn growing(record: &mut Record<'_>) -> Result<(), Unexpected> {
 }
 
 /// Tests steps that alternate between 1e-6 and 1e3 s.
-pub fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
+fn jumping(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let count = record.effort().pick(400, 2000);
     let turns = (0..count).map(|at| if at % 2 == 0 { 1e-6 } else { 1e3 });
     let random: Vec<f64> = (0..count as u64)
@@ -278,7 +278,7 @@ fn highest(rule: &Rule, operator: Operator, step: f64, count: usize) -> Result<f
 }
 
 /// Tests loads that reverse at every step.
-pub fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
+fn reversals(record: &mut Record<'_>) -> Result<(), Unexpected> {
     let step = 1e-3;
     let many = record.effort().pick(10_000, 100_000);
     let few = record.effort().pick(1000, 10_000);

@@ -1,17 +1,20 @@
 //! Results of the cases, and their output.
 
-mod page;
-mod plot;
-
 use std::fmt::{self, Write};
 
 use serde::Serialize;
 
 use super::record::Measure;
 use super::{Case, Effort};
+use crate::base::output::OutputError;
 use crate::base::report::machine::Machine;
 use crate::base::report::number::figure;
-use crate::base::report::table::Table;
+use crate::base::report::page::{Page, escape};
+use crate::base::report::plot::{Axis, Marker, Plot, Series};
+use crate::base::report::table::{Cell, Table};
+
+/// Margin at which the plot shows an exact result and, on its other side, a figure that is no number.
+const ENDS: [f64; 2] = [0.1, 1e13];
 
 /// Result of one case.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -128,6 +131,44 @@ impl Report {
         self.effort.pick("quick counts", "whole counts")
     }
 
+    /// Draws the margins as an SVG document.
+    ///
+    /// # Errors
+    /// [`OutputError`] if the plot cannot be drawn.
+    pub fn plot(&self) -> Result<String, OutputError> {
+        let (plot, rows) = self.margins();
+        plot.svg_by_row(&rows)
+    }
+
+    /// Plots the margin of each figure that has a limit, the decisive one of a case drawn large; and the names of the rows, one per group and case.
+    pub(super) fn margins(&self) -> (Plot, Vec<String>) {
+        let mut rows = Vec::new();
+        let [mut holds, mut fails] = ["holds", "fails"].map(|_| [Vec::new(), Vec::new()]);
+        for group in self.groups() {
+            rows.push(format!("[ {group} ]"));
+            for case in self.of_group(group) {
+                let shown = case.measures.iter().filter(|it| it.limit.is_some() || !it.holds);
+                for measure in shown {
+                    let exact = if measure.holds { ENDS[1] } else { ENDS[0] };
+                    let at = measure.margin.unwrap_or(exact).clamp(ENDS[0], ENDS[1]);
+                    let large = case.worst().is_some_and(|worst| std::ptr::eq(worst, measure));
+                    let of = if measure.holds { &mut holds } else { &mut fails };
+                    of[usize::from(large)].push([at, -(rows.len() as f64)]);
+                }
+                rows.push(case.name.clone());
+            }
+        }
+        let ends = [0.5, 0.5 - rows.len() as f64];
+        let mut series = vec![Series::line("limit", 6, ends.map(|y| [1.0, y]).to_vec())];
+        for (name, colour, [small, large]) in [("holds", 0, holds), ("fails", 1, fails)] {
+            series.push(Series::points(name, colour, Marker::Dot, small));
+            series.push(Series::points(name, colour, Marker::Disc, large));
+        }
+        let x = Axis::log("margin: limit over figure (1e13: exact; large: the figure nearest to its limit)");
+        let plot = Plot::new("Margins of the hard cases", x, Axis::linear(""), series);
+        (plot, rows)
+    }
+
     /// Returns the report with every figure in Markdown.
     pub fn markdown(&self) -> String {
         let mut text = format!(
@@ -206,5 +247,107 @@ impl fmt::Display for Report {
             }
         }
         Ok(())
+    }
+}
+
+impl Report {
+    /// Returns the report, with every figure, as one self-contained HTML document.
+    ///
+    /// # Errors
+    /// [`OutputError`] if the plot cannot be drawn.
+    pub fn page(&self) -> Result<String, OutputError> {
+        let mut page = Page::new("Hard cases");
+        let (failed, all) = (self.failed(), self.cases.len());
+        let verdict = format!(
+            "{} of {all} hard cases hold ({}, {}).",
+            all - failed,
+            self.effort(),
+            self.machine
+        );
+        page.paragraph(if failed > 0 { "warning" } else { "advice" }, &verdict);
+        for case in self.cases.iter().filter(|case| !case.holds) {
+            let failures: Vec<String> = case.failures().map(sentence).collect();
+            page.paragraph(
+                "warning",
+                &format!("{} does not hold: {}", case.name, failures.join("; ")),
+            );
+        }
+        page.paragraph(
+            "soft",
+            "Each case is something that breaks numerics, with a criterion from theory. Shown is the figure nearest to its limit; the \
+             margin is how many times larger it might be. NaN and infinity never hold, and what must be refused fails if it is not.",
+        );
+        page.wide_figure(
+            &self.plot()?,
+            "How many times larger each figure might be before its case fails",
+        );
+        for group in self.groups() {
+            page.put(format_args!("<h2>{}</h2>", escape(group)));
+            let head = [
+                Cell::from("hard case"),
+                Cell::from("measured nearest to its limit"),
+                Cell::number("margin"),
+                Cell::from(""),
+            ];
+            let mut table = Table::new(head);
+            for case in self.of_group(group) {
+                table.row(if case.holds { "" } else { "wrong" }, case.row());
+            }
+            page.stacked(&table);
+            for case in self.of_group(group) {
+                case.details(&mut page);
+            }
+        }
+        Ok(page.finish())
+    }
+}
+
+impl CaseReport {
+    fn row(&self) -> [Cell; 4] {
+        let (nearest, margin) = match self.worst() {
+            Some(worst) => (Cell::Pair(worst.what.clone(), bound(worst)), margin(worst)),
+            None => ("nothing".into(), "-".to_owned()),
+        };
+        let class = if self.holds { "good" } else { "bad" };
+        [
+            Cell::Pair(self.name.clone(), self.criterion.clone()),
+            nearest,
+            margin.into(),
+            Cell::Tags(vec![(class, self.verdict().to_owned())]),
+        ]
+    }
+
+    fn details(&self, page: &mut Page) {
+        let covers = self.covers.join(", ");
+        page.put(format_args!(
+            "<details><summary>{}: all {} figures</summary>",
+            escape(&self.name),
+            self.measures.len()
+        ));
+        let seconds = self.seconds;
+        page.paragraph("soft", &format!("On {covers}; seed {}; {seconds:.1} s.", self.seed));
+        let [figures, limits, margins] = ["figure", "limit", "margin"].map(Cell::number);
+        let mut table = Table::new([Cell::from("measured"), figures, limits, margins, Cell::from("")]);
+        for measure in &self.measures {
+            let tags = (!measure.holds).then(|| ("bad", "FAILS".to_owned()));
+            let what = match &measure.note {
+                Some(note) => Cell::Pair(measure.what.clone(), note.clone()),
+                None => measure.what.clone().into(),
+            };
+            let numbers = [figure(measure.figure), limit(measure), margin(measure)].map(Cell::from);
+            let cells = std::iter::once(what).chain(numbers);
+            let class = if measure.holds { "" } else { "wrong" };
+            table.row(class, cells.chain([Cell::Tags(tags.into_iter().collect())]));
+        }
+        page.table(&table);
+        page.put("</details>");
+    }
+}
+
+/// Describes a figure and its limit.
+fn bound(measure: &Measure) -> String {
+    match measure.limit {
+        Some(_) => format!("{}, at most {}", figure(measure.figure), limit(measure)),
+        None => figure(measure.figure),
     }
 }

@@ -50,7 +50,7 @@ impl Trajectory {
     }
 
     /// Reads a path as [`Trajectory::from_csv`] does, from any source; `path` is the file name shown in errors.
-    pub fn from_csv_reader(
+    fn from_csv_reader(
         source: impl Read,
         path: &Path,
         world: World,

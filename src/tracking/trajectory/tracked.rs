@@ -11,7 +11,7 @@ use crate::tracking::pose::Pose;
 
 /// Interval assumed between frames without time stamps, s: ten frames per second, a common rate of optical
 /// trackers.
-pub const UNTIMED_FRAME_S: f64 = 0.1;
+const UNTIMED_FRAME_S: f64 = 0.1;
 
 /// Recorded tracker data of one frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

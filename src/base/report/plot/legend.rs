@@ -24,13 +24,13 @@ impl Plot {
     pub(super) fn legend<'a, DB: DrawingBackend + 'a>(
         &self,
         area: &DrawingArea<DB, Shift>,
-        layout: Layout,
+        layout: Layout<'_>,
     ) -> Result<(), DrawingAreaErrorKind<DB::ErrorType>> {
         let dark = BLACK.mix(0.85);
         let style = TextStyle::from(("sans-serif", 15)).color(&dark);
         let mut top = match layout {
-            Layout::Alone => 64,
             Layout::Page => LINE / 2,
+            _ => 64,
         };
         for part in self.keys() {
             let columns = columns(&part, layout);
@@ -81,22 +81,22 @@ impl Plot {
 }
 
 /// Returns the height of a row of the legend, pixels.
-fn height(row: &[Key<'_>], layout: Layout) -> i32 {
+fn height(row: &[Key<'_>], layout: Layout<'_>) -> i32 {
     let lines = row.iter().map(|(_, name)| wrapped(name, layout).len() as i32);
     LINE + WRAPPED * (lines.max().unwrap_or(1) - 1)
 }
 
 /// Wraps a name into lines that fit, between words if possible.
-fn wrapped(name: &str, layout: Layout) -> Vec<String> {
+fn wrapped(name: &str, layout: Layout<'_>) -> Vec<String> {
     let most = match layout {
-        Layout::Alone => HALF,
         Layout::Page => FULL,
+        _ => HALF,
     };
     table::wrapped(name, most, true)
 }
 
 /// Returns the number of columns of a part of the legend.
-fn columns(part: &[Key<'_>], layout: Layout) -> usize {
+fn columns(part: &[Key<'_>], layout: Layout<'_>) -> usize {
     let short = part.iter().all(|(_, name)| name.chars().count() <= HALF);
     if layout == Layout::Page && short { 2 } else { 1 }
 }

@@ -67,7 +67,7 @@ impl Parameters {
     }
 
     /// Returns the number of nodes of one layer.
-    pub(super) fn nodes_of_layer(&self) -> usize {
+    fn nodes_of_layer(&self) -> usize {
         1 + self.sectors * self.rings * (self.rings + 1) / 2
     }
 

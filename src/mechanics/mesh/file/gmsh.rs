@@ -9,18 +9,14 @@
 //! it is in none.
 
 mod elements;
-mod kinds;
 mod names;
-mod nodes;
 mod reader;
 mod v2;
 mod v4;
 
-use super::cursor::Cursor;
 use super::error::{Fault, quote};
-use super::{Parts, ReadOptions};
+use super::{Cursor, Parts, ReadOptions};
 use elements::{Elements, Regions};
-use nodes::Nodes;
 use reader::Reader;
 
 /// Contents read so far.
@@ -219,6 +215,122 @@ fn parts(contents: Contents) -> Result<Parts, Fault> {
         skipped_cells: elements.skipped,
         warnings,
     })
+}
+
+/// Nodes in the order of their tags, which need not be consecutive.
+struct Nodes {
+    tags: Vec<u64>,
+    pub positions: Vec<[f64; 3]>,
+}
+
+impl Nodes {
+    /// Builds the list from tags and positions in any order, which start at `at`.
+    pub fn new(mut nodes: Vec<(u64, [f64; 3])>, at: usize) -> Result<Nodes, Fault> {
+        nodes.sort_by_key(|node| node.0);
+        if let Some(pair) = nodes.windows(2).find(|pair| pair[0].0 == pair[1].0) {
+            return Err(Fault::at(
+                at,
+                format!("two nodes with the tag {}", pair[0].0),
+                "a tag of its own for every node",
+            ));
+        }
+        let (tags, positions) = nodes.into_iter().unzip();
+        Ok(Nodes { tags, positions })
+    }
+
+    /// Returns the index of a node to which an element at `at` refers.
+    pub fn index(&self, tag: u64, at: usize) -> Result<u32, Fault> {
+        let first = self.tags.first().copied().unwrap_or_default();
+        // Most files number their nodes without gaps.
+        let guess = tag.checked_sub(first).and_then(|place| usize::try_from(place).ok());
+        let place = guess
+            .filter(|place| self.tags.get(*place) == Some(&tag))
+            .or_else(|| self.tags.binary_search(&tag).ok());
+        place.and_then(|place| u32::try_from(place).ok()).ok_or_else(|| {
+            Fault::at(
+                at,
+                format!("a tetrahedron with the node {tag}"),
+                format!("the tags of {CORNERS} of the {} nodes", self.tags.len()),
+            )
+        })
+    }
+}
+
+/// An element type.
+struct Kind {
+    code: i32,
+    dimension: u8,
+    /// Number of nodes of an element.
+    pub nodes: usize,
+    name: &'static str,
+}
+
+/// Number of corners of the linear tetrahedron.
+const CORNERS: usize = 4;
+
+const fn kind(code: i32, dimension: u8, nodes: usize, name: &'static str) -> Kind {
+    Kind {
+        code,
+        dimension,
+        nodes,
+        name,
+    }
+}
+
+const KINDS: [Kind; 33] = [
+    kind(1, 1, 2, "line"),
+    kind(2, 2, 3, "triangle"),
+    kind(3, 2, 4, "quadrangle"),
+    kind(4, 3, CORNERS, "tetrahedron"),
+    kind(5, 3, 8, "hexahedron"),
+    kind(6, 3, 6, "prism"),
+    kind(7, 3, 5, "pyramid"),
+    kind(8, 1, 3, "second-order line"),
+    kind(9, 2, 6, "second-order triangle"),
+    kind(10, 2, 9, "second-order quadrangle"),
+    kind(11, 3, 10, "second-order tetrahedron"),
+    kind(12, 3, 27, "second-order hexahedron"),
+    kind(13, 3, 18, "second-order prism"),
+    kind(14, 3, 14, "second-order pyramid"),
+    kind(15, 0, 1, "vertex"),
+    kind(16, 2, 8, "second-order quadrangle"),
+    kind(17, 3, 20, "second-order hexahedron"),
+    kind(18, 3, 15, "second-order prism"),
+    kind(19, 3, 13, "second-order pyramid"),
+    kind(20, 2, 9, "third-order triangle"),
+    kind(21, 2, 10, "third-order triangle"),
+    kind(22, 2, 12, "fourth-order triangle"),
+    kind(23, 2, 15, "fourth-order triangle"),
+    kind(24, 2, 15, "fifth-order triangle"),
+    kind(25, 2, 21, "fifth-order triangle"),
+    kind(26, 1, 4, "third-order line"),
+    kind(27, 1, 5, "fourth-order line"),
+    kind(28, 1, 6, "fifth-order line"),
+    kind(29, 3, 20, "third-order tetrahedron"),
+    kind(30, 3, 35, "fourth-order tetrahedron"),
+    kind(31, 3, 56, "fifth-order tetrahedron"),
+    kind(92, 3, 64, "third-order hexahedron"),
+    kind(93, 3, 125, "fourth-order hexahedron"),
+];
+
+impl Kind {
+    /// Returns the type of a number at `at`, if meshes can contain it: a linear tetrahedron, or something flat to ignore.
+    pub fn usable(code: i32, at: usize) -> Result<&'static Kind, Fault> {
+        const EXPECTED: &str = "linear tetrahedra (type 4) as the only elements with a volume";
+        match KINDS.iter().find(|kind| kind.code == code) {
+            None => Err(Fault::at(at, format!("element type {code}"), EXPECTED)),
+            Some(kind) if kind.dimension == 3 && !kind.is_tetrahedron() => Err(Fault::at(
+                at,
+                format!("a {} (element type {code})", kind.name),
+                EXPECTED,
+            )),
+            Some(kind) => Ok(kind),
+        }
+    }
+
+    pub fn is_tetrahedron(&self) -> bool {
+        self.code == 4
+    }
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@
 use rayon::prelude::*;
 
 use super::draft::Draft;
-use super::shape::sharpest_cosine;
+use super::sharpest_cosine;
 use super::tissue::{OUTSIDE, Tissue};
 
 /// Price of a face between unlike elements, in cubes of the square root of its area: an isolated regular element costs about

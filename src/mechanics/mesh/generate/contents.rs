@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use super::shape::six_volumes;
+use super::six_volumes;
 use super::tissue::{OUTSIDE, Tissue};
 
 /// Order of the smallest lattice: 10 points per element.

@@ -4,9 +4,9 @@ use rayon::prelude::*;
 
 use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
-use super::shape::{FACES, cross, norm, sharpest_cosine, six_volumes, sub};
 use super::tissue::{OUTSIDE, Tissue};
-use crate::mechanics::mesh::{InvalidMesh, NONE, adjacency};
+use super::{FACES, cross, norm, sharpest_cosine, six_volumes, sub};
+use crate::mechanics::mesh::{InvalidMesh, NONE, neighbours};
 
 /// Elements that fill a lattice around the tissue, including those outside.
 pub(super) struct Draft {
@@ -44,7 +44,7 @@ impl Draft {
         let mut draft = Draft {
             nodes: mesh.nodes.clone(),
             held: (0..mesh.nodes.len()).map(|node| mesh.on_faces(node as u32)).collect(),
-            neighbours: adjacency::neighbours(&elements)?,
+            neighbours: neighbours(&elements)?,
             classes: Vec::new(),
             contents: Vec::new(),
             sharpest_refined: 0.0,

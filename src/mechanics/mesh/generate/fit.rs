@@ -9,9 +9,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::assign::Limits;
 use super::draft::Draft;
-use super::shape::{cross, dot, norm, sub};
 use super::smooth::shift;
 use super::tissue::{OUTSIDE, Tissue};
+use super::{cross, dot, norm, sub};
 
 /// Number of points on either side of the face on a search line.
 const STEPS: usize = 16;

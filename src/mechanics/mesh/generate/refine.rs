@@ -6,8 +6,8 @@ use std::collections::BinaryHeap;
 use super::bisection::Bisection;
 use super::contents::{Contents, Sampler};
 use super::path::Path;
-use super::shape::{norm, sub};
 use super::tissue::{OUTSIDE, Tissue};
+use super::{norm, sub};
 
 /// Share of the tissue in an element that counts as impure in any case: pure elements are bisected too once they are some
 /// thirty times as large as those of interfaces, so the bulk is graded and can bend.

@@ -2,7 +2,7 @@
 
 use super::assign::Limits;
 use super::draft::Draft;
-use super::shape::{sharpest_cosine, six_volumes};
+use super::{sharpest_cosine, six_volumes};
 
 /// Shares of a move that are tried, until one leaves all elements sound.
 const PARTS: [f64; 4] = [1.0, 0.5, 0.25, 0.125];

@@ -59,7 +59,7 @@ impl Element {
     }
 
     /// Returns the bending moments due to force and moment on the far node.
-    pub fn bent_by(&self, far: &Vector2<f64>) -> Vector2<f64> {
+    fn bent_by(&self, far: &Vector2<f64>) -> Vector2<f64> {
         Vector2::new(-self.length * far.x - far.y, far.y)
     }
 }

@@ -16,7 +16,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::error::NonlinearError;
+use super::NonlinearError;
 use super::solver::{Contact, Progress, Solver, Target};
 use crate::mechanics::tissue::viscoelastic::{History, Operator, Rule};
 

@@ -4,7 +4,7 @@ use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 
 use super::body::{Body, Response};
 use super::simplex::dot;
-use super::supports::{NONE, Supports};
+use super::{NONE, Supports};
 use crate::mechanics::tissue::factor::Symmetric;
 
 /// Kind of tangent.

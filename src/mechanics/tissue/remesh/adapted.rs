@@ -4,21 +4,22 @@
 //! *base* is that of the mesh whose inverse or factor is available. The *current* one is where the node has been moved
 //! to. The base is the original mesh.
 
-mod around;
-mod change;
 mod moves;
 
-use crate::mechanics::tissue::error::LinearError;
+pub(super) use moves::Record;
+
 use std::sync::Arc;
+
+use faer::Mat;
 
 use super::difference::Difference;
 use crate::mechanics::mesh::TetMesh;
-use crate::mechanics::tissue::assembly::Stiffness;
+use crate::mechanics::tissue::assembly::{Stiffness, corners_by_node};
 use crate::mechanics::tissue::dofs::{Dofs, NONE};
+use crate::mechanics::tissue::element::Shape;
+use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::material::Material;
-use around::Around;
-pub use change::Change;
-pub(super) use moves::Record;
+use crate::mechanics::tissue::remesh::RemeshError;
 
 /// Largest Jacobian condition that a move may cause.
 ///
@@ -186,6 +187,130 @@ impl AdaptedMesh {
     /// Corner positions of an element.
     pub(super) fn positions(&self, element: u32, nodes: &[[f64; 3]]) -> [[f64; 3]; 4] {
         self.elements()[element as usize].map(|node| nodes[node as usize])
+    }
+}
+
+/// Elements and neighbours of every node. They depend only on the elements, so moves do not change them.
+#[derive(Clone, Debug)]
+struct Around {
+    /// Start of each node's corners; a corner is four times its element plus its place there.
+    corner_firsts: Vec<u32>,
+    corners: Vec<u32>,
+    /// Start of each node's neighbours.
+    neighbour_firsts: Vec<u32>,
+    neighbours: Vec<u32>,
+}
+
+impl Around {
+    pub fn new(elements: &[[u32; 4]], nodes: usize) -> Around {
+        let (corner_firsts, corners) = corners_by_node(elements, nodes);
+        let mut neighbour_firsts = vec![0];
+        let mut neighbours = Vec::with_capacity(16 * nodes);
+        let mut own: Vec<u32> = Vec::new();
+        for node in 0..nodes {
+            let around = &corners[corner_firsts[node] as usize..corner_firsts[node + 1] as usize];
+            own.clear();
+            own.extend(around.iter().flat_map(|corner| elements[*corner as usize / 4]));
+            own.sort_unstable();
+            own.dedup();
+            neighbours.extend_from_slice(&own);
+            neighbour_firsts.push(neighbours.len() as u32);
+        }
+        Around {
+            corner_firsts,
+            corners,
+            neighbour_firsts,
+            neighbours,
+        }
+    }
+
+    /// Nodes of the elements of `node`, including itself, ascending.
+    pub fn neighbours(&self, node: u32) -> &[u32] {
+        let node = node as usize;
+        &self.neighbours[self.neighbour_firsts[node] as usize..self.neighbour_firsts[node + 1] as usize]
+    }
+
+    /// Elements of a node, with its place in each.
+    pub fn elements(&self, node: u32) -> impl Iterator<Item = (u32, usize)> + '_ {
+        let node = node as usize;
+        let corners = &self.corners[self.corner_firsts[node] as usize..self.corner_firsts[node + 1] as usize];
+        corners.iter().map(|corner| (corner / 4, *corner as usize % 4))
+    }
+}
+
+/// Effects of the move of one node.
+#[derive(Clone, Debug)]
+pub struct Change {
+    /// Moved node.
+    pub node: u32,
+    /// Position before the move, mm.
+    pub from: [f64; 3],
+    /// Position after the move, mm.
+    pub to: [f64; 3],
+    /// Free degrees of freedom of the node and its neighbours, ascending; the stiffness changes only in these rows and
+    /// columns.
+    pub support: Vec<u32>,
+    /// K(now) - K(before) at the rows and columns of the support, N/mm; exactly symmetric.
+    pub stiffness: Mat<f64>,
+    /// Number of this change: steps of the mesh up to it.
+    pub step: u64,
+}
+
+impl Change {
+    /// Returns an empty change without memory.
+    fn none() -> Change {
+        Change {
+            node: 0,
+            from: [0.0; 3],
+            to: [0.0; 3],
+            support: Vec::new(),
+            stiffness: Mat::new(),
+            step: 0,
+        }
+    }
+
+    /// Computes the effects of moving `node` to `to` from the elements around it, reusing the memory of `self`.
+    fn fill(mut self, mesh: &AdaptedMesh, node: u32, to: [f64; 3]) -> Result<Change, RemeshError> {
+        let dofs = mesh.dofs();
+        self.support.clear();
+        self.support.extend(mesh.support_of(node));
+        let (support, size) = (&self.support, self.support.len());
+        let stiffness = &mut self.stiffness;
+        stiffness.truncate(0, 0);
+        stiffness.resize_with(size, size, |_, _| 0.0);
+        for (element, place) in mesh.elements_around(node) {
+            let corners = mesh.elements()[element as usize];
+            let mut positions = mesh.positions(element, mesh.nodes());
+            let refused = |cause| RemeshError::Element {
+                node,
+                to,
+                element,
+                corners,
+                cause,
+            };
+            let before = Shape::of(&positions).map_err(refused)?;
+            positions[place] = to;
+            let after = Shape::of(&positions).map_err(refused)?;
+            let material = &mesh.stiffness().materials()[element as usize];
+            let (weights_before, weights_after) = (before.weights(material), after.weights(material));
+            let own = corners.map(|corner| dofs.of(corner).map(|dof| support.binary_search(&dof).ok()));
+            for (a, b) in (0..16).map(|pair| (pair / 4, pair % 4)) {
+                let old = before.block(weights_before, a, b);
+                let new = after.block(weights_after, a, b);
+                for (i, j) in (0..9).map(|entry| (entry / 3, entry % 3)) {
+                    if let (Some(row), Some(column)) = (own[a][i], own[b][j]) {
+                        stiffness[(row, column)] += new[i][j] - old[i][j];
+                    }
+                }
+            }
+        }
+        Ok(Change {
+            node,
+            from: mesh.nodes()[node as usize],
+            to,
+            step: mesh.step() + 1,
+            ..self
+        })
     }
 }
 

@@ -32,9 +32,9 @@ use std::fmt;
 
 use faer::{Mat, MatMut, MatRef};
 
+use super::SampleSchedule;
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
-use super::sampling::SampleSchedule;
 use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, State, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, check_dofs};
 use contacts::Contacts;

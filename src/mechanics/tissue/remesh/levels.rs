@@ -22,8 +22,9 @@
 
 mod error_monitor;
 mod inverse;
-mod rebuild;
 mod store;
+
+pub use store::{Host, Store, Which};
 
 use std::sync::Arc;
 
@@ -31,14 +32,14 @@ use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
-use super::sampling::SampleSchedule;
-use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, State, check_step};
+use super::{
+    Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, SampleSchedule, State, check_step,
+};
 use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;
 use error_monitor::suits;
 use inverse::Inverse;
-pub use store::{Host, Store, Which};
 
 /// Remesher of the levels I to IV with a dense inverse in CPU memory. It runs on the current rayon pool; the result
 /// does not depend on the number of threads.
@@ -311,6 +312,33 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
 
     fn memory(&self) -> usize {
         self.inverse.store.memory()
+    }
+}
+
+impl<S: Store> DenseInverseRemesher<S> {
+    /// Rebuilds the inverse; returns the reciprocal condition of I + dK G.
+    fn rebuild(&mut self, mesh: &AdaptedMesh) -> Result<f64, RemeshError> {
+        let limit = self.options.reciprocal_limit;
+        let condition = self.inverse.rebuild(mesh, limit)?;
+        condition.map_err(|reciprocal_condition| RemeshError::FarFromBase {
+            reciprocal_condition,
+            limit,
+        })
+    }
+
+    /// Returns the report of a rebuild.
+    fn rebuilt(&self, mesh: &AdaptedMesh, condition: f64, reason: Rebuilt) -> RemeshReport {
+        let rank = mesh.support().count();
+        RemeshReport {
+            level: self.level,
+            rank,
+            held: 0,
+            reciprocal_condition: condition,
+            residual: None,
+            rebuilt: Some(reason),
+            rebuild_failed: false,
+            bytes_moved: 3 * self.inverse.store.bytes() + self.inverse.columns_bytes(rank),
+        }
     }
 }
 

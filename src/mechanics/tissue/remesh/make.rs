@@ -31,7 +31,7 @@ impl Source {
     }
 
     /// Converts the source to a compliance.
-    pub fn into_compliance(self) -> Box<dyn Compliance + Send> {
+    fn into_compliance(self) -> Box<dyn Compliance + Send> {
         match self {
             Source::Single(inverse) => Box::new(inverse),
             Source::Double(inverse) => Box::new(inverse),

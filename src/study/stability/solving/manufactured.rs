@@ -38,7 +38,7 @@ impl Wave {
 }
 
 /// Waves that stretch, shear and change volume.
-pub const WAVES: [Wave; 3] = [
+const WAVES: [Wave; 3] = [
     Wave {
         amplitude: [0.3, 0.0, 0.0],
         vector: [0.25, 0.10, -0.15],

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
-use super::kinds::CORNERS;
+use super::CORNERS;
 use super::names::Names;
 use super::{Fault, ReadOptions};
 

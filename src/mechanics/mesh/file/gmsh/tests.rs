@@ -3,7 +3,7 @@ mod written;
 
 use std::path::Path;
 
-use super::kinds::Kind;
+use super::Kind;
 use super::*;
 use crate::mechanics::mesh::file::{MeshFile, MeshFileError, read_mesh_bytes};
 use written::{ALL, Encoding, Model, ascii};

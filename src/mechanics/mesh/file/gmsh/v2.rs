@@ -1,9 +1,9 @@
 //! Nodes and elements of Gmsh version 2.2.
 
+use super::Nodes;
 use super::elements::{Elements, Membership, Regions};
-use super::kinds::{CORNERS, Kind};
-use super::nodes::Nodes;
 use super::reader::{Item, Reader};
+use super::{CORNERS, Kind};
 use super::{Fault, quote};
 
 /// Reads a count in text, which binary data follow.

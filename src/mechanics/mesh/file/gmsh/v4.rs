@@ -3,10 +3,10 @@
 use std::collections::HashMap;
 
 use super::Fault;
+use super::Nodes;
 use super::elements::{Elements, Membership, Regions};
-use super::kinds::{CORNERS, Kind};
-use super::nodes::Nodes;
 use super::reader::{Item, Reader};
+use super::{CORNERS, Kind};
 
 const OF_VOLUMES: i32 = 3;
 

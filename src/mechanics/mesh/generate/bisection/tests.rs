@@ -2,7 +2,7 @@ use std::collections::HashMap;
 
 use super::{Bisection, Lattice};
 use crate::base::random::{hash3, unit};
-use crate::mechanics::mesh::generate::shape::{sharpest_cosine, six_volumes};
+use crate::mechanics::mesh::generate::{sharpest_cosine, six_volumes};
 
 fn cubes(cells: [usize; 3]) -> Bisection {
     Bisection::new(&Lattice {

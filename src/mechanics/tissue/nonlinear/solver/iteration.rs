@@ -1,6 +1,6 @@
 //! One iteration: change of the displacements, and its residual.
 
-use super::super::error::NonlinearError;
+use super::super::NonlinearError;
 use super::super::tangent::Kind;
 use super::linear::Equations;
 use super::{Contact, Progress, Solver, State, Target};

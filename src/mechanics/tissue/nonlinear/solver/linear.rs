@@ -1,9 +1,9 @@
 //! Linear equations of an iteration.
 
+use super::super::NonlinearError;
+use super::super::Supports;
 use super::super::body::{Body, Response};
-use super::super::error::NonlinearError;
 use super::super::gmres::Gmres;
-use super::super::supports::Supports;
 use super::super::tangent::{Kind, Tangent};
 use super::Contact;
 use super::approximate::Approximate;

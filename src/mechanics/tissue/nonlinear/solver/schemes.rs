@@ -1,6 +1,6 @@
 //! Solution schemes of an increment.
 
-use super::super::error::NonlinearError;
+use super::super::NonlinearError;
 use super::super::tangent::Kind;
 use super::linear::Equations;
 use super::{Slope, Solver, Target};

@@ -1,7 +1,7 @@
 //! Target of an increment.
 
-use super::super::error::NonlinearError;
-use super::super::supports::{NONE, Supports};
+use super::super::NonlinearError;
+use super::super::{NONE, Supports};
 
 /// Target of an increment: all values at its end.
 #[derive(Clone, Copy, Debug)]

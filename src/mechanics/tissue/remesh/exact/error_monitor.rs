@@ -6,9 +6,9 @@ use faer::{Accum, MatMut, MatRef};
 use super::Exact;
 use super::update::product;
 use crate::base::random::{hash3, seed_words};
+use crate::mechanics::tissue::remesh::SampleSchedule;
 use crate::mechanics::tissue::remesh::adapted::AdaptedMesh;
-use crate::mechanics::tissue::remesh::report::{Rebuilt, RemeshReport};
-use crate::mechanics::tissue::remesh::sampling::SampleSchedule;
+use crate::mechanics::tissue::remesh::{Rebuilt, RemeshReport};
 
 /// Amplified rounding of a change above which a sample is taken at once: a tenth of the accuracy promised for K^c.
 const AMPLIFIED: f64 = 1e-11;

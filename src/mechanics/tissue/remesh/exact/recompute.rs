@@ -6,8 +6,8 @@ use faer::prelude::{Reborrow, ReborrowMut};
 use super::Exact;
 use super::update::{product, symmetric_product};
 use crate::base::simd::{Kernel, vectorised};
+use crate::mechanics::tissue::remesh::SampleSchedule;
 use crate::mechanics::tissue::remesh::growable::symmetrise;
-use crate::mechanics::tissue::remesh::sampling::SampleSchedule;
 
 impl Exact {
     /// Computes C and K^c by one LU factorisation from the base and `self.difference`, whose degrees of freedom all lie

@@ -5,8 +5,8 @@ use faer::linalg::solvers::Llt;
 
 use super::{DenseInverseRemesher, Store};
 use crate::base::random::{hash3, seed_words};
+use crate::mechanics::tissue::remesh::SampleSchedule;
 use crate::mechanics::tissue::remesh::adapted::{AdaptedMesh, Change};
-use crate::mechanics::tissue::remesh::sampling::SampleSchedule;
 use crate::mechanics::tissue::remesh::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport};
 
 /// Sampled residual at which the inverse is rebuilt, relative to the limit: only a few columns are sampled, and others

@@ -1,9 +1,9 @@
 //! Decoder of the arrays of a `.vtu` file, in each of its encodings.
 
-use super::super::kind::{Kind, word};
+use super::super::{Kind, word};
 use super::packed::{Packed, Source};
-use super::tags::{Scanner, Tag};
 use super::{Fault, quote};
+use super::{Scanner, Tag};
 use crate::base::read;
 
 /// Encoding common to all arrays of a file.
