@@ -15,12 +15,13 @@ use std::time::{Duration, Instant};
 use crate::base::output::folder::Folder;
 use crate::base::output::png::{self, Compression};
 use crate::base::output::queue::Queue;
+use crate::gpu::Traffic;
 use crate::imaging::effects::LISTED;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
 pub use crate::base::report::statistics::Spread;
-pub use report::{BackendReport, BatchRates, BenchReport, PassSpread, Rung};
+pub use report::{BackendReport, BatchRates, BenchReport, Exchange, PassSpread, Rung};
 
 /// Duration of a measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,6 +65,8 @@ pub fn bench(
         })?),
         _ => None,
     };
+    let exchange = clock.exchange(&mut synth)?;
+    let memory_bytes = synth.memory_bytes();
     let (passes, gpu_time) = clock.passes(&mut synth)?;
     let batch = clock.batches(&mut synth, frame)?;
     Ok(BackendReport {
@@ -73,9 +76,10 @@ pub fn bench(
         frame,
         frame_left_on_gpu,
         gpu_time,
+        exchange,
         passes,
         batch,
-        memory_bytes: synth.memory_bytes(),
+        memory_bytes,
         ladder: clock.ladder(anatomy.clone(), synth, backend, frame)?,
     })
 }
@@ -119,6 +123,33 @@ impl Clock<'_> {
             p95_ms: 0.0,
             fps: 0.0,
             frames: 0,
+        }))
+    }
+
+    fn exchange(&self, synth: &mut Synthesizer) -> Result<Option<Exchange>, SynthError> {
+        let Some(gpu) = synth.gpu().cloned() else {
+            return Ok(None);
+        };
+        let frames = self.repeat(|state| {
+            let (before, start) = (gpu.traffic(), Instant::now());
+            let ticket = synth.submit(state)?;
+            let ms = start.elapsed().as_secs_f64() * 1e3;
+            synth.take(ticket)?;
+            Ok((ms, gpu.traffic() - before))
+        })?;
+        let mean = |of: fn(&Traffic) -> u64| {
+            let sum: u64 = frames.iter().map(|(_, traffic)| of(traffic)).sum();
+            sum as f64 / frames.len() as f64
+        };
+        let before_submission = Spread::of(frames.iter().map(|(ms, _)| *ms).collect());
+        Ok(before_submission.map(|before_submission| Exchange {
+            before_submission,
+            dispatches: synth.plan().report().dispatches.len(),
+            uploads: mean(|traffic| traffic.uploads),
+            submissions: mean(|traffic| traffic.submissions),
+            waits: mean(|traffic| traffic.waits),
+            up_kb: mean(|traffic| traffic.bytes_up) * 1e-3,
+            down_kb: mean(|traffic| traffic.bytes_down) * 1e-3,
         }))
     }
 

@@ -185,9 +185,13 @@ fn a_frame_has_one_upload_one_submission_and_one_wait() {
     let pose = states[0].probe_to_world;
     synth.render(&states[0]).expect("a frame");
     states[1].probe_to_world = pose;
-    let mesh_moves = count(&mut || drop(synth.render(&states[1]).expect("a frame")));
+    let mesh_moves = count(&mut || {
+        synth.render(&states[1]).expect("a frame");
+    });
     assert_eq!(mesh_moves, [1, 1, 1], "the mesh moves");
-    let probe_moves = count(&mut || drop(synth.render(&states[2]).expect("a frame")));
+    let probe_moves = count(&mut || {
+        synth.render(&states[2]).expect("a frame");
+    });
     assert_eq!(
         probe_moves,
         [2, 1, 1],

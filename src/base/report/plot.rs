@@ -321,6 +321,13 @@ impl Plot {
         })
     }
 
+    /// Points within both axes.
+    fn shown<'p>(&'p self, points: &'p [[f64; 2]]) -> impl Iterator<Item = &'p [f64; 2]> {
+        points
+            .iter()
+            .filter(|point| self.x.shows(point[0]) && self.y.shows(point[1]))
+    }
+
     fn chart<'a, DB, X, Y>(
         &self,
         root: &DrawingArea<DB, Shift>,
@@ -378,21 +385,14 @@ impl Plot {
         let joined = self.series.iter().any(|series| series.joined);
         for front in &self.front {
             let style = BLACK.mix(0.35).stroke_width(2);
-            let shown = || {
-                front
-                    .iter()
-                    .filter(|point| self.x.shows(point[0]) && self.y.shows(point[1]))
-            };
-            let steps = stairs(shown().filter(|_| !joined));
+            let steps = stairs(self.shown(front).filter(|_| !joined));
             chart.draw_series(LineSeries::new(steps, style))?;
-            chart.draw_series(shown().map(|point| Circle::new((point[0], point[1]), MARK + 4, style)))?;
+            let circle = |point: &[f64; 2]| Circle::new((point[0], point[1]), MARK + 4, style);
+            chart.draw_series(self.shown(front).map(circle))?;
         }
         for series in &self.series {
             let colour = colour(series.colour);
-            let shown = || {
-                let inside = |point: &&[f64; 2]| self.x.shows(point[0]) && self.y.shows(point[1]);
-                series.points.iter().filter(inside).map(|point| (point[0], point[1]))
-            };
+            let shown = || self.shown(&series.points).map(|point| (point[0], point[1]));
             if series.joined {
                 // Thick lines have mitred corners, which protrude where a line reverses.
                 let width = if series.marker == Marker::None { 1 } else { 2 };

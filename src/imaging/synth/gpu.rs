@@ -675,7 +675,7 @@ impl GpuExecutor {
     /// Renders a frame into the texture.
     pub fn render_to_texture(&mut self, plan: &Plan, tables: &Tables, state: &FrameState) -> Result<(), SynthError> {
         let gpu = self.gpu.clone();
-        self.into_texture(plan, tables, state, |executor| {
+        self.with_texture(plan, tables, state, |executor| {
             gpu.submit("frame", |recorder| executor.run_into_texture(recorder))?;
             executor.read_times(plan)
         })
@@ -690,13 +690,13 @@ impl GpuExecutor {
         state: &FrameState,
     ) -> Result<(), SynthError> {
         let gpu = self.gpu.clone();
-        self.into_texture(plan, tables, state, |executor| {
+        self.with_texture(plan, tables, state, |executor| {
             Ok(executor.run_into_texture(&mut Recorder::new(&gpu, encoder))?)
         })
     }
 
     /// Uploads a frame and has `run` record it, in one error scope.
-    fn into_texture(
+    fn with_texture(
         &mut self,
         plan: &Plan,
         tables: &Tables,

@@ -39,6 +39,25 @@ pub struct BatchRates {
     pub png_fps: Option<f64>,
 }
 
+/// What a frame costs on a GPU besides the work of its passes, means over frames.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Exchange {
+    /// Time from the state of a frame to its submission, on the CPU.
+    pub before_submission: Spread,
+    /// Dispatches of fused passes, the image in one piece.
+    pub dispatches: usize,
+    /// Writes to buffers.
+    pub uploads: f64,
+    /// Submissions.
+    pub submissions: f64,
+    /// Times that the CPU waited for the device.
+    pub waits: f64,
+    /// Bytes sent to the device, kB.
+    pub up_kb: f64,
+    /// Bytes fetched from the device, kB.
+    pub down_kb: f64,
+}
+
 /// Measurements of one backend.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct BackendReport {
@@ -54,6 +73,8 @@ pub struct BackendReport {
     pub frame_left_on_gpu: Option<Spread>,
     /// Times of a frame from its first GPU timestamp to its last.
     pub gpu_time: Option<Spread>,
+    /// Dispatches, waits and transfers; `None` on the CPU.
+    pub exchange: Option<Exchange>,
     /// Times of each pass; empty on a GPU without timestamps.
     pub passes: Vec<PassSpread>,
     /// Rates of frames in batches.
@@ -146,6 +167,14 @@ impl fmt::Display for BackendReport {
         }
         if let Some(time) = &self.gpu_time {
             row(f, "frame by GPU timestamps", time)?;
+        }
+        if let Some(own) = &self.exchange {
+            row(f, "before submission", &own.before_submission)?;
+            writeln!(
+                f,
+                "  a frame: {} dispatches; uploads {:.1}, submissions {:.1}, waits {:.1}; {:.0} kB up, {:.0} kB down",
+                own.dispatches, own.uploads, own.submissions, own.waits, own.up_kb, own.down_kb
+            )?;
         }
         for pass in &self.passes {
             writeln!(
