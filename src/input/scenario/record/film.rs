@@ -130,6 +130,7 @@ mod tests {
             image_to_world: Matrix4::identity(),
             pixel_mm: 0.3,
             left_out: 0,
+            layers: Vec::new(),
         };
         for number in 0..500u64 {
             frame.pixels.fill(number as u8);
