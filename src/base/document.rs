@@ -334,7 +334,7 @@ impl Source {
 
 #[cfg(test)]
 mod tests {
-    use *;
+    use super::*;
 
     const TEXT: &str = "seed = 4\n[effects.tone]\ngain_db = 3 # loud\ntgc_points = [[0, 1], [2, 30]]\n\n[[tissue]]\nname = \"a\"\n[[tissue]]\nname = \"b\"\n";
 

@@ -337,7 +337,7 @@ impl Timeline {
 
 #[cfg(test)]
 mod tests {
-    use *;
+    use super::*;
 
     #[test]
     fn recordings_keep_their_times_and_motions_are_spread() {

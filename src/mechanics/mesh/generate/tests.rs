@@ -124,7 +124,7 @@ impl Volume {
 fn least_angle_deg(mesh: &TetMesh, corners: &[u32; 4]) -> f64 {
     let at = corners.map(|node| Vector3::from(mesh.nodes()[node as usize]));
     let outwards = |opposite: usize| {
-        let [a, b, c] = shape::FACES[opposite].map(|corner| at[corner]);
+        let [a, b, c] = super::FACES[opposite].map(|corner| at[corner]);
         let normal = (b - a).cross(&(c - a)).normalize();
         normal * -normal.dot(&(at[opposite] - a)).signum()
     };
@@ -140,7 +140,7 @@ fn surface(mesh: &TetMesh) -> Vec<[u32; 3]> {
     let mut faces: HashMap<[u32; 3], u32> = HashMap::new();
     for corners in mesh.elements() {
         for opposite in 0..4 {
-            let mut face = shape::FACES[opposite].map(|corner| corners[corner]);
+            let mut face = super::FACES[opposite].map(|corner| corners[corner]);
             face.sort_unstable();
             *faces.entry(face).or_default() += 1;
         }

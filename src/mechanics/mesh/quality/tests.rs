@@ -114,14 +114,14 @@ fn nodes_of_no_element_and_nodes_in_one_place_are_found() {
             [1.0, 0.0, 0.0],
             [0.0, 1.0, 0.0],
         ];
-        assert_eq!(nodes::coincident(&close), [[1, 2]], "{n}");
+        assert_eq!(coincident(&close), [[1, 2]], "{n}");
     }
     assert_eq!(
-        nodes::coincident(&[[2.0; 3], [2.0; 3], [f64::NAN; 3], [2.0; 3]]),
+        coincident(&[[2.0; 3], [2.0; 3], [f64::NAN; 3], [2.0; 3]]),
         [[0, 1], [0, 3]]
     );
-    assert!(nodes::coincident(&[[-1e300; 3], [1e300; 3]]).is_empty());
-    assert!(nodes::coincident(&[[f64::INFINITY; 3]; 2]).is_empty());
+    assert!(coincident(&[[-1e300; 3], [1e300; 3]]).is_empty());
+    assert!(coincident(&[[f64::INFINITY; 3]; 2]).is_empty());
 }
 
 #[test]

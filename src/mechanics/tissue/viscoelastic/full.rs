@@ -256,7 +256,7 @@ fn dot<const BACKWARDS: bool>(weights: &[f64], values: &[f64]) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use *;
+    use super::*;
 
     #[test]
     fn sums_are_those_of_a_plain_loop() {

@@ -96,7 +96,7 @@ fn inclusions_share_their_nodes_with_the_block() {
             if *other == NONE || mesh.regions()[*other as usize] == mesh.regions()[element] {
                 continue;
             }
-            for corner in shape::FACES[opposite] {
+            for corner in super::super::FACES[opposite] {
                 let at = Vector3::from(mesh.nodes()[mesh.elements()[element][corner] as usize]);
                 worst = worst.max(((at - Vector3::repeat(20.0)).norm() - 12.0).abs());
             }
