@@ -24,19 +24,23 @@ use crate::mechanics::mesh::element::{Carry, Frame as ElementFrame};
 
 /// Device requirements of a plan beyond the default limits.
 pub fn needs(plan: &Plan) -> Needs {
-    let largest = plan
-        .resources
-        .iter()
-        .filter(|planned| !planned.resource.is_per_pixel)
-        .map(|planned| planned.bytes)
-        .max();
+    let resources = plan.resources.iter().filter(|planned| !planned.resource.is_per_pixel);
+    let largest = resources.map(|planned| planned.bytes).max().unwrap_or(0);
+    let largest = largest.max(uploads(plan) + UPLOAD_BYTES);
     let most = plan.passes.iter().map(|planned| planned.pass.bindings.len()).max();
     Needs {
-        storage_binding_bytes: largest.unwrap_or(0),
-        buffer_bytes: largest.unwrap_or(0),
+        storage_binding_bytes: largest,
+        buffer_bytes: largest,
         // One more for the parameters.
         storage_buffers_per_stage: most.map_or(0, |most| most as u32 + 1),
     }
+}
+
+/// Bytes of the resources that a frame uploads.
+fn uploads(plan: &Plan) -> u64 {
+    let resources = plan.resources.iter();
+    let uploaded = resources.filter(|planned| planned.resource.per_frame.is_some() || planned.resource.is_packed);
+    uploaded.map(|planned| planned.bytes).sum()
 }
 
 /// A submission of frames.
@@ -156,13 +160,13 @@ impl GpuExecutor {
 
     /// Makes memory for several frames of a submission, as many of these as limits and memory allow, and returns their number.
     pub fn reserve_frames(&mut self, plan: &Plan, tables: &Tables, asked: usize) -> Result<usize, SynthError> {
-        let resources = || plan.resources.iter();
-        let is_uploaded = |resource: &Buffer| resource.per_frame.is_some() || resource.is_packed;
-        let uploads: u64 = resources()
-            .filter(|planned| is_uploaded(planned.resource))
-            .map(|planned| planned.bytes)
-            .sum();
-        let written = || resources().filter(|planned| linker::is_of_a_frame(planned.resource));
+        let uploads = uploads(plan);
+        let resources = plan.resources.iter();
+        let written = || {
+            resources
+                .clone()
+                .filter(|planned| linker::is_of_a_frame(planned.resource))
+        };
         let largest = written().map(|planned| planned.bytes).max().unwrap_or(0);
         let one = written().map(|planned| planned.bytes).sum::<u64>() + uploads;
         let fit = self.gpu.limits().max_storage_buffer_binding_size / (largest.max(uploads) + UPLOAD_BYTES);
