@@ -1,11 +1,12 @@
 //! Compute pass: its pipeline and its explicit bind group layout.
 
+use super::buffer::SLOT_BYTES;
 use super::faults::check_limit;
 use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 
 /// Source and layout of a pass.
 ///
-/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) at a multiple of [`SLOT_BYTES`](super::buffer::SLOT_BYTES) bytes (omitted in a
+/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes (omitted in a
 /// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
@@ -33,6 +34,11 @@ pub struct Pipeline {
 impl Pipeline {
     /// Compiles a pass. A [`GpuError::Shader`] names the pass and, if known, the line of its WGSL.
     pub fn new(gpu: &Gpu, pass: &PassSource<'_>) -> Result<Self, GpuError> {
+        Self::with_block(gpu, pass, SLOT_BYTES)
+    }
+
+    /// Compiles a pass as [`Pipeline::new`] does, with a parameter block of so many bytes.
+    pub fn with_block(gpu: &Gpu, pass: &PassSource<'_>, block_bytes: u64) -> Result<Self, GpuError> {
         check_limit(
             || format!("pass '{}'", pass.label),
             "max_storage_buffers_per_shader_stage",
@@ -63,7 +69,7 @@ impl Pipeline {
         });
         let module = module.map_err(|error| shader_error(error, line))?;
         let (layout, pipeline) = gpu
-            .scoped(pass.label, || Ok(build(gpu.device(), pass, &module)))
+            .scoped(pass.label, || Ok(build(gpu.device(), pass, &module, block_bytes)))
             .map_err(|error| shader_error(error, None))?;
         Ok(Self {
             label: pass.label.to_owned(),
@@ -131,11 +137,12 @@ fn build(
     device: &wgpu::Device,
     pass: &PassSource<'_>,
     module: &wgpu::ShaderModule,
+    block_bytes: u64,
 ) -> (wgpu::BindGroupLayout, wgpu::ComputePipeline) {
     let block = wgpu::BindingType::Buffer {
         ty: wgpu::BufferBindingType::Storage { read_only: true },
         has_dynamic_offset: true,
-        min_binding_size: None,
+        min_binding_size: wgpu::BufferSize::new(block_bytes),
     };
     let storage = pass.storage.iter().map(|access| wgpu::BindingType::Buffer {
         ty: wgpu::BufferBindingType::Storage {
