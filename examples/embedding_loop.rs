@@ -1,9 +1,11 @@
 //! How does a simulator drive the synthesizer? It owns the motion: each step it writes the probe's pose, the needle and the
-//! mesh nodes into one state that it keeps, and renders. In the steady state nothing is allocated. And what do frames take whose
-//! states are all known in advance, as those of a training set? They go in a batch.
+//! mesh nodes into one state that it keeps, and renders. In the steady state nothing is allocated. With tickets a GPU works on up
+//! to three frames while the simulator takes its next steps. And what do frames take whose states are all known in advance, as
+//! those of a training set? They go in a batch.
 //!
-//! `cargo run --release --example embedding_loop -- 200`
+//! `cargo run --release --example embedding_loop -- 200 [cpu | gpu]`
 
+use std::collections::VecDeque;
 use std::error::Error;
 use std::time::Instant;
 
@@ -52,12 +54,17 @@ fn fill(state: &mut FrameState, frame: usize, rest: &Matrix4<f64>, mesh: &TetMes
 
 fn main() -> Result<(), Box<dyn Error>> {
     let frames: usize = std::env::args().nth(1).map_or(Ok(100), |frames| frames.parse())?;
+    let backend = match std::env::args().nth(2).as_deref() {
+        None | Some("cpu") => Backend::Cpu,
+        Some("gpu") => Backend::gpu(),
+        Some(other) => return Err(format!("backend \"{other}\": expected cpu or gpu").into()),
+    };
     let scene = SceneFile::parse(SCENE, "embedding_loop")?.resolve(".".as_ref())?;
     let rest = *scene.probe_pose(0, 1).probe_to_world();
     let mut state = FrameState::at(Matrix4::identity());
     scene.state(0, 1, &mut state)?;
     let mesh = scene.anatomy.mesh.clone().ok_or("the scene deforms a mesh")?;
-    let mut synth = Synthesizer::new(scene.anatomy, scene.settings, Backend::Cpu)?;
+    let mut synth = Synthesizer::new(scene.anatomy, scene.settings, backend)?;
 
     let mut times = Vec::with_capacity(frames);
     for frame in 0..frames {
@@ -77,6 +84,27 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     println!("median {median:.2} ms, {:.0} frames a second", 1e3 / median);
     println!("95 of 100 frames within {:.2} ms", times[95 * (frames - 1) / 100]);
+
+    // In flight: while a GPU works on frames, the states of the next ones are filled. A frame is taken when three are under way.
+    let start = Instant::now();
+    let mut in_flight = VecDeque::with_capacity(3);
+    for frame in 0..frames {
+        fill(&mut state, frame, &rest, &mesh);
+        if in_flight.len() == 3
+            && let Some(oldest) = in_flight.pop_front()
+        {
+            std::hint::black_box(synth.take(oldest)?);
+        }
+        in_flight.push_back(synth.submit(&state)?);
+    }
+    for ticket in in_flight {
+        std::hint::black_box(synth.take(ticket)?);
+    }
+    println!(
+        "in flight {:.0} frames a second",
+        frames as f64 / start.elapsed().as_secs_f64()
+    );
+    assert!(*synth.frame() == last, "the same pixels");
 
     // The same frames once more, now that all their states are known: each core renders frames of its own.
     let filled = (0..frames).map(|frame| {

@@ -89,7 +89,7 @@ impl Csv {
     /// # Errors
     /// The errors of [`Csv::read`].
     pub fn open(path: &Path, required: &[&str]) -> Result<Self, CsvError> {
-        let bytes = read::whole(path, read::CSV).map_err(|cause| CsvError::Read {
+        let bytes = read::bytes(path, read::CSV).map_err(|cause| CsvError::Read {
             path: path.to_owned(),
             cause,
         })?;

@@ -158,7 +158,7 @@ pub(crate) use input_file;
 
 /// Reads the text of a file.
 pub(crate) fn read<P: From<InvalidFile>>(path: &Path) -> Result<String, Fault<P>> {
-    let bytes = read::whole(path, read::TOML);
+    let bytes = read::bytes(path, read::TOML);
     let path = || path.to_owned();
     let bytes = bytes.map_err(|cause| Fault::new(InvalidFile::Read { path: path(), cause }))?;
     String::from_utf8(bytes).map_err(|error| {

@@ -83,7 +83,7 @@ pub(crate) fn open(path: &Path) -> io::Result<File> {
 }
 
 /// Reads a regular file, or a pipe that this program was started with (`<(…)` of a shell, `/dev/stdin`).
-pub(crate) fn whole(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
+pub(crate) fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     let found = metadata(path)?;
     let handed_over = ["/dev/fd", "/dev/stdin", "/proc/self/fd"]
         .iter()
@@ -104,10 +104,10 @@ pub(crate) fn whole(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Reads a file as [`whole`] does, as UTF-8 text.
+/// Reads a file as [`bytes`] does, as UTF-8 text.
 pub(crate) fn text(path: &Path, kind: Kind) -> io::Result<String> {
     let utf8 = |bytes| String::from_utf8(bytes).map_err(|error| io::Error::new(io::ErrorKind::InvalidData, error));
-    whole(path, kind).and_then(utf8)
+    bytes(path, kind).and_then(utf8)
 }
 
 /// Allocates capacity for exactly `count` values, which are part of `what`, after checking the available memory.
@@ -188,7 +188,7 @@ mod tests {
         symlink(at("nowhere"), at("dangling")).unwrap();
         let pipe = std::process::Command::new("mkfifo").arg(at("pipe")).status().unwrap();
         assert!(pipe.success());
-        assert_eq!(whole(&at("link"), SMALL).unwrap(), b"abcd");
+        assert_eq!(bytes(&at("link"), SMALL).unwrap(), b"abcd");
         for (name, says) in [
             ("/dev/zero", "found a device; expected a regular file"),
             ("pipe", "found a pipe"),
@@ -198,7 +198,7 @@ mod tests {
             ("dangling", "No such file"),
             ("file/deeper", "Not a directory"),
         ] {
-            for error in [open(&at(name)).unwrap_err(), whole(&at(name), SMALL).unwrap_err()] {
+            for error in [open(&at(name)).unwrap_err(), bytes(&at(name), SMALL).unwrap_err()] {
                 assert!(error.to_string().contains(says), "{name}: {error}");
                 assert!(!is_machine(&error), "{name}: {error}");
             }
@@ -210,11 +210,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         fs::write(&path, "abcde").unwrap();
-        let error = whole(&path, SMALL).unwrap_err();
+        let error = bytes(&path, SMALL).unwrap_err();
         let says = "found 5 bytes or more; expected a small file of at most 4 bytes";
         assert_eq!((error.to_string().as_str(), is_machine(&error)), (says, false));
         // Files of `/proc` report a size of 0 bytes.
-        let error = whole(Path::new("/proc/self/status"), SMALL).unwrap_err();
+        let error = bytes(Path::new("/proc/self/status"), SMALL).unwrap_err();
         assert_eq!(error.to_string(), says);
         let error = io::Error::from(room::<u64>(usize::MAX / 8, "a mesh").unwrap_err());
         assert!(

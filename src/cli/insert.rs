@@ -200,7 +200,7 @@ impl Insert {
         if self.json {
             return terminal::emit_json(&report);
         }
-        terminal::say(told(&summary, output));
+        terminal::say(summary_line(&summary, output));
         Ok(())
     }
 
@@ -280,7 +280,7 @@ fn replaying(scenario: Scenario, file: &Path) -> Result<Scenario, Failure> {
     scenario.replaying(recording).map_err(wrong)
 }
 
-fn told(summary: &Summary, output: &Path) -> String {
+fn summary_line(summary: &Summary, output: &Path) -> String {
     let ms = &summary.step_ms;
     let seeds = match summary.seeds.len() {
         0 => String::new(),

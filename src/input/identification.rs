@@ -239,9 +239,9 @@ impl CaseFile {
         let (from, direction) = (first.position_mm(), first.axial());
         let mut length = 0.0_f64;
         for key in keys {
-            let way = key.pose.position_mm() - from;
-            let along = way.dot(&direction);
-            let apart = (way - direction.into_inner() * along).norm();
+            let offset = key.pose.position_mm() - from;
+            let along = offset.dot(&direction);
+            let apart = (offset - direction.into_inner() * along).norm();
             let turned = key.pose.axial().angle(&direction);
             if apart > STRAIGHT_MM || turned > 1e-4 {
                 let found = format!("a needle that leaves its line at {} s", key.time_s);
@@ -249,10 +249,10 @@ impl CaseFile {
             }
             length = length.max(along);
         }
-        let at = |way: f64| from + direction.into_inner() * way;
+        let at = |distance: f64| from + direction.into_inner() * distance;
         let steps = (length / STEP_MM) as usize;
         let met = (0..steps).find(|step| scenario.anatomy.region(&at(*step as f64 * STEP_MM)).is_some());
-        let way = match met {
+        let distance = match met {
             Some(0) => {
                 let found = "a needle that begins in the tissue";
                 return Err(self.wrong_keys("scenario", found, "a scenario whose needle begins outside"));
@@ -263,8 +263,8 @@ impl CaseFile {
                 return Err(self.wrong_keys("scenario", found, "a scenario whose needle goes in"));
             }
         };
-        let base = Translation3::from(direction.into_inner() * way) * scenario.needle.base(first);
-        Ok((at(way), direction, base, length - way))
+        let base = Translation3::from(direction.into_inner() * distance) * scenario.needle.base(first);
+        Ok((at(distance), direction, base, length - distance))
     }
 
     fn layers(

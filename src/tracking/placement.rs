@@ -271,13 +271,13 @@ impl Search<'_> {
         let mut nearest_to_middle = f64::INFINITY;
         for ray in 0..RAYS {
             let across = (ray as f64 - middle) / middle;
-            let (start, way, apex_mm) = ray_of(self.options.shape, across);
+            let (start, direction, apex_mm) = ray_of(self.options.shape, across);
             let start = pose.transform_point(&start);
-            let way = pose.transform_vector(&way);
+            let direction = pose.transform_vector(&direction);
             let (mut blocked, mut reached, mut touched) = (false, None, false);
             let mut depth = 0.5 * STEP_MM;
             while depth < self.options.depth_mm {
-                let Some(label) = self.volume.label_index_at(&(start + way * depth)) else {
+                let Some(label) = self.volume.label_index_at(&(start + direction * depth)) else {
                     fan.outside += STEP_MM / (self.options.depth_mm * RAYS as f64);
                     depth += STEP_MM;
                     continue;

@@ -59,7 +59,7 @@ impl PlusConfig {
     pub fn read(path: &Path) -> Result<Self, TrackingError> {
         let no_xml =
             |found: String| TrackingError::file(path, format!(": found {found}; expected a PLUS configuration (XML)"));
-        let bytes = read::whole(path, read::XML).map_err(|source| TrackingError::read(path, source))?;
+        let bytes = read::bytes(path, read::XML).map_err(|source| TrackingError::read(path, source))?;
         let start = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes).trim_ascii_start();
         if start.first() != Some(&b'<') {
             let found = String::from_utf8_lossy(&start[..start.len().min(16)]);

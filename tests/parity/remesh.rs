@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef};
-use insonify::gpu::GpuError;
+use insonify::gpu::{Gpu, GpuError};
 use insonify::mechanics::remesh_gpu::{DeviceStore, follow, tiles};
 use insonify::mechanics::tissue::remesh::levels::{Levels, Store, Which};
 use insonify::mechanics::tissue::remesh::{
@@ -14,7 +14,7 @@ use insonify::mechanics::tissue::remesh::{
 use insonify::mechanics::tissue::symmetric::Symmetric;
 
 use super::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_move, part, rounding, single};
-use crate::support::gpu::gpu_or_skip;
+use crate::support::gpu::{gpu_or_skip, gpu_without_features};
 
 /// Rounding unit of f32.
 const UNIT: f64 = 0.5 * f32::EPSILON as f64;
@@ -335,10 +335,9 @@ fn sums_of_columns_and_products_are_those_of_exact_arithmetic() {
     }
 }
 
-fn on_device(mesh: &AdaptedMesh, level: Level, options: Options) -> Option<Adaptation> {
-    let gpu = gpu_or_skip("remeshing")?;
+fn on_device(gpu: Option<Gpu>, mesh: &AdaptedMesh, level: Level, options: Options) -> Option<Adaptation> {
     let source = single(mesh);
-    let device = follow(&gpu, mesh, &source, level, options).unwrap();
+    let device = follow(&gpu?, mesh, &source, level, options).unwrap();
     let mut adaptation = Adaptation::new(mesh.clone(), source, Level::IV, Precision::Single, options).unwrap();
     adaptation.parts().1.set_contacts(&contacts(mesh)).unwrap();
     adaptation.replace(Box::new(device)).unwrap();
@@ -354,8 +353,20 @@ fn allowed(mesh: &AdaptedMesh, gold: MatRef<'_, f64>, updates: usize) -> f64 {
 
 #[test]
 fn level_one_follows_the_moved_mesh_as_its_twin_does() {
+    level_one_follows(gpu_or_skip("remeshing"));
+}
+
+/// The capacitance matrix is solved on the CPU then.
+#[test]
+fn level_one_follows_the_moved_mesh_without_f64_on_the_device() {
+    let gpu = gpu_without_features("remeshing");
+    assert!(gpu.as_ref().is_none_or(|gpu| !gpu.has_f64()));
+    level_one_follows(gpu);
+}
+
+fn level_one_follows(gpu: Option<Gpu>) {
     let mesh = mesh(0.45);
-    let Some(mut device) = on_device(&mesh, Level::I, Options::default()) else {
+    let Some(mut device) = on_device(gpu, &mesh, Level::I, Options::default()) else {
         return;
     };
     let nodes = free_nodes(&mesh);
@@ -424,7 +435,7 @@ fn level_one_follows_the_moved_mesh_as_its_twin_does() {
 fn levels_two_and_three_are_right_in_their_rows_and_rebuild_when_switched_up() {
     for level in [Level::II, Level::III] {
         let mesh = mesh(0.45);
-        let Some(mut device) = on_device(&mesh, level, Options::default()) else {
+        let Some(mut device) = on_device(gpu_or_skip("remeshing"), &mesh, level, Options::default()) else {
             return;
         };
         let base = gold(&mesh);
@@ -526,16 +537,22 @@ fn an_ill_conditioned_change_is_refused_as_on_the_cpu() {
 
 #[test]
 fn a_move_waits_once_and_sends_little() {
-    let Some(gpu) = gpu_or_skip("counts of a move") else {
-        return;
-    };
-    for level in [Level::I, Level::II, Level::III] {
+    let devices = [
+        gpu_or_skip("counts of a move"),
+        gpu_without_features("counts of a move"),
+    ];
+    let levels = [Level::I, Level::II, Level::III];
+    for (gpu, level) in devices
+        .iter()
+        .flatten()
+        .flat_map(|gpu| levels.map(|level| (gpu, level)))
+    {
         let mut mesh = mesh(0.45);
         let options = Options {
             check_every: 0,
             ..Options::default()
         };
-        let mut device = follow(&gpu, &mesh, &single(&mesh), level, options).unwrap();
+        let mut device = follow(gpu, &mesh, &single(&mesh), level, options).unwrap();
         let contacts = contacts(&mesh);
         device.set_contacts(&contacts).unwrap();
         let (node, position) = nth_move(&mesh, &free_nodes(&mesh), 3);
@@ -573,7 +590,7 @@ fn a_move_waits_once_and_sends_little() {
 #[test]
 fn devices_and_cpu_are_switched_while_running() {
     let mesh = mesh(0.45);
-    let Some(mut adaptation) = on_device(&mesh, Level::I, Options::default()) else {
+    let Some(mut adaptation) = on_device(gpu_or_skip("remeshing"), &mesh, Level::I, Options::default()) else {
         return;
     };
     let nodes = free_nodes(&mesh);
@@ -641,7 +658,7 @@ fn what_a_device_cannot_do_is_said() {
         "{exact}"
     );
 
-    let mut adaptation = on_device(&soft, Level::I, Options::default()).expect("as before");
+    let mut adaptation = on_device(Some(gpu), &soft, Level::I, Options::default()).expect("as before");
     let Source::Single(base) = single(&soft) else {
         panic!("single is single")
     };

@@ -1,6 +1,6 @@
 //! A GPU, or a visible skip.
 
-use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs};
+use insonify::gpu::{AdapterChoice, Gpu, GpuError, Needs, adapter};
 use insonify::imaging::synth::Backend;
 
 /// Environment variable that turns a skip into a failure.
@@ -18,6 +18,15 @@ pub fn gpu_or_skip(test: &str) -> Option<Gpu> {
         }
         Err(error) => panic!("{test}: {error}"),
     }
+}
+
+/// The same adapter opened without optional features: shaders have no f64, and passes cannot be timed.
+pub fn gpu_without_features(test: &str) -> Option<Gpu> {
+    gpu_or_skip(test)?;
+    let adapter = adapter::pick(&AdapterChoice::from_flag(None)).unwrap();
+    let opened = pollster::block_on(adapter.request_device(&wgpu::DeviceDescriptor::default()));
+    let (device, queue) = opened.unwrap();
+    Some(Gpu::from_host(device, queue, &Needs::default()).unwrap())
 }
 
 /// The backend over a device.

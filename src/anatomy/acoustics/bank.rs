@@ -163,7 +163,7 @@ fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
         slope: 0.1,
         roll: 0.6,
     }
-    .lay(grid, seed, 7);
+    .draw(grid, seed, 7);
     grid.fill(|i, [x, y, z]| {
         let place = fascicles.place([x, y + 0.9 * sway[0][i], z + 0.9 * sway[1][i]]);
         let wall = 18.0 * bump(place.wall_mm, 0.35) * place.facing[1] * smoothstep(0.2, 1.8, gate[i]);

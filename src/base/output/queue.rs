@@ -45,7 +45,7 @@ impl Queue {
     /// # Errors
     /// The error of a failed job; the jobs behind it are not done.
     pub fn put(&self, job: Job) -> Result<(), OutputError> {
-        told(&self.outcome)?;
+        taken_error(&self.outcome)?;
         match &self.jobs {
             None => job(),
             // Nobody takes jobs after a panic, which `finish` passes on.
@@ -62,7 +62,7 @@ impl Queue {
         for thread in self.threads.drain(..) {
             thread.join().unwrap_or_else(|panic| resume_unwind(panic));
         }
-        told(&self.outcome)
+        taken_error(&self.outcome)
     }
 }
 
@@ -96,7 +96,7 @@ fn work(jobs: &Mutex<Receiver<Job>>, outcome: &Mutex<Outcome>) {
     }
 }
 
-fn told(outcome: &Mutex<Outcome>) -> Result<(), OutputError> {
+fn taken_error(outcome: &Mutex<Outcome>) -> Result<(), OutputError> {
     match &mut *lock(outcome) {
         Err(error) => error.take().map_or(Ok(()), Err),
         Ok(()) => Ok(()),

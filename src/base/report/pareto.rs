@@ -27,7 +27,7 @@ pub struct Choice<'a, T> {
 
 /// Chooses, by the cost and error that `weigh` returns, the least error within a limit of cost, and the cheaper of two with equal errors;
 /// if none is within the limit, the cheapest. Errors within the factor `same` of one another count as equal for `better`.
-pub fn choose<T>(ways: &[T], limit: f64, same: f64, weigh: impl Fn(&T) -> [f64; 2]) -> Option<Choice<'_, T>> {
+pub fn choose<T>(candidates: &[T], limit: f64, same: f64, weigh: impl Fn(&T) -> [f64; 2]) -> Option<Choice<'_, T>> {
     let [by_cost, by_error] = [0, 1].map(|first: usize| {
         let weigh = &weigh;
         move |a: &&T, b: &&T| {
@@ -37,13 +37,16 @@ pub fn choose<T>(ways: &[T], limit: f64, same: f64, weigh: impl Fn(&T) -> [f64; 
                 .then(a[1 - first].total_cmp(&b[1 - first]))
         }
     });
-    let within = ways.iter().filter(|way| weigh(way)[0] <= limit).min_by(by_error);
-    let taken = within.or_else(|| ways.iter().min_by(by_cost))?;
-    let smaller = |way: &&T| same * weigh(way)[1] < weigh(taken)[1];
+    let within = candidates
+        .iter()
+        .filter(|candidate| weigh(candidate)[0] <= limit)
+        .min_by(by_error);
+    let taken = within.or_else(|| candidates.iter().min_by(by_cost))?;
+    let smaller = |candidate: &&T| same * weigh(candidate)[1] < weigh(taken)[1];
     Some(Choice {
         taken,
         met: within.is_some(),
-        better: ways.iter().filter(smaller).min_by(by_cost),
+        better: candidates.iter().filter(smaller).min_by(by_cost),
     })
 }
 
@@ -64,11 +67,13 @@ mod tests {
 
     #[test]
     fn the_least_error_within_the_limit_is_chosen_or_the_cheapest() {
-        let ways = [[3.0, 0.1], [1.0, 0.5], [2.0, 0.5], [2.5, 0.3]];
-        let of = |limit| choose(&ways, limit, 1.0, |way| *way).map(|it| (*it.taken, it.met, it.better.copied()));
+        let candidates = [[3.0, 0.1], [1.0, 0.5], [2.0, 0.5], [2.5, 0.3]];
+        let of = |limit| {
+            choose(&candidates, limit, 1.0, |candidate| *candidate).map(|it| (*it.taken, it.met, it.better.copied()))
+        };
         assert_eq!(of(2.0), Some(([1.0, 0.5], true, Some([2.5, 0.3]))));
         assert_eq!(of(9.0), Some(([3.0, 0.1], true, None)));
         assert_eq!(of(0.5), Some(([1.0, 0.5], false, Some([2.5, 0.3]))));
-        assert!(choose(&[], 1.0, 1.0, |way: &[f64; 2]| *way).is_none());
+        assert!(choose(&[], 1.0, 1.0, |candidate: &[f64; 2]| *candidate).is_none());
     }
 }

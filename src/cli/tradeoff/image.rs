@@ -59,7 +59,7 @@ impl Image {
         let Devices { gpus, missing } = self.backend.gpus()?;
         let mut options = match self.quick {
             true => ImageOptions::quick(gpus),
-            false => ImageOptions::whole(gpus),
+            false => ImageOptions::full(gpus),
         };
         if let Some(seconds) = self.time_limit_s {
             options.patience = Duration::from_secs_f64(seconds);

@@ -195,12 +195,12 @@ fn candidates<T: Real>(frame: &Frame<T>, ends: [[f64; 4]; 2], positions: &[[T; 4
     let farthest = length(offsets[0]).max(length(offsets[1]));
     let allowed = 16.0 * (element::slack(&frame) + T::epsilon().wide() * steepest * farthest);
     let [first, last] = ends;
-    let way = [0, 1, 2].map(|axis| last[axis] - first[axis]);
-    let per_square = (way[0] * way[0] + way[1] * way[1] + way[2] * way[2]).recip();
+    let segment = [0, 1, 2].map(|axis| last[axis] - first[axis]);
+    let per_square = (segment[0] * segment[0] + segment[1] * segment[1] + segment[2] * segment[2]).recip();
     let along = |sample: usize| {
         let position = &positions[sample];
         let dot: f64 = (0..3)
-            .map(|axis| (position[axis].wide() - first[axis]) * way[axis])
+            .map(|axis| (position[axis].wide() - first[axis]) * segment[axis])
             .sum();
         dot * per_square
     };

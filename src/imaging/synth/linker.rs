@@ -282,7 +282,8 @@ impl Linker {
     }
 }
 
-const BY_INVOCATION: &str = "@builtin(global_invocation_id) id: vec3<u32>";
+/// The frame comes from the workgroup, so that compilers see that all its threads have the same.
+const BY_INVOCATION: &str = "@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) group: vec3<u32>";
 const BY_WORKGROUP: &str = "@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) id: vec3<u32>";
 
 /// Threads of a workgroup that has a scanline.
@@ -294,20 +295,19 @@ fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
     let extent = |place: usize| format!("batch_blocks[0].extents[{place}]");
     match (&fused[..], calls) {
         ([_], [call]) => {
-            let inputs = if call.by_invocation {
-                BY_INVOCATION
+            let (inputs, group, thread) = if call.by_invocation {
+                (BY_INVOCATION, "group", "")
             } else {
-                BY_WORKGROUP
+                (BY_WORKGROUP, "id", "thread, ")
             };
-            let thread = if call.by_invocation { "" } else { "thread, " };
             let z = format!("{}.z", extent(0));
             let _ = writeln!(text, "@compute @workgroup_size({})\nfn {ENTRY}({inputs}) {{", call.size);
-            let _ = writeln!(text, "    batch_frame = id.z / {z};\n{shifts}");
+            let _ = writeln!(text, "    batch_frame = {group}.z / {z};\n{shifts}");
             let _ = writeln!(text, "    {}({thread}vec3<u32>(id.xy, id.z % {z}));", call.name);
         }
         ([sequence], _) if !sequence.by_line => {
             let _ = writeln!(text, "@compute @workgroup_size(64)\nfn {ENTRY}({BY_INVOCATION}) {{");
-            let _ = writeln!(text, "    batch_frame = id.z;\n{shifts}");
+            let _ = writeln!(text, "    batch_frame = group.z;\n{shifts}");
             for (place, call) in calls.iter().enumerate() {
                 let z = format!("{}.z", extent(place));
                 let _ = writeln!(text, "    for (var z = 0u; z < {z}; z++) {{");

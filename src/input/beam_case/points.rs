@@ -23,7 +23,7 @@ const STRONGEST: f64 = 1e9;
 /// # Errors
 /// [`CsvError`] as in [`parse`], or if the file cannot be read.
 pub fn read(path: &Path) -> Result<Vec<Sample>, CsvError> {
-    let bytes = read::whole(path, read::CSV).map_err(|cause| CsvError::Read {
+    let bytes = read::bytes(path, read::CSV).map_err(|cause| CsvError::Read {
         path: path.to_owned(),
         cause,
     })?;

@@ -63,9 +63,9 @@ impl<'a> Surroundings<'a> {
     pub fn of(&self, points: &[Point3<f64>]) -> Obstacles {
         let course = self.bones.course(points);
         let along = points.windows(2).flat_map(|pair| {
-            let way = pair[1] - pair[0];
-            let steps = (way.norm() / STEP_MM).ceil().max(1.0);
-            (0..=steps as usize).map(move |at| pair[0] + way * (at as f64 / steps))
+            let segment = pair[1] - pair[0];
+            let steps = (segment.norm() / STEP_MM).ceil().max(1.0);
+            (0..=steps as usize).map(move |at| pair[0] + segment * (at as f64 / steps))
         });
         let critical = self.critical.as_ref();
         Obstacles {
@@ -144,11 +144,11 @@ impl<'a> Bones<'a> {
     }
 
     fn pass(&self, course: &mut Course, depth: &mut f64, [from, to]: [&Point3<f64>; 2]) {
-        let way = to - from;
-        let steps = (way.norm() / STEP_MM).ceil().max(1.0);
-        let step = way.norm() / steps;
+        let segment = to - from;
+        let steps = (segment.norm() / STEP_MM).ceil().max(1.0);
+        let step = segment.norm() / steps;
         for at in 0..steps as usize {
-            let point = from + way * ((at as f64 + 0.5) / steps);
+            let point = from + segment * ((at as f64 + 0.5) / steps);
             let found = self.body.volume.label_index_at(&point);
             let label = found.filter(|label| !self.body.is_outside(*label)).unwrap_or(0);
             if label == 0 && course.layers.is_empty() {

@@ -50,11 +50,11 @@ impl ScenarioFile {
         }
         let mut parameters = spec.cylinder.unwrap_or_default();
         let keys = path.keys();
-        let way = keys
+        let travel = keys
             .iter()
             .map(|key| (key.pose.position_mm() - keys[0].pose.position_mm()).norm());
-        let way = way.fold(0.0, f64::max);
-        parameters.length_mm.get_or_insert((BEYOND * way).max(1.0));
+        let travel = travel.fold(0.0, f64::max);
+        parameters.length_mm.get_or_insert((BEYOND * travel).max(1.0));
         parameters.check().map_err(|error| self.spring_fault(error))?;
         Ok(Some(parameters))
     }

@@ -26,7 +26,7 @@ use crate::tracking::trajectory::Trajectory;
 
 /// Largest fraction of the nodes in an unsupported part of a generated mesh that is fixed automatically: small debris
 /// beside the intended anatomy.
-const CRUMB: f64 = 0.02;
+const SMALL_PART: f64 = 0.02;
 
 /// A mesh and the region names from its file.
 pub(super) struct Meshed {
@@ -238,19 +238,19 @@ impl ScenarioFile {
                     .for_each(|axis| fixed[node as usize][*axis as usize] = true);
             }
         }
-        self.hold_crumbs(mesh, names, &mut fixed, warnings)?;
+        self.fix_small_parts(mesh, names, &mut fixed, warnings)?;
         Ok(list(&fixed))
     }
 
     /// Fixes small unsupported parts, and refuses large ones.
-    fn hold_crumbs(
+    fn fix_small_parts(
         &self,
         mesh: &TetMesh,
         names: &Regions<'_>,
         fixed: &mut [[bool; 3]],
         warnings: &mut Vec<String>,
     ) -> Result<(), InputError> {
-        let most = CRUMB * mesh.nodes().len() as f64;
+        let most = SMALL_PART * mesh.nodes().len() as f64;
         let free = match rigid::check(mesh, &Dofs::new(mesh.nodes().len(), list(fixed))) {
             Ok(()) => return Ok(()),
             Err(LinearError::FreeParts { parts, .. })

@@ -188,9 +188,9 @@ impl ScenarioFile {
         };
         for pair in path.keys().windows(2) {
             let [(from, before), (to, direction)] = [&pair[0], &pair[1]].map(place);
-            let way = to - from;
+            let segment = to - from;
             let turned = needle.length_mm * (*before - *direction).norm();
-            let sideways = way.cross(&direction).norm().max(turned);
+            let sideways = segment.cross(&direction).norm().max(turned);
             let inside = |tip: &Point3<f64>, along: &Unit<Vector3<f64>>| in_body(&body, tip, along, needle.length_mm);
             if sideways > SIDEWAYS_MM && (inside(&from, &before) || inside(&to, &direction)) {
                 let found = format!(
@@ -201,7 +201,7 @@ impl ScenarioFile {
                     "motion along the needle's axis until it is out: this model does not support lateral motion";
                 return Err(blame(&pair[1], found, expected));
             }
-            let met = obstacle(anatomy, &from, &direction, way.dot(&direction));
+            let met = obstacle(anatomy, &from, &direction, segment.dot(&direction));
             if let Some(at_mm) = met.filter(|_| sideways <= SIDEWAYS_MM) {
                 let found = format!(
                     "a needle that meets bone {at_mm:.1} mm on its way, by {} s",

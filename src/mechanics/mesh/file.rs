@@ -120,7 +120,7 @@ struct Parts {
 /// # Errors
 /// [`MeshFileError`], with the line and byte offset where the contents violate the format.
 pub fn read_mesh(path: &Path, options: &ReadOptions) -> Result<MeshFile, MeshFileError> {
-    let bytes = read::whole(path, read::MESH).map_err(|source| MeshFileError::Read {
+    let bytes = read::bytes(path, read::MESH).map_err(|source| MeshFileError::Read {
         path: path.to_owned(),
         source,
     })?;

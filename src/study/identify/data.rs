@@ -132,8 +132,8 @@ fn forces(case: &Case) -> Result<Vec<[f64; 2]>, StudyError> {
     for row in table.rows() {
         rows.push(match is_steps {
             true => {
-                let way = Point3::from(row.numbers(tip)?) - case.entry;
-                [way.dot(&case.direction), -row.number("base_force_z_n")?]
+                let offset = Point3::from(row.numbers(tip)?) - case.entry;
+                [offset.dot(&case.direction), -row.number("base_force_z_n")?]
             }
             false => row.numbers(["tip_mm", "force_n"])?,
         });

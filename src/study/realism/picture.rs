@@ -113,7 +113,7 @@ fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
 }
 
 fn png(path: &Path) -> Result<Picture, VolumeError> {
-    let bytes = read::whole(path, read::PNG).map_err(|cause| VolumeError::read(path, cause))?;
+    let bytes = read::bytes(path, read::PNG).map_err(|cause| VolumeError::read(path, cause))?;
     let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(LARGEST), Some(LARGEST));

@@ -47,7 +47,7 @@ pub const GROUP: Group = Group {
         },
         Case {
             name: "forces with noise",
-            criterion: "a force of four regions, the narrowest 3 % of the way, with noise of 0 to 2 % of the largest force: slopes and widths \
+            criterion: "a force of four regions, the narrowest 3 % of the path, with noise of 0 to 2 % of the largest force: slopes and widths \
                         within 24 % (three standard deviations of the narrowest), exact within 1e-4 without noise; noise alone, a line and a falling force are doubted",
             covers: &["cpu f64"],
             seed: 134,
@@ -70,10 +70,10 @@ fn vein_mm(from: &Point3<f64>, to: &Point3<f64>) -> f64 {
         let (sin, cos) = (f64::from(at).to_radians() / 2.0).sin_cos();
         Vector3::new(-4.0 + 11.0 * cos, 28.0 + 6.5 * sin, 0.0)
     });
-    let way = to - from;
+    let segment = to - from;
     let away = ellipse.map(|rim| {
-        let share = (rim - from.coords).dot(&way) / way.norm_squared();
-        (from.coords + way * share.clamp(0.0, 1.0) - rim).norm()
+        let share = (rim - from.coords).dot(&segment) / segment.norm_squared();
+        (from.coords + segment * share.clamp(0.0, 1.0) - rim).norm()
     });
     away.fold(f64::INFINITY, f64::min)
 }

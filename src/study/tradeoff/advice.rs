@@ -242,21 +242,25 @@ impl Table {
     }
 
     fn advise(&self, goal: &Goal, rows: &[&Row]) -> Advice {
-        let (ways, wrong) = self.ways(goal, rows);
+        let (variants, wrong) = self.variants(goal, rows);
         let (cost_unit, error_unit) = (self.unit(goal.cost), self.unit(goal.error));
-        let cost = |way: &Variant| format!("{} {cost_unit}", significant(way.cost)).trim_end().to_owned();
-        let both = |way: &Variant| {
-            let error = format!("{} {error_unit}", significant(way.error));
-            format!("{}: {}, error {}", way.name, cost(way), error.trim_end())
+        let cost = |variant: &Variant| {
+            format!("{} {cost_unit}", significant(variant.cost))
+                .trim_end()
+                .to_owned()
+        };
+        let both = |variant: &Variant| {
+            let error = format!("{} {error_unit}", significant(variant.error));
+            format!("{}: {}, error {}", variant.name, cost(variant), error.trim_end())
         };
         let limit = format!("{} {error_unit} ({})", goal.within, goal.reason);
         let by_error = |a: &&Variant, b: &&Variant| a.error.total_cmp(&b.error);
-        let fitting = || ways.iter().filter(|way| way.error <= goal.within);
-        let least = fitting().map(|way| way.cost).fold(f64::INFINITY, f64::min);
+        let fitting = || variants.iter().filter(|variant| variant.error <= goal.within);
+        let least = fitting().map(|variant| variant.cost).fold(f64::INFINITY, f64::min);
         // Among equal costs the error decides, not the noise of the clock.
-        let alike = fitting().filter(|way| way.cost <= SAME * least);
+        let alike = fitting().filter(|variant| variant.cost <= SAME * least);
         let take = alike.min_by(|a, b| by_error(a, b).then(a.cost.total_cmp(&b.cost)));
-        let mut words = match (take, ways.iter().min_by(by_error)) {
+        let mut words = match (take, variants.iter().min_by(by_error)) {
             (Some(take), _) if take.gold => format!(
                 "Recommended: {} (the gold standard): {}. Nothing cheaper has an error within {limit}.",
                 take.name,
@@ -267,13 +271,13 @@ impl Table {
             (None, None) => "Nothing could be compared.".to_owned(),
         };
         if let Some(take) = take {
-            let cheaper = ways
+            let cheaper = variants
                 .iter()
-                .filter(|way| SAME * way.cost < take.cost && way.error > goal.within);
+                .filter(|variant| SAME * variant.cost < take.cost && variant.error > goal.within);
             if let Some(next) = cheaper.min_by(by_error) {
                 words += &format!(" Cheaper: {}.", both(next));
             }
-            if let Some(gold) = ways.iter().find(|way| way.gold).filter(|_| !take.gold) {
+            if let Some(gold) = variants.iter().find(|variant| variant.gold).filter(|_| !take.gold) {
                 words += &format!(" The gold standard takes {}.", cost(gold));
             }
         }
@@ -295,7 +299,7 @@ impl Table {
     }
 
     /// Aggregates rows into variants; returns them with the number of flagged rows.
-    pub(super) fn ways(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Variant>, usize) {
+    pub(super) fn variants(&self, goal: &Goal, rows: &[&Row]) -> (Vec<Variant>, usize) {
         let all = self.conditions(goal, rows);
         let name = |row: &Row| self.name(row, |key| !goal.fixed().contains(&key));
         let advised = |row: &Row| {
@@ -308,7 +312,7 @@ impl Table {
                 names.push(name);
             }
         }
-        let way = |wanted: String| {
+        let variant = |wanted: String| {
             let own: Vec<&Row> = rows.iter().copied().filter(|row| name(row) == wanted).collect();
             let most = |key: &str, gold: Option<f64>| {
                 let at = self.axis(key)?;
@@ -328,7 +332,7 @@ impl Table {
             })
         };
         let wrong = rows.iter().filter(|row| row.flag.is_some()).count();
-        (names.into_iter().filter_map(way).collect(), wrong)
+        (names.into_iter().filter_map(variant).collect(), wrong)
     }
 
     /// Returns the distinct combinations of conditions.

@@ -57,7 +57,7 @@ pub struct ImageOptions {
 
 impl ImageOptions {
     /// Returns the options of a full study, at most five minutes on two cores.
-    pub fn whole(gpus: Vec<Gpu>) -> Self {
+    pub fn full(gpus: Vec<Gpu>) -> Self {
         Self {
             grids: vec![
                 [64, 128],
@@ -100,7 +100,7 @@ pub const ENTRY: Entry = Entry {
         let gpus = means.gpus.clone();
         let options = match effort {
             Effort::Quick => ImageOptions::quick(gpus),
-            Effort::Whole => ImageOptions::whole(gpus),
+            Effort::Whole => ImageOptions::full(gpus),
         };
         Ok(study(&options, progress)?)
     },

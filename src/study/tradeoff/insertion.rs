@@ -310,13 +310,13 @@ pub struct Step {
 
 impl Course {
     /// Returns the number of steps of the insertion, and equally of the withdrawal.
-    fn way(&self) -> usize {
+    fn steps_in(&self) -> usize {
         ((self.depth_mm - START_MM) / ADVANCE_MM).round() as usize
     }
 
     /// Returns the first step in which the probe moves.
     pub fn moved(&self) -> usize {
-        self.way() + 1
+        self.steps_in() + 1
     }
 
     /// Returns the number of steps of the probe's motion.
@@ -331,15 +331,15 @@ impl Course {
 
     /// Returns the total number of steps.
     pub fn steps(&self) -> usize {
-        self.withdrawn() + self.way()
+        self.withdrawn() + self.steps_in()
     }
 
     /// Returns the poses of the instruments at a step.
     fn instruments(&self, step: usize) -> Instruments {
-        let along = |steps: usize, of: usize, way: f64| way * steps.min(of) as f64 / of as f64;
-        let (way, length) = (self.way(), self.depth_mm - START_MM);
-        let back = along(step.saturating_sub(self.withdrawn() - 1), way, length);
-        let depth = START_MM + along(step, way, length) - back;
+        let along = |steps: usize, of: usize, steps_in: f64| steps_in * steps.min(of) as f64 / of as f64;
+        let (steps_in, length) = (self.steps_in(), self.depth_mm - START_MM);
+        let back = along(step.saturating_sub(self.withdrawn() - 1), steps_in, length);
+        let depth = START_MM + along(step, steps_in, length) - back;
         let aside = along(step.saturating_sub(self.moved() - 1), self.aside(), ASIDE_MM);
         Instruments {
             probe: self.probe.then(|| probe_at(aside)),

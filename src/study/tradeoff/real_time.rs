@@ -79,7 +79,7 @@ impl RealTimeChoice {
     }
 
     /// Returns the recommended variant, and states if it is too slow.
-    pub fn way(&self) -> String {
+    pub fn recommended(&self) -> String {
         match self.met {
             true => self.take.name.clone(),
             false => format!("{}: the fastest, but too slow", self.take.name),
@@ -87,10 +87,10 @@ impl RealTimeChoice {
     }
 
     /// Returns the error of a variant with its unit.
-    pub fn off(&self, way: &Variant) -> String {
-        match way.gold {
+    pub fn off(&self, variant: &Variant) -> String {
+        match variant.gold {
             true => "none (the gold standard)".to_owned(),
-            false => format!("{} {}", significant(way.error), self.unit)
+            false => format!("{} {}", significant(variant.error), self.unit)
                 .trim_end()
                 .to_owned(),
         }
@@ -98,15 +98,20 @@ impl RealTimeChoice {
 
     /// Returns the recommendation on one line, for a terminal.
     pub fn sentence(&self) -> String {
-        let [way, ms] = [self.way(), significant(self.take.cost)];
-        format!("{}: {way}: {ms} ms, error {}", self.what(), self.off(&self.take))
+        let [variant, ms] = [self.recommended(), significant(self.take.cost)];
+        format!("{}: {variant}: {ms} ms, error {}", self.what(), self.off(&self.take))
     }
 
     /// Describes the better but slower variant with its cost.
     pub fn beyond(&self) -> String {
         let better = self.better.as_ref();
-        better.map_or(String::new(), |way| {
-            format!("{}: {} ms, error {}", way.name, significant(way.cost), self.off(way))
+        better.map_or(String::new(), |variant| {
+            format!(
+                "{}: {} ms, error {}",
+                variant.name,
+                significant(variant.cost),
+                self.off(variant)
+            )
         })
     }
 }
@@ -129,9 +134,10 @@ impl Table {
     }
 
     fn fastest(&self, goal: &Goal, rows: &[&Row], beat: Deadline, limit_ms: f64) -> Option<RealTimeChoice> {
-        let (ways, _) = self.ways(goal, rows);
-        let error = |way: &Variant| way.error.max(NEGLIGIBLE_SHARE * goal.within);
-        let Choice { taken, met, better } = choose(&ways, limit_ms, SAME, |way| [way.cost, error(way)])?;
+        let (variants, _) = self.variants(goal, rows);
+        let error = |variant: &Variant| variant.error.max(NEGLIGIBLE_SHARE * goal.within);
+        let Choice { taken, met, better } =
+            choose(&variants, limit_ms, SAME, |variant| [variant.cost, error(variant)])?;
         Some(RealTimeChoice {
             beat,
             choosing: self.choosing(goal),

@@ -174,14 +174,14 @@ fn schemes_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) 
     for (name, scheme) in schemes() {
         for &steps in counts {
             next(&format!("{name}, {steps} steps"));
-            let way = Variant {
+            let variant = Variant {
                 model: Model::Nonlinear,
                 scheme,
                 steps,
                 hold: false,
                 tolerance: TOLERANCE,
             };
-            let walked = subject.walk(&way)?;
+            let walked = subject.walk(&variant)?;
             let each = |count: usize| Some(count as f64 / f64::from(steps));
             let error = relative(&walked.displacement, &gold.displacement);
             let values = vec![
@@ -224,14 +224,14 @@ fn models_table(subject: &Subject, counts: &[u32], next: &mut dyn FnMut(&str)) -
         };
         for &steps in counts {
             next(&format!("{name}, {steps} steps"));
-            let way = Variant {
+            let variant = Variant {
                 model,
                 scheme: Scheme::MODIFIED,
                 steps,
                 hold: true,
                 tolerance: TOLERANCE,
             };
-            let walked = subject.walk(&way)?;
+            let walked = subject.walk(&variant)?;
             let off = |other: &Walked| (walked.force_n[0] / other.force_n[0] - 1.0).abs();
             let values = vec![
                 total_ms(&walked),

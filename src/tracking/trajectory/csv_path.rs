@@ -45,7 +45,7 @@ impl Trajectory {
     /// or a probe-to-world matrix `m00` to `m33`. World coordinates are mm in the axes of `world`. Without a hint each row is
     /// reached by the smallest rotation from the previous one. Lines that start with `#` are comments.
     pub fn from_csv(path: &Path, world: World, interpolation: Interpolation) -> Result<Self, TrackingError> {
-        let bytes = read::whole(path, read::CSV).map_err(|source| TrackingError::read(path, source))?;
+        let bytes = read::bytes(path, read::CSV).map_err(|source| TrackingError::read(path, source))?;
         Self::from_csv_reader(&bytes[..], path, world, interpolation)
     }
 

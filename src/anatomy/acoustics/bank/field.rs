@@ -289,19 +289,19 @@ const FAINT_DB: f32 = 0.3;
 
 impl Strands {
     /// Decibels above 0 in each voxel: those of the brightest strand through it.
-    pub fn lay(&self, grid: &Grid, seed: Seed, stream: u32) -> Vec<f32> {
+    pub fn draw(&self, grid: &Grid, seed: Seed, stream: u32) -> Vec<f32> {
         let period = grid.period_mm();
         let count = (self.density * period.iter().product::<f32>() / 1000.0).round() as i32;
         let streams = [0, 1, 2].map(|n| seed.words(stream + n));
         let mut data = vec![0.0; grid.size.iter().product()];
         for number in 0..count {
             let [a, b, c] = [0, 1, 2].map(|n| streams[n]([number, 0, 0]).map(unit));
-            self.lay_one(grid, &mut data, [a, b, c]);
+            self.draw_strand(grid, &mut data, [a, b, c]);
         }
         data
     }
 
-    fn lay_one(&self, grid: &Grid, data: &mut [f32], [at, shape, lie]: [[f32; 3]; 3]) {
+    fn draw_strand(&self, grid: &Grid, data: &mut [f32], [at, shape, lie]: [[f32; 3]; 3]) {
         let pick = |[low, high]: [f32; 2], share: f32| low + share * (high - low);
         let period = grid.period_mm();
         let centre = [0, 1, 2].map(|axis| at[axis] * period[axis]);

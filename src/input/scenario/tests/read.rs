@@ -76,7 +76,12 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
             15,
             "there is no region",
         ),
-        ("friction_n_per_mm = 0.25", "friction_n_per_mm = -1", 16, "0 N/mm or more"),
+        (
+            "friction_n_per_mm = 0.25",
+            "friction_n_per_mm = -1",
+            16,
+            "0 N/mm or more",
+        ),
         ("friction_n_per_mm = 0.25", "poisson = 0.5", 16, "below 0.5"),
         ("length_mm = 100", "length_mm = 0", 18, "0.1 to 1000"),
         ("length_mm = 100", "kappa_nmm_per_deg = 3", 18, "springs"),

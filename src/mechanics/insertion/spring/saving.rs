@@ -32,7 +32,7 @@ impl MassSpring {
         put_body(&mut words, &self.body);
         put_outcome(&mut words, &self.outcome);
         words.list(&self.contacts.stack, |to, contact| {
-            to.whole(contact.node.into());
+            to.integer(contact.node.into());
             to.real(contact.arc);
             to.flag(contact.stuck);
             to.region(contact.region);
@@ -48,7 +48,7 @@ impl MassSpring {
             .filter(|&node| self.network.reference[node] != self.network.home[node])
             .collect();
         words.list(&moved, |to, &node| {
-            to.whole(node as u64);
+            to.integer(node as u64);
             to.vector(&self.network.reference[node]);
         });
         if self.body.awake {
@@ -120,7 +120,7 @@ impl MassSpring {
 }
 
 fn put_body(to: &mut Words, body: &Body) {
-    to.whole(body.step);
+    to.integer(body.step);
     to.real(body.time_s);
     to.optional(body.base, |to, pose| to.pose(&pose));
     to.list(body.line.nodes(), |to, (arc, point)| {
@@ -132,11 +132,11 @@ fn put_body(to: &mut Words, body: &Body) {
         to.vector(&entry.point_mm.coords);
         to.vector(&entry.direction);
     });
-    to.whole(body.tip_node as u64);
+    to.integer(body.tip_node as u64);
     to.flag(body.breaking);
     to.region(body.region);
     to.vector(&body.crossed);
-    to.whole(body.element.into());
+    to.integer(body.element.into());
     to.flag(body.refused);
     to.optional(body.bone_contact, |to, bone_contact| {
         to.vector(&bone_contact.at.coords);
@@ -149,7 +149,7 @@ fn put_body(to: &mut Words, body: &Body) {
 }
 
 fn get_body(from: &mut Reader, elements: usize) -> Result<Body, String> {
-    let (step, time_s) = (from.whole()?, from.real()?);
+    let (step, time_s) = (from.integer()?, from.real()?);
     let base = from.optional(Reader::pose)?;
     let nodes = from.list(|from| Ok((from.real()?, from.point()?)))?;
     let turns = from.list(Reader::vector)?;
@@ -201,12 +201,12 @@ fn put_outcome(to: &mut Words, outcome: &Outcome) {
     to.real(outcome.tip_deflection_mm);
     to.real(outcome.inserted_mm);
     for count in counts(outcome) {
-        to.whole(count as u64);
+        to.integer(count as u64);
     }
     to.flag(outcome.converged);
     to.list(&outcome.events, |to, event| {
         let kind = EVENTS.iter().position(|&kind| kind == event.kind);
-        to.whole(kind.unwrap_or(EVENTS.len()) as u64);
+        to.integer(kind.unwrap_or(EVENTS.len()) as u64);
         to.real(event.time_s);
         to.vector(&event.at_mm.coords);
         to.region(event.region);
@@ -233,7 +233,7 @@ fn get_outcome(from: &mut Reader) -> Result<Outcome, String> {
     let (tip_mm, tip_deflection_mm, inserted_mm) = (from.point()?, from.real()?, from.real()?);
     let mut counts = [0; 6];
     for count in &mut counts {
-        *count = from.whole()? as usize;
+        *count = from.integer()? as usize;
     }
     let [contacts, stuck, remeshes, substeps, iterations, crushed] = counts;
     Ok(Outcome {
@@ -275,7 +275,7 @@ struct Document {
 struct Words(Vec<u64>);
 
 impl Words {
-    fn whole(&mut self, number: u64) {
+    fn integer(&mut self, number: u64) {
         self.0.push(number);
     }
 
@@ -304,12 +304,12 @@ impl Words {
     }
 
     fn list<T>(&mut self, items: &[T], put: impl Fn(&mut Words, &T)) {
-        self.whole(items.len() as u64);
+        self.integer(items.len() as u64);
         items.iter().for_each(|item| put(self, item));
     }
 
     fn region(&mut self, region: Option<i32>) {
-        self.optional(region, |to, region| to.whole(region as u32 as u64));
+        self.optional(region, |to, region| to.integer(region as u32 as u64));
     }
 }
 
@@ -317,7 +317,7 @@ impl Words {
 struct Reader<'a>(&'a [u64]);
 
 impl Reader<'_> {
-    fn whole(&mut self) -> Result<u64, String> {
+    fn integer(&mut self) -> Result<u64, String> {
         let (first, rest) = self.0.split_first().ok_or("it ends too early")?;
         self.0 = rest;
         Ok(*first)
@@ -325,7 +325,7 @@ impl Reader<'_> {
 
     /// Reads a number below a limit.
     fn below(&mut self, limit: usize, what: &str) -> Result<u32, String> {
-        let found = self.whole()?;
+        let found = self.integer()?;
         match found < limit as u64 {
             true => Ok(found as u32),
             false => Err(format!("{what} is {found}; expected one below {limit}")),
@@ -338,7 +338,7 @@ impl Reader<'_> {
 
     /// Reads a finite number.
     fn real(&mut self) -> Result<f64, String> {
-        let found = f64::from_bits(self.whole()?);
+        let found = f64::from_bits(self.integer()?);
         match found.is_finite() {
             true => Ok(found),
             false => Err(format!("a number is {found}; expected a finite one")),

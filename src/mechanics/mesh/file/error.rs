@@ -114,7 +114,7 @@ impl Fault {
         }
     }
 
-    pub fn whole(found: impl Into<String>, expected: impl Into<String>) -> Fault {
+    pub fn of_file(found: impl Into<String>, expected: impl Into<String>) -> Fault {
         Fault::Contents {
             offset: None,
             found: text::clipped(&found.into(), text::MESSAGE),

@@ -200,7 +200,7 @@ fn parts(contents: Contents) -> Result<Parts, Fault> {
         names, nodes, elements, ..
     } = contents;
     let (Some(nodes), Some(elements)) = (nodes, elements) else {
-        return Err(Fault::whole(
+        return Err(Fault::of_file(
             "a Gmsh file without a mesh",
             "the sections $Nodes and $Elements",
         ));

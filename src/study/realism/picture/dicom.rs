@@ -41,7 +41,7 @@ const PALETTES: [[Tag; 3]; 3] = [
 
 /// Reads up to `most` evenly spaced frames.
 pub(super) fn read(path: &Path, most: usize) -> Result<Vec<Picture>, VolumeError> {
-    let bytes = read::whole(path, read::DICOM).map_err(|cause| VolumeError::read(path, cause))?;
+    let bytes = read::bytes(path, read::DICOM).map_err(|cause| VolumeError::read(path, cause))?;
     let object = OpenFileOptions::new()
         .from_reader(Cursor::new(bytes))
         .map_err(|cause| VolumeError::malformed(path, At::Header, cause.to_string(), "a DICOM file with images"))?;

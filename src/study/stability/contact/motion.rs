@@ -292,8 +292,8 @@ fn repeat(
     let [out, deep] = WAY_MM;
     let cycle = |model: &mut dyn Model| -> Result<Vec<[f64; 3]>, Unexpected> {
         let mut trace = Vec::new();
-        for way in [[out, deep], [deep, out]] {
-            travel(model, way, 0.5, |it: &Outcome| trace.push(it.on_hand.force_n.into()))?;
+        for depths in [[out, deep], [deep, out]] {
+            travel(model, depths, 0.5, |it: &Outcome| trace.push(it.on_hand.force_n.into()))?;
         }
         Ok(trace)
     };

@@ -64,7 +64,13 @@ impl Report {
         let mut table = Table::new(["for".into(), "recommended".into(), time, error, better.into()]);
         for found in self.in_time() {
             let time = format!("{} ms", significant(found.take.cost));
-            let cells = [found.what(), found.way(), time, found.off(&found.take), found.beyond()];
+            let cells = [
+                found.what(),
+                found.recommended(),
+                time,
+                found.off(&found.take),
+                found.beyond(),
+            ];
             table.row(if found.met { "" } else { "wrong" }, cells);
         }
         table

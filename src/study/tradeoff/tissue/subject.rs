@@ -103,20 +103,20 @@ impl Subject {
     }
 
     /// Simulates the history. A step that cannot be solved is flagged in the result and is not an error.
-    pub fn walk(&self, way: &Variant) -> Result<Walked, StudyError> {
-        let body = if way.model == Model::Linear {
+    pub fn walk(&self, variant: &Variant) -> Result<Walked, StudyError> {
+        let body = if variant.model == Model::Linear {
             &self.linear
         } else {
             &self.stiffening
         };
         let options = Options {
-            scheme: way.scheme,
-            tolerance: way.tolerance,
+            scheme: variant.scheme,
+            tolerance: variant.tolerance,
             iterations: 200,
         };
         let solver = Solver::new(Arc::clone(body), self.supports.clone(), options)?;
         let loads = vec![0.0; self.supports.all()];
-        let mut structure = match way.model {
+        let mut structure = match variant.model {
             Model::Linear | Model::Nonlinear => Structure::Elastic(Box::new(solver)),
             Model::Viscous(memory) => {
                 let creep = Creep::new(solver, memory, self.options.order, Rule::Trapezoid, &loads)?;
@@ -124,10 +124,10 @@ impl Subject {
             }
         };
         let mut walked = Walked::default();
-        let step_s = 0.5 * SECONDS / f64::from(way.steps);
-        let steps = if way.hold { 2 * way.steps } else { way.steps };
+        let step_s = 0.5 * SECONDS / f64::from(variant.steps);
+        let steps = if variant.hold { 2 * variant.steps } else { variant.steps };
         for step in 1..=steps {
-            let share = (f64::from(step) / f64::from(way.steps)).min(1.0);
+            let share = (f64::from(step) / f64::from(variant.steps)).min(1.0);
             let held: Vec<f64> = self.depth.iter().map(|depth| share * depth).collect();
             let started = Instant::now();
             match structure.step(step_s, &loads, &held, None) {
@@ -141,7 +141,7 @@ impl Subject {
                 }
             }
             walked.times_ms.push(1e3 * started.elapsed().as_secs_f64());
-            if step == way.steps {
+            if step == variant.steps {
                 walked.force_n[0] = self.force(&structure);
             }
         }

@@ -21,14 +21,14 @@ impl Regions {
         const VOLUMES: &str = "gmsh:geometrical";
         if let Some(name) = options.displacement {
             let expected = format!("a point array `{name}`, which only VTK files can hold");
-            return Err(Fault::whole("a Gmsh mesh", expected));
+            return Err(Fault::of_file("a Gmsh mesh", expected));
         }
         match options.region {
             None | Some(GROUPS) => Ok(Regions::Groups),
             Some(VOLUMES) => Ok(Regions::Volumes),
             Some(name) => {
                 let found = format!("a Gmsh mesh, which has the regions `{GROUPS}` and `{VOLUMES}`");
-                Err(Fault::whole(found, format!("a cell array `{name}`")))
+                Err(Fault::of_file(found, format!("a cell array `{name}`")))
             }
         }
     }

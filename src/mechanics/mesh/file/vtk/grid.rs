@@ -56,7 +56,7 @@ impl Grid {
         let nodes = self.points.as_chunks::<3>().0.to_vec();
         let cells = self.types.len();
         if self.offsets.len() != cells + 1 {
-            return Err(Fault::whole(
+            return Err(Fault::of_file(
                 format!("{} cells and {cells} cell types", self.offsets.len().saturating_sub(1)),
                 "as many types as cells",
             ));
@@ -69,7 +69,7 @@ impl Grid {
                 continue;
             }
             if kind != TETRA {
-                return Err(Fault::whole(
+                return Err(Fault::of_file(
                     format!("cell {cell} is of VTK type {kind}"),
                     "linear tetrahedra (type 10) only",
                 ));
@@ -96,7 +96,7 @@ impl Grid {
         let corners = corners.and_then(|(start, end)| self.connectivity.get(start..end));
         let Some(&[a, b, c, d]) = corners else {
             let found = format!("tetrahedron in cell {cell} with connectivity {start}..{end}");
-            return Err(Fault::whole(
+            return Err(Fault::of_file(
                 found,
                 format!("four entries within 0..{}", self.connectivity.len()),
             ));
@@ -108,7 +108,7 @@ impl Grid {
                 .filter(|n| (*n as usize) < nodes)
                 .ok_or_else(|| {
                     let found = format!("tetrahedron in cell {cell} names point {corner}");
-                    Fault::whole(found, format!("a point from 0 to {}", nodes.saturating_sub(1)))
+                    Fault::of_file(found, format!("a point from 0 to {}", nodes.saturating_sub(1)))
                 })?;
         }
         Ok(named)
@@ -121,7 +121,7 @@ impl Grid {
             None => REGION_NAMES.iter().find_map(|name| named(&self.cell_arrays, name)),
         };
         match array {
-            Some(array) if array.components != 1 || array.values.len() != cells => Err(Fault::whole(
+            Some(array) if array.components != 1 || array.values.len() != cells => Err(Fault::of_file(
                 shape("cell", array),
                 format!("one component for each of {cells} cells"),
             )),
@@ -137,7 +137,7 @@ impl Grid {
             None => named(&self.point_arrays, DISPLACEMENT),
         };
         match array {
-            Some(array) if array.components != 3 || array.values.len() != 3 * nodes => Err(Fault::whole(
+            Some(array) if array.components != 3 || array.values.len() != 3 * nodes => Err(Fault::of_file(
                 shape("point", array),
                 format!("three components for each of {nodes} points"),
             )),
@@ -161,7 +161,7 @@ fn missing(of: &str, name: &str, arrays: &[Array]) -> Fault {
         true => format!("no {of} arrays"),
         false => format!("{of} arrays {}", names.join(", ")),
     };
-    Fault::whole(found, format!("a {of} array `{name}`"))
+    Fault::of_file(found, format!("a {of} array `{name}`"))
 }
 
 fn shape(of: &str, array: &Array) -> String {
@@ -177,7 +177,7 @@ fn region_number(array: &Array, cell: usize) -> Result<i32, Fault> {
     let value = array.values[cell];
     if value.fract() != 0.0 || value < f64::from(i32::MIN) || value > f64::from(i32::MAX) {
         let found = format!("region {value} of cell {cell} in `{}`", array.name);
-        return Err(Fault::whole(found, "a whole number of 32 bits"));
+        return Err(Fault::of_file(found, "a whole number of 32 bits"));
     }
     Ok(value as i32)
 }

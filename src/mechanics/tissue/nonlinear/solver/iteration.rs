@@ -32,15 +32,17 @@ impl<const D: usize, const N: usize> Solver<D, N> {
         }
         let all = supports.all();
         if let Some(contact) = target.contact {
-            let way = self.linear.way(body, supports, responses, equations, contact);
-            let compliance = contact.along_free(supports, way);
+            let contact_response = self
+                .linear
+                .contact_response(body, supports, responses, equations, contact);
+            let compliance = contact.along_free(supports, contact_response);
             if compliance.is_nan() || compliance <= 0.0 {
                 return Err(NonlinearError::DeadContact);
             }
             let gap = contact.place_mm - contact.along(&self.state.displacement) - contact.along(&self.change);
             let force = gap / compliance;
-            for (&dof, way) in supports.free().iter().zip(way) {
-                self.change[dof as usize] += force * way;
+            for (&dof, response) in supports.free().iter().zip(contact_response) {
+                self.change[dof as usize] += force * response;
             }
             self.change[all] = force;
         }

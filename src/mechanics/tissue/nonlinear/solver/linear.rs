@@ -33,7 +33,7 @@ pub struct Linear<const D: usize> {
     factor: Approximate,
     gmres: Gmres,
     /// Response of the free displacements to a unit contact force; `contact` is the contact it belongs to.
-    way: Vec<f64>,
+    contact_response: Vec<f64>,
     contact: Option<Contact>,
     /// A change of all displacements, and its product with the tangent.
     change: Vec<f64>,
@@ -55,7 +55,7 @@ impl<const D: usize> Linear<D> {
             responses: responses.to_vec(),
             factor,
             gmres: Gmres::default(),
-            way: vec![0.0; supports.free().len()],
+            contact_response: vec![0.0; supports.free().len()],
             contact: None,
             change: vec![0.0; supports.all()],
             product: vec![0.0; supports.all()],
@@ -145,7 +145,7 @@ impl<const D: usize> Linear<D> {
     }
 
     /// Returns the response of the free displacements to a unit contact force; it is cached with a kept factor.
-    pub fn way<const N: usize>(
+    pub fn contact_response<const N: usize>(
         &mut self,
         body: &Body<D, N>,
         supports: &Supports<D>,
@@ -158,14 +158,14 @@ impl<const D: usize> Linear<D> {
             .as_ref()
             .is_some_and(|known| known.weights == contact.weights);
         if !known || !matches!(equations, Equations::Kept) {
-            let mut way = std::mem::take(&mut self.way);
-            way.fill(0.0);
-            contact.add_free(1.0, supports, &mut way);
-            self.solve(body, supports, responses, equations, &mut way);
-            self.way = way;
+            let mut contact_response = std::mem::take(&mut self.contact_response);
+            contact_response.fill(0.0);
+            contact.add_free(1.0, supports, &mut contact_response);
+            self.solve(body, supports, responses, equations, &mut contact_response);
+            self.contact_response = contact_response;
             self.contact = Some(contact.clone());
         }
-        &self.way
+        &self.contact_response
     }
 }
 
