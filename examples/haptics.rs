@@ -41,7 +41,7 @@ impl Device {
         }
     }
 
-    /// Under the hand, which goes to a place, and under what is rendered, N.
+    /// Makes a step under the force of the hand, which moves towards a place, and the rendered force, N.
     fn step(&mut self, hand_mm: &Point3<f64>, rendered_n: Vector3<f64>, grip: Vector3<f64>) {
         let hand = (hand_mm - self.at_mm) * GRIP[0] - self.velocity_mm_s * GRIP[1];
         let acceleration = (hand.component_mul(&grip) + rendered_n) * (1e3 / self.mass_kg);

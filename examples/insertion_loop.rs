@@ -133,7 +133,7 @@ fn step(mut haptic: Haptic, seconds: f64) -> Result<(Times, usize), Box<dyn Erro
         let forces = haptic.step(&instruments(haptic.time_s()), TICK.as_secs_f64())?;
         times.end();
         overruns += usize::from(forces.overrun.is_some());
-        // After a late step the beat goes on from now.
+        // After a late step the next deadline counts from now.
         due = (due + TICK).max(Instant::now());
         wait(due);
     }

@@ -2,7 +2,7 @@
 // `src/imaging/rf/echoes.rs`.
 //
 // Scatterers lie in bins of 64 samples of depth by the first sample of their pulse, in each bin by line. For each bin and line `ranges` has the
-// first scatterer whose beam may reach the line, and the one behind the last. Sums have a fixed order: results do not depend on scheduling.
+// first scatterer whose beam may reach the line, and the one past the last. Sums have a fixed order: results do not depend on scheduling.
 
 struct Params {
     lines: u32,

@@ -23,7 +23,7 @@ struct Params {
 @group(0) @binding(2) var<storage, read_write> amplitudes: array<f32>;
 
 const THREADS = 256u;
-const MOST = 1.4;
+const MAX = 1.4;
 
 var<workgroup> partial: array<f32, THREADS>;
 
@@ -100,6 +100,6 @@ fn spread(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) g
     var above = exclusive(thread, sum, params.fading * f32(each));
     for (var i = start; i < end; i++) {
         above = above * left + term(u32(first), after, i);
-        amplitudes[line + i] *= min(1.0 / abs(1.0 + above), MOST);
+        amplitudes[line + i] *= min(1.0 / abs(1.0 + above), MAX);
     }
 }

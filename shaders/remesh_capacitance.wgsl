@@ -5,8 +5,8 @@
 // and the result -1 says so. G are the rows of Y at the listed columns.
 
 // Largest rank: a loop of an invocation then ends well before 65,535 rounds.
-const MOST = 128u;
-// Stands for what is no number, so that no comparison has to see one.
+const MAX = 128u;
+// Replaces NaN, so that NaN never enters a comparison.
 const HUGE = 1e300lf;
 
 @group(0) @binding(3) var<storage, read> change: array<f64>;
@@ -15,20 +15,20 @@ const HUGE = 1e300lf;
 @group(0) @binding(6) var<storage, read_write> result: array<f32>;
 
 // Pivot row before and after its division, and pivot column.
-var<workgroup> pivot_row: array<f64, MOST>;
-var<workgroup> scaled_row: array<f64, MOST>;
-var<workgroup> pivot_column: array<f64, MOST>;
+var<workgroup> pivot_row: array<f64, MAX>;
+var<workgroup> scaled_row: array<f64, MAX>;
+var<workgroup> pivot_column: array<f64, MAX>;
 // A reduction: values, and where they were found.
-var<workgroup> largest: array<f64, MOST>;
-var<workgroup> found_at: array<u32, MOST>;
+var<workgroup> largest: array<f64, MAX>;
+var<workgroup> found_at: array<u32, MAX>;
 // Where a column of the inverse lies.
-var<workgroup> order: array<u32, MOST>;
-var<workgroup> swapped: array<u32, MOST>;
+var<workgroup> order: array<u32, MAX>;
+var<workgroup> swapped: array<u32, MAX>;
 
 // Moves the largest of the values to the front; the first of equals.
 fn reduce(own: u32) {
     workgroupBarrier();
-    for (var span = MOST / 2u; span > 0u; span /= 2u) {
+    for (var span = MAX / 2u; span > 0u; span /= 2u) {
         if own < span && largest[own + span] > largest[own] {
             largest[own] = largest[own + span];
             found_at[own] = found_at[own + span];
@@ -45,7 +45,7 @@ fn norm_one(own: u32) -> f64 {
             sum += abs(matrix[own * params.rank + i]);
         }
     }
-    if own < MOST {
+    if own < MAX {
         largest[own] = select(HUGE, sum, sum < HUGE);
     }
     reduce(own);
@@ -71,7 +71,7 @@ fn capacitance(@builtin(local_invocation_index) own: u32) {
     let norm = norm_one(own);
 
     for (var k = 0u; k < rank; k++) {
-        if own < MOST {
+        if own < MAX {
             largest[own] = -1.0lf;
             found_at[own] = k;
             if own >= k && own < rank {

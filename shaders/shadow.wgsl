@@ -74,17 +74,17 @@ fn tissue(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) g
     var sums = vec2<u32>(0u);
     for (var i = start; i < end; i++) {
         let own = tissue_loss(line + i);
-        sums = min(sums + vec2<u32>(own, soft(own)), vec2<u32>(MOST_UNITS));
+        sums = min(sums + vec2<u32>(own, soft(own)), vec2<u32>(MAX_UNITS));
     }
     let first = exclusive(thread, sums.x);
     var above = vec2<u32>(first, exclusive(thread, sums.y));
     for (var i = start; i < end; i++) {
         let own = tissue_loss(line + i);
         let both = vec2<u32>(own, soft(own));
-        let down_to = min(above + both / 2u, vec2<u32>(MOST_UNITS));
+        let down_to = min(above + both / 2u, vec2<u32>(MAX_UNITS));
         losses[line + i] = down_to.x;
         through[line + i] = power(down_to.y);
-        above = min(above + both, vec2<u32>(MOST_UNITS));
+        above = min(above + both, vec2<u32>(MAX_UNITS));
     }
 }
 
@@ -98,7 +98,7 @@ fn tissue_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(work
     for (var i = start; i < end; i++) {
         let all = tissue_and_needle_loss(line + i);
         let left = select(all, soft(tissue_loss(line + i)), params.opens == 1u);
-        sums = min(sums + vec2<u32>(all, left), vec2<u32>(MOST_UNITS));
+        sums = min(sums + vec2<u32>(all, left), vec2<u32>(MAX_UNITS));
     }
     let first = exclusive(thread, sums.x);
     var above = vec2<u32>(first, exclusive(thread, sums.y));
@@ -106,10 +106,10 @@ fn tissue_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(work
         let all = tissue_and_needle_loss(line + i);
         let left = select(all, soft(tissue_loss(line + i)), params.opens == 1u);
         let both = vec2<u32>(all, left);
-        let down_to = min(above + both / 2u, vec2<u32>(MOST_UNITS));
+        let down_to = min(above + both / 2u, vec2<u32>(MAX_UNITS));
         losses[line + i] = down_to.x;
         through[line + i] = power(down_to.y);
-        above = min(above + both, vec2<u32>(MOST_UNITS));
+        above = min(above + both, vec2<u32>(MAX_UNITS));
     }
 }
 
@@ -161,13 +161,13 @@ fn rays(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) gro
     let row = (group.z * params.lines + group.y) * params.samples;
     var sum = 0u;
     for (var i = start; i < end; i++) {
-        sum = min(sum + hard_loss(ray_index(group.z, group.y, i)), MOST_UNITS);
+        sum = min(sum + hard_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
     }
     var above = exclusive(thread, sum);
     for (var i = start; i < end; i++) {
         let own = hard_loss(ray_index(group.z, group.y, i));
-        of_rays[row + i] = power(min(above + own / 2u, MOST_UNITS));
-        above = min(above + own, MOST_UNITS);
+        of_rays[row + i] = power(min(above + own / 2u, MAX_UNITS));
+        above = min(above + own, MAX_UNITS);
     }
 }
 
@@ -179,13 +179,13 @@ fn rays_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(workgr
     let row = (group.z * params.lines + group.y) * params.samples;
     var sum = 0u;
     for (var i = start; i < end; i++) {
-        sum = min(sum + hard_or_needle_loss(ray_index(group.z, group.y, i)), MOST_UNITS);
+        sum = min(sum + hard_or_needle_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
     }
     var above = exclusive(thread, sum);
     for (var i = start; i < end; i++) {
         let own = hard_or_needle_loss(ray_index(group.z, group.y, i));
-        of_rays[row + i] = power(min(above + own / 2u, MOST_UNITS));
-        above = min(above + own, MOST_UNITS);
+        of_rays[row + i] = power(min(above + own / 2u, MAX_UNITS));
+        above = min(above + own, MAX_UNITS);
     }
 }
 
@@ -210,7 +210,7 @@ fn aperture(@builtin(global_invocation_id) id: vec3<u32>) {
     through[id.y * params.samples + id.x] *= sum / count;
 }
 
-// There and back through the mean over the beam.
+// Attenuates each echo by the two-way transmittance, averaged over the beam.
 @compute @workgroup_size(64)
 fn penumbra(@builtin(global_invocation_id) id: vec3<u32>) {
     let sample = id.x;

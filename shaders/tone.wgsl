@@ -29,7 +29,7 @@ struct Params {
 const BANDS = 16u;
 const SILENT = 0.1;
 const HEARD = 0.3;
-const MOST = 16.0;
+const MAX = 16.0;
 const PRIOR = 0.03;
 const NEAR = 64u;
 const THREADS = 256u;
@@ -84,7 +84,7 @@ fn auto_gain(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id
         let sample = start + i - line * width;
         let echo = echoes[line * params.samples + sample] * gain[sample] * params.scale;
         let weight = clamp((echo - SILENT) * (1.0 / (HEARD - SILENT)), 0.0, 1.0);
-        sum += vec2<f32>(weight, weight * min(echo, MOST));
+        sum += vec2<f32>(weight, weight * min(echo, MAX));
     }
     partial[thread] = sum;
     for (var half = THREADS / 2u; half > 0u; half /= 2u) {

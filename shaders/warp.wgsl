@@ -54,7 +54,7 @@ fn along(sample: u32, first: u32, way: vec3<f32>) -> f32 {
     return dot(world[first + sample].xyz - world[first].xyz, way) / dot(way, way);
 }
 
-// First sample of a scanline that may lie in an element, and the one behind the last: between those where its coordinates change sign.
+// First sample of a scanline that may lie in an element, and the one past the last: between the sign changes of its coordinates.
 fn candidates(frame: u32, first: u32) -> vec2<u32> {
     let last = params.samples - 1u;
     let ends = array<vec3<f32>, 2>(world[first].xyz, world[first + last].xyz);

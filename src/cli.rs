@@ -52,14 +52,14 @@ Examples:
   insonify render --labels ct.nii.gz --target kidney -o kidney.png
   insonify scene > my.toml                         the default scene, commented, ready to edit
   insonify render my.toml -o frames --frames 60    many frames: a folder of numbered pictures
-  insonify plan my.toml                            what a frame is made of, and why
+  insonify plan my.toml                            the passes of a frame, and why each runs
   insonify inspect my.toml --at 320,240            what made one pixel
   insonify realism frame.png --against real/       how near frames are to real ones, measure by measure
   insonify match real.png --depth-mm 160 -o my.toml  probe and effects from a real frame
   insonify calibrate pivot tip.igs.mha             tip of a tracked needle; its shaft, the plane of a probe's image
   insonify register ct.nii.gz --surface touched.csv --fit fit.toml   anatomy fitted to a mannequin
   insonify texture liver.png --region 200,150,180,180 -o liver.nrrd   a solid texture from an image
-  insonify insert liver-biopsy -o out --frames     a needle goes in: forces, tissue that yields, frames
+  insonify insert liver-biopsy -o out --frames     a needle insertion: forces, tissue deformation, frames
   insonify path liver-puncture --target vessel -o plan   needle paths that allow for the deformation
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify identify case.toml -o found             force parameters and moduli from a measured insertion
@@ -68,11 +68,11 @@ Examples:
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens
   insonify beam case.toml -o shape.svg             how a needle bends in tissue when its base is moved
-  insonify stability --quick                       hard cases of the numerics, and whether they hold
+  insonify stability --quick                       hard numerical cases, and whether they pass
   insonify mesh info organs.msh                    regions, volumes and element quality of a mesh
-  insonify doctor                                  what this machine can render on
+  insonify doctor                                  the GPU adapters of this machine, and the backend used
 
-Exit status: 0 done; 2 wrong arguments, files or scenes; 1 what the machine could not do.
+Exit status: 0 success; 2 invalid arguments, files or scenes; 1 a failure of the machine.
 Environment: INSONIFY_ADAPTER names the GPU adapter where --adapter does not; INSONIFY_CACHE is the folder for phantoms and
 textures made before, and for measured costs (`insonify doctor` says which it is).";
 

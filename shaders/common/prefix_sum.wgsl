@@ -1,5 +1,5 @@
 // Exclusive prefix sums over a workgroup, which saturate: addition of non-negative numbers stays associative.
-const MOST_UNITS = 0x7fffffffu;
+const MAX_UNITS = 0x7fffffffu;
 const THREADS = 256u;
 
 var<workgroup> partial: array<u32, THREADS>;
@@ -16,7 +16,7 @@ fn exclusive(thread: u32, sum: u32) -> u32 {
             before = partial[thread - reach];
         }
         workgroupBarrier();
-        partial[thread] = min(partial[thread] + before, MOST_UNITS);
+        partial[thread] = min(partial[thread] + before, MAX_UNITS);
         workgroupBarrier();
     }
     if thread == 0u {

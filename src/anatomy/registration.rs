@@ -24,9 +24,9 @@ use skin::{Foot, Skin};
 /// Number of coefficients of each coordinate: 1, x, y, z, x2, y2, z2, xy, yz, zx.
 const TERMS: usize = 10;
 /// Maximum number of surface points used to fit; more are thinned evenly.
-const MOST_POINTS: usize = 4000;
+const MAX_POINTS: usize = 4000;
 /// Least number of surface points.
-const LEAST_POINTS: usize = 30;
+const MIN_POINTS: usize = 30;
 /// Share of the nearest points that the rigid stage uses.
 const KEPT: f64 = 0.85;
 /// Iterations of each stage, and the movement of the points that ends them, mm.
@@ -40,7 +40,7 @@ const BEND_MM: f64 = 5.0;
 /// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6, 1977).
 const BIWEIGHT: f64 = 4.685;
 /// Least standard deviation of residuals, mm, far below that of any tracker.
-const LEAST_SPREAD_MM: f64 = 1e-4;
+const MIN_SPREAD_MM: f64 = 1e-4;
 /// Spacing of the grid on which the Jacobian is checked, mm.
 const CHECK_MM: f64 = 10.0;
 
@@ -263,16 +263,16 @@ pub fn register(
     corners: &[Point3<f64>],
     landmarks: &[Landmark],
 ) -> Result<Registration, VolumeError> {
-    if surface.len() < LEAST_POINTS {
+    if surface.len() < MIN_POINTS {
         let text = format!(
-            "{} surface points; expected at least {LEAST_POINTS}, spread over the surface",
+            "{} surface points; expected at least {MIN_POINTS}, spread over the surface",
             surface.len()
         );
         return Err(VolumeError::new(text));
     }
     let thinned: Vec<Point3<f64>> = surface
         .iter()
-        .step_by(1 + surface.len() / MOST_POINTS)
+        .step_by(1 + surface.len() / MAX_POINTS)
         .copied()
         .collect();
     let starts = match landmarks {
@@ -331,7 +331,7 @@ fn spread(distances: &[f64]) -> [f64; 2] {
 
 /// Standard deviation of residuals from the median of their ascending absolute values.
 fn scale(ascending: &[f64]) -> f64 {
-    (1.4826 * ascending[ascending.len() / 2]).max(LEAST_SPREAD_MM)
+    (1.4826 * ascending[ascending.len() / 2]).max(MIN_SPREAD_MM)
 }
 
 /// Rigid transform between landmarks (W. Kabsch, Acta Crystallographica A 32, 1976).
@@ -448,7 +448,7 @@ fn quadratic(surface: &[Point3<f64>], skin: &Skin, rigid: &Matrix4<f64>) -> (Qua
             .collect();
         let mut sizes: Vec<f64> = pairs.iter().map(|(_, foot)| foot.distance_mm()).collect();
         sizes.sort_by(f64::total_cmp);
-        if sizes.len() < LEAST_POINTS {
+        if sizes.len() < MIN_POINTS {
             break;
         }
         // Of n points, n - free remain to estimate the noise.

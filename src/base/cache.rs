@@ -14,7 +14,7 @@ use super::read;
 const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 
 /// Size that the files of [`cached`] have together at most, bytes; the ones unused for longest go first.
-const MOST_BYTES: u64 = 512 << 20;
+const MAX_BYTES: u64 = 512 << 20;
 
 /// Length of the checksum in front of each file's bytes.
 const SUM: usize = blake3::OUT_LEN;
@@ -101,7 +101,7 @@ fn put(path: &Path, bytes: &[u8]) -> Option<()> {
     files.sort();
     let mut held: u64 = files.iter().map(|(_, length, _)| length).sum();
     for (_, length, path) in files {
-        if held <= MOST_BYTES {
+        if held <= MAX_BYTES {
             break;
         }
         held -= length;
@@ -137,7 +137,7 @@ mod tests {
             put(name, b"x").unwrap();
             let file = fs::File::options().write(true).open(name).unwrap();
             // Sparse: takes no room on the disk.
-            file.set_len(MOST_BYTES / 2).unwrap();
+            file.set_len(MAX_BYTES / 2).unwrap();
             let then = SystemTime::now() - std::time::Duration::from_secs(3600 * age);
             file.set_modified(then).unwrap();
         }

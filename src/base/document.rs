@@ -180,14 +180,14 @@ pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<InvalidFile>>(
 }
 
 /// Maximum number of parts of a dotted key (`toml`).
-const MOST_PARTS: usize = 79;
+const MAX_PARTS: usize = 79;
 
-/// Finds the first key with more than [`MOST_PARTS`] parts.
+/// Finds the first key with more than [`MAX_PARTS`] parts.
 fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
     let mut start = 0;
     for line in text.split_inclusive('\n') {
         let key = line.split(['=', '#', '\n']).next().unwrap_or_default();
-        if key.matches('.').count() >= MOST_PARTS {
+        if key.matches('.').count() >= MAX_PARTS {
             return Some(start..start + key.trim_end().len());
         }
         start += line.len();
@@ -199,7 +199,7 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
     let message = error.message();
     let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
     if message == "recursion limit" {
-        let problem = InvalidFile::Syntax(format!("a key of more than {MOST_PARTS} parts"));
+        let problem = InvalidFile::Syntax(format!("a key of more than {MAX_PARTS} parts"));
         return Fault::new(problem).in_text(source, long_key(source.text()));
     }
     let Some((key, known)) = suggest::unknown_field(message) else {

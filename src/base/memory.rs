@@ -23,7 +23,7 @@ impl From<TooLarge> for io::Error {
 }
 
 /// Upper bound of the reserve for other allocations, bytes: the allocator's arenas take 64 MiB of address space each.
-const MOST_RESERVE: u64 = 128 << 20;
+const MAX_RESERVE: u64 = 128 << 20;
 
 /// Returns an error if fewer than `needed` bytes are available for `what`. Where the system does not report
 /// available memory, nothing is refused.
@@ -31,7 +31,7 @@ const MOST_RESERVE: u64 = 128 << 20;
 /// # Errors
 /// [`TooLarge`], a failure of the machine (exit status 1).
 pub fn check(needed: u64, what: &str) -> Result<(), TooLarge> {
-    let available = available().map(|bytes| bytes as u64 - (bytes as u64 / 8).min(MOST_RESERVE));
+    let available = available().map(|bytes| bytes as u64 - (bytes as u64 / 8).min(MAX_RESERVE));
     match available {
         Some(available) if needed > available => Err(TooLarge {
             what: what.to_owned(),

@@ -22,7 +22,7 @@ pub const BEST: &str = "it is the best adapter";
 
 #[derive(Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum BackendName {
-    /// A hardware GPU or the CPU, whichever timed frames of the scene show to be faster; the GPU where there are no times
+    /// A hardware GPU or the CPU, whichever renders frames of the scene faster; the GPU if neither has been timed
     #[default]
     Auto,
     /// The CPU in single precision
@@ -160,7 +160,7 @@ fn faster(
         let mut cpu = match Chosen::of(tables, Backend::Cpu, "") {
             Ok(cpu) => cpu,
             Err(error) => {
-                gpu.reason = format!("the CPU could not: {error}");
+                gpu.reason = format!("the CPU cannot render this scene: {error}");
                 return Ok(gpu);
             }
         };
@@ -174,7 +174,7 @@ fn faster(
     };
     match compared() {
         Err(SynthError::Gpu(error)) if error.is_machine() => {
-            let mut cpu = Chosen::of(tables, Backend::Cpu, "the GPU could not")?;
+            let mut cpu = Chosen::of(tables, Backend::Cpu, "the GPU cannot render this scene")?;
             let warning = format!("the GPU cannot render this scene, the CPU does: {error}");
             cpu.warnings.push(warning);
             Ok(cpu)

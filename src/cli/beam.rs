@@ -45,7 +45,7 @@ Examples:
   insonify beam inverse case.toml --com-mm 40      the base motion that puts the centre of motion there
   insonify beam compression case.toml -o out       compression of the tissue by layer and over depth
   insonify beam map case.toml --tip-mm -2,-1       which RCM for a correction of the tip: base motion, compression, force
-  insonify beam sensitivity case.toml              what uncertain mu, alpha and t0 do to tip, COM and RCM
+  insonify beam sensitivity case.toml              effect of uncertain mu, alpha and t0 on tip, COM and RCM
   insonify beam measure rest.nii.gz moved.nii.gz --markers design.csv --case case.toml -o moved.toml   a needle in CT
   insonify beam compare moved.toml                 measured against computed: tip, shape, RCM, COM
   insonify beam fit points.csv                     materials from measured stretch and stress
@@ -54,7 +54,7 @@ Examples:
   insonify schema beam                             every key, as a JSON schema
 
 x runs along the needle from the entry (x = 0) into the tissue, u across it. RCM, the remote centre of motion: where the
-tangent at the base meets the undeflected needle. COM, the centre of motion: where the needle first is where it was. Both are
+tangent at the base meets the undeflected needle. COM, the centre of motion: the first point of the needle with zero deflection. Both are
 depths below the entry, mm. JSON: tip_mm, rcm_mm, com_mm (null if none), residual (largest moment out of balance over the
 largest moment), iterations, shape (list of x mm, u mm, slope, reaction N/mm).
 Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation
@@ -173,7 +173,7 @@ Examples:
   insonify beam inverse case.toml --tip-mm -2 --least-compression   about the RCM that compresses the tissue least
 
 A layer with `min_compression_ratio` must not be compressed beyond it: motions that do so are refused. --least-compression finds the motion
-for which the largest share that a layer has of its limit is least.
+that minimises the largest compression of any layer relative to its limit.
 
 JSON: displacement_mm, slope (with `pivot_mm` also axis_displacement_mm), and what `insonify beam CASE.toml --json` prints of the needle then.
 Exit status: 0 found; 2 there is no such motion, or a file is wrong.";
@@ -256,7 +256,7 @@ impl Inverse {
                 com_mm,
                 displacement_mm: base.displacement_mm,
             },
-            (None, None) => return Err(Failure::usage("nothing is wanted", "say --tip-mm, --com-mm or both")),
+            (None, None) => return Err(Failure::usage("no goal is given", "give --tip-mm, --com-mm or both")),
         };
         let (driven, shape) = case.find(&wanted)?;
         if let Some(output) = &self.output {

@@ -28,7 +28,7 @@ Without --compare one scene is timed at its own size. With it, GPU and CPU are c
   transfers          what a frame sends and reads back, apart from what is computed
   solvers            remeshing levels by size of the mesh
   effects            a frame with everything, without each effect and with each alone
-  memory             bytes that each effect holds, and that nothing is left of where a scene does without
+  memory             bytes held by each effect, and a check that none remain in a scene that omits it
 
 Without a hardware GPU it says so and measures the CPU's part; --adapter NAME takes a software one. Without a scene it takes one with every effect, a mesh and a needle.
 

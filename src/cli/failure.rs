@@ -36,7 +36,7 @@ pub enum Failure {
         help: String,
     },
     /// Stability cases that failed; they have been printed.
-    #[error("{failed} of {cases} hard cases do not hold")]
+    #[error("{failed} of {cases} hard cases failed")]
     Unstable {
         /// Number of failed cases.
         failed: usize,
@@ -44,7 +44,7 @@ pub enum Failure {
         cases: usize,
     },
     /// A study that failed; the others were completed.
-    #[error("the study `{study}` could not be made: {reason}{}", others(*more))]
+    #[error("the study `{study}` failed: {reason}{}", others(*more))]
     Unmeasured {
         /// Name of the study.
         study: String,
@@ -106,7 +106,7 @@ impl Diagnostic for Failure {
 fn others(more: usize) -> String {
     match more {
         0 => String::new(),
-        more => format!("; nor could {more} more"),
+        more => format!("; {more} more failed"),
     }
 }
 

@@ -62,7 +62,7 @@ Writes out/index.html (images, plots, events), out/plots, out/summary.json and o
 (_mm, _n, _nmm, _s, _ms) but for directions (base_dx, base_dy, base_dz), the quaternion of a probe in contact (probe_qx to probe_qw),
 counts and flags. base_* is in the needle's base frame, whose z axis points into the body, world_* in the world (LPS). Forces on the hand
 are what the needle does to it: along z negative while it is pushed in. docs/insertion.md explains each column, event and key of the summary.
-Files of the run before, which out/insonify.json lists, are replaced when the run is done, and only then; other files stay.
+Files of the previous run, listed in out/insonify.json, are replaced only when the run is complete; other files are kept.
 Exit status: 0 done; 2 the scenario or a file is wrong; 1 the machine failed.";
 
 /// Moves a needle through tissue: forces, deformation and, on request, the ultrasound frames that follow

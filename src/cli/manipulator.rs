@@ -27,7 +27,7 @@ use super::variants::variants;
 const SLIDES: [&str; 3] = ["slide_1_mm", "slide_2_mm", "slide_3_mm"];
 const NEEDLE: [&str; 3] = ["tip_x_mm", "tip_y_mm", "angle_deg"];
 /// Most rows of a motion in JSON: every n-th period of the controller is written.
-const MOST_ROWS: usize = 1000;
+const MAX_ROWS: usize = 1000;
 
 const EXAMPLES: &str = "\
 The guide holds the needle in the image plane and moves it in three degrees of freedom: horizontal positioning (A, 40 mm), posture (B,
@@ -255,7 +255,7 @@ impl Follow {
             .lost_mm(motion.drive.load_n)
             .map(|mm| mm * motion.drive.reduction());
         if self.json {
-            let every = motion.driven.len().div_ceil(MOST_ROWS);
+            let every = motion.driven.len().div_ceil(MAX_ROWS);
             return terminal::emit_json(&json!({
                 "largest_tip_error_mm": largest,
                 "final_tip_error_mm": last,
@@ -316,7 +316,7 @@ fn table(motion: &Guided, every: usize) -> Table {
 }
 
 fn plot(motion: &Guided) -> Plot {
-    let every = motion.driven.len().div_ceil(MOST_ROWS);
+    let every = motion.driven.len().div_ceil(MAX_ROWS);
     let line = |of: fn(&[f64; 11]) -> f64| rows(motion, every).map(move |row| [row[0], of(&row)]).collect();
     let series = vec![
         Series::line("error of the tip", 0, line(|row| row[10])),
@@ -364,7 +364,7 @@ impl Workspace {
         let state = FrameState::at(*scene.probe_path().at(start).probe_to_world());
         let mut chosen = self.backend.synthesizer(scene.anatomy.clone(), settings, None)?;
         let pixels = chosen.synth.render(&state)?.pixels.clone();
-        let path = guided.driven.iter().step_by(guided.driven.len().div_ceil(MOST_ROWS));
+        let path = guided.driven.iter().step_by(guided.driven.len().div_ceil(MAX_ROWS));
         let path: Vec<[f64; 2]> = path.map(|at| guided.guide.needle(&at.command).tip_mm).collect();
         let picture = overlay::workspace(
             &pixels,

@@ -15,7 +15,7 @@ use super::variants::ranged;
 const TEACHING: &str = "\
 The sector of the frame gives the probe; the most uniform windows at five depths give point spread, dynamic range and gain, the darkest ones
 noise and clutter. A uniform phantom is rendered under that probe and measured in the same way, and parameters are corrected until both agree.
-What a frame cannot tell is listed with the reason: it stands in the scene as a default, and several settings show the same.
+Parameters that the frame does not determine are listed with the reason; in the scene they have their defaults.
 
 The array must be at the top: turn other frames upside down. Crop frames with more than one sector. Depth scales in the picture are not read:
 the size of a pixel comes from --mm-per-pixel or --depth-mm, else from the sidecar beside the frame, or from the sequence.
@@ -71,7 +71,7 @@ impl Match {
             let found = format!("{} is a folder", self.file.display());
             return Err(Failure::usage(
                 found,
-                "name one frame: what differs between frames is no match of either",
+                "name a single frame: only one frame can be matched",
             ));
         }
         let mut frames = picture::read(&inputs, 1, None)?;

@@ -14,7 +14,7 @@ use super::terminal;
 use super::variants::variants;
 
 const EXAMPLES: &str = "\
-The case file names a law, its numbers, and a history of stress or strain; the other of the two is answered:
+The case file names a law, its parameters, and a history of stress or strain; the other of the two is computed:
   law = \"spring-pot\"      # or \"zener\", with modulus_inf_kpa and tau_s
   order = 0.1             # 0 a spring, 1 a dashpot
   modulus_kpa = 0.4
@@ -26,7 +26,7 @@ The case file names a law, its numbers, and a history of stress or strain; the o
 Examples:
   insonify material --example > creep.toml         liver in a creep test: every key, its unit and default
   insonify material creep.toml                     time, strain and stress as a table
-  insonify material creep.toml -o creep.svg        what answers, against time
+  insonify material creep.toml -o creep.svg        the computed quantity against time
   insonify material creep.toml --json | jq .strain
   insonify material creep.toml --rheometer tests   the measurements of Kobayashi et al. 2010 on this material: moduli, creep, stiffness
   insonify material fit moduli.csv creep.csv       the parameters from such measurements of one's own

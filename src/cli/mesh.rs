@@ -42,7 +42,7 @@ impl Mesh {
 const NOTES: &str = "\
 A file that is no mesh of tetrahedra, or in which a tetrahedron names a node twice or one that is not there, or three
 tetrahedra share a face, is an error (exit status 2). Inverted, flat and too thin tetrahedra are reported as a warning:
-the file can be looked at, but not be calculated on.";
+such a mesh can be inspected, but not used for computation.";
 
 /// Prints nodes, elements, regions, volumes and the quality of the elements of a mesh
 #[derive(Args)]

@@ -30,7 +30,7 @@ Each window of the first frame is sought in the others by normalised cross-corre
 and in a wide one where the correlation falls below 0.8. Where the mean correlation of a frame falls below 0.95, it becomes the new reference, and
 motion adds up. The table has a row for each window of each frame after the first:
   frame,line,window,depth_mm,axial_um,lateral_um,correlation
-against the first frame; counts from 0, depth_mm the centre of the window there, axial away from the probe, lateral towards the marked side.
+Indices count from 0; depth_mm: window centre in the first frame. Motion since then: axial away from the probe, lateral to the marked side.
 
 Examples:
   insonify rf liver-biopsy -o rf.igs.mha --truth truth.csv

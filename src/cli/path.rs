@@ -18,9 +18,9 @@ use super::output::{self, Force, inputs};
 use super::terminal;
 
 const EXAMPLES: &str = "\
-Lines through the target are tried: in the image plane at angles to the beam, or from places on the skin. A line is left out that comes too near
-to bone or critical structures, at rest or as the tissue deforms, meets gas, or runs into the probe. On each of the others the needle goes in with the
-scenario's own model, and is aimed again at where the target then is until it meets it. Paths are ranked by miss, clearance and force.
+Lines through the target are tried: in the image plane at angles to the beam, or from the skin. A line is excluded that comes too near
+to bone or critical structures, at rest or as the tissue deforms, meets gas or hits the probe. The others are simulated with the
+scenario's own model, each aimed at the displaced target, until the tip reaches it. Paths are ranked by miss, clearance and force.
 
 Examples:
   insonify path liver-puncture --target vessel -o plan                the middle of the vein, at 12 angles in the image plane

@@ -13,11 +13,11 @@ use super::terminal;
 
 const TEACHING: &str = "\
 A slice of liver (plane strain, its back held) with a vein of 20 x 12 mm, 20 mm below the capsule. The needle pushes, with a force that
-rises faster than its way; a membrane that bears no more is punctured at once; then the tip cuts and the shaft drags.
-What is seen: the force drops at the capsule, rises, and drops at the wall of the vein, which is flattened before.
+rises faster than its travel; a membrane loaded beyond its strength is punctured; then the tip cuts, with friction along the shaft.
+The force drops at the capsule, rises, and drops again at the wall of the vein, which is flattened before it is punctured.
 
 Examples:
-  insonify puncture                          where what was punctured, and the forces
+  insonify puncture                          the position and the force of each puncture
   insonify puncture -o out                   force.csv, force.svg and pictures of the slice, coloured by von Mises stress
   insonify puncture --compare -o out         linear and elastic tissue in the same plot
   insonify puncture --order 0 --stiffening 0 linear tissue
@@ -141,7 +141,7 @@ impl Puncture {
             folder.install()?;
         }
         if self.json {
-            terminal::emit_json(&Told {
+            terminal::emit_json(&JsonOutput {
                 fit: fitted.as_ref(),
                 puncture: asked,
             })
@@ -161,7 +161,7 @@ impl Puncture {
 
 /// JSON output.
 #[derive(Serialize)]
-struct Told<'a> {
+struct JsonOutput<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     fit: Option<&'a Fitted>,
     #[serde(flatten)]

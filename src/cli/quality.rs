@@ -165,7 +165,7 @@ impl QualityArgs {
             return Ok(None);
         };
         if file.tissue.model != TissueModel::FiniteElement {
-            terminal::warn("quality.step_ms: only tissue of `model = \"finite-element\"` has something to pick");
+            terminal::warn("quality.step_ms: only `model = \"finite-element\"` has settings that can be chosen");
             return Ok(None);
         }
         let costs: StepCosts = self.kept(
@@ -221,7 +221,7 @@ impl QualityArgs {
             pick_tried("step_ms", &costs, budget_ms, open, |picked| tried(file, folder, picked))
         })?;
         let Some(picked) = picked else {
-            terminal::warn("quality.step_ms: the scenario states all that could be picked");
+            terminal::warn("quality.step_ms: the scenario states every setting that could be chosen");
             return Ok(None);
         };
         set(file, &picked);

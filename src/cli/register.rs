@@ -38,15 +38,15 @@ Examples:
 A scene that says `volume.registration = \"fit.toml\"` beside its file applies the registration when it is loaded.";
 
 /// Share of the skin below which a start without landmarks is questioned.
-const LEAST_COVERED: f64 = 0.3;
+const MIN_COVERED: f64 = 0.3;
 /// Number of surface points above which the quadratic map is well determined: at 30 of 1 mm noise it errs by more than the rigid one.
 const ENOUGH: usize = 100;
 /// Distance of the surface from the skin above which a fit is doubtful, mm RMS.
-const MOST_RMS_MM: f64 = 3.0;
+const MAX_RMS_MM: f64 = 3.0;
 /// Distance at which a landmark is doubtful, mm.
 const FAR_MM: f64 = 5.0;
 /// Least determinant of the Jacobian below which the fit is questioned: people of one build differ by less.
-const LEAST_JACOBIAN: f64 = 0.6;
+const MIN_JACOBIAN: f64 = 0.6;
 
 /// Fits anatomy to a physical surface: rigid, then quadratic
 #[derive(Args)]
@@ -72,7 +72,7 @@ pub struct Register {
     /// Tracked sequence: tip in the frame of the stylus, mm, from `calibrate pivot`
     #[arg(long, value_name = "X,Y,Z", value_parser = numbers::<3>, allow_hyphen_values = true)]
     tip: Option<[f64; 3]>,
-    /// The labels already fill the body: no body is closed around them
+    /// Use the labels as they are, without completing the body around them
     #[arg(long)]
     no_complete: bool,
     /// Write the labels in the world (.nrrd, .nii.gz, .mha)
@@ -198,7 +198,7 @@ impl Register {
 
 /// Tells what makes a registration of `count` surface points doubtful.
 fn doubt(found: &Registration, count: usize) {
-    if found.covered < LEAST_COVERED && found.landmarks_mm.is_empty() {
+    if found.covered < MIN_COVERED && found.landmarks_mm.is_empty() {
         terminal::warn(format_args!(
             "the surface covers {:.0} % of the skin, and the start was found from its shape alone: look at the page, and give --landmarks",
             100.0 * found.covered
@@ -216,7 +216,7 @@ fn doubt(found: &Registration, count: usize) {
             count
         ));
     }
-    if found.quadratic.rms_mm > MOST_RMS_MM {
+    if found.quadratic.rms_mm > MAX_RMS_MM {
         terminal::warn(format_args!(
             "the surface remains {:.1} mm (RMS) from the skin: a different body, or a poor start; look at the page, and give --landmarks",
             found.quadratic.rms_mm
@@ -228,7 +228,7 @@ fn doubt(found: &Registration, count: usize) {
             landmark.name, landmark.quadratic_mm
         ));
     }
-    if found.quadratic.jacobian_min < LEAST_JACOBIAN {
+    if found.quadratic.jacobian_min < MIN_JACOBIAN {
         terminal::warn(format_args!(
             "the quadratic map shrinks parts of the volume to {:.2} of their size: is it the surface of this body?",
             found.quadratic.jacobian_min

@@ -39,9 +39,9 @@ Layers are 16-bit pictures beside the frame, or beside an image sequence sequenc
 outside the sector; of a completed body 201 fat, 202 soft tissue, 204 skin and 205 muscle, or what a note says where the file has these),
 label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue passed along the beam,
 0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB).
-A folder gets all its frames when the last is done, and insonify.json, which lists them: another run into it takes the place of those. Its
+Frames appear in a folder when all are complete, with insonify.json, which lists them; the next run into it replaces the files listed. Its
 pictures are compressed for speed: about 5 % larger than a single frame.png, layers up to three times.
-What goes beside single frames of a sequence is in a folder of its name; what many sidecars share is in parameters.json.";
+Companion files of a sequence's frames are in a folder of its name; parameters common to many sidecars are in parameters.json.";
 
 /// Renders frames: one to a PNG file, many to a folder or an image sequence
 #[derive(Args)]

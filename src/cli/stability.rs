@@ -11,12 +11,12 @@ use super::study::watched;
 use super::terminal;
 
 const TEACHING: &str = "\
-Every case is something that breaks numerics: slivers, near incompressibility, 5,000 remeshes. Each has
+Every case is hard for numerical methods: slivers, near incompressibility, 5,000 remeshes. Each has
 a criterion from theory; what is measured is shown beside it:
 
-  figure   what came out, the measurement nearest to its limit
+  figure   the measured value nearest to its limit
   limit    the largest figure that meets the criterion
-  margin   how many times larger the figure might be; below 1x it fails. `exact`: zero, as it must be
+  margin   limit over figure; below 1x the case fails. `exact`: the figure is zero, as required
   verdict  holds or FAILS. NaN and infinity fail; a case that must be refused fails if it is not, or for another reason
 
 Examples:

@@ -27,7 +27,7 @@ Examples:
   insonify texture muscle-long.png --region 40,60,300,200 --zy muscle-cross.png --zy-region 50,60,200,200 --mm-per-pixel 0.1 -o muscle.nrrd
   insonify texture prostate.igs.mha --region 200,200,160,160 --content keep --size 128 -o prostate.nrrd
 
-The output is periodic. docs/training.md shows the way from images to a scene.";
+The output is periodic. docs/training.md describes the steps from images to a scene.";
 
 /// Ratio of lengths of autocorrelation at which a solid is unlike its exemplar.
 const UNLIKE: f64 = 1.5;

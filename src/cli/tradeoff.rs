@@ -25,8 +25,8 @@ use super::terminal;
 use super::variants::ranged;
 
 const EXAMPLES: &str = "\
-Without a subcommand every study is made, one after the other, into one report: what each choice costs, how far it is from the
-gold standard of its table, and what to take.
+Without a subcommand all studies are run in turn and gathered into one report: the cost of each choice, its error against the
+gold standard of its table, and a recommendation.
 
 Examples:
   insonify tradeoff --quick -o report      within two minutes on two cores: open report/index.html
@@ -34,7 +34,7 @@ Examples:
   insonify tradeoff --only remesh,history -o report
   insonify tradeoff remesh --help          one study, with settings of its own
 
-report/index.html is one page that needs nothing else; report.md, results.json and results.csv say the same to other readers.
+report/index.html is self-contained; report.md, results.json and results.csv hold the same results in other formats.
 Exit status: 0 done; 1 a study could not be made (the others are there); 2 wrong arguments.";
 
 /// Measures accuracy against time: tables, plots, Pareto-optimal choices marked, and recommendations

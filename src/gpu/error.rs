@@ -16,7 +16,7 @@ pub enum GpuError {
     NoAdapter,
 
     /// No adapter's name contains the requested name.
-    #[error("no GPU adapter is named like '{wanted}'{origin}; available: {}", available.join(", "))]
+    #[error("no GPU adapter has a name that contains '{wanted}'{origin}; available: {}", available.join(", "))]
     UnknownAdapter {
         /// Requested name.
         wanted: String,
@@ -27,7 +27,7 @@ pub enum GpuError {
     },
 
     /// No device could be opened on the adapter.
-    #[error("adapter '{adapter}' opened no device: {message}")]
+    #[error("no device could be opened on adapter '{adapter}': {message}")]
     Open {
         /// Name of the adapter.
         adapter: String,

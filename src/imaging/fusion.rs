@@ -7,7 +7,7 @@ use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::effects::pass::{Grid, Pass, Use};
 
 /// Largest number of buffers of a dispatch; devices are opened for as many, where they can bind them.
-pub const MOST_BUFFERS: usize = 32;
+pub const MAX_BUFFERS: usize = 32;
 
 /// A pass with the buffers that are bound to it in a frame.
 #[derive(Clone)]

@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::imaging::effects::REGISTRY;
 use crate::imaging::effects::buffers::{self, Buffer};
 use crate::imaging::effects::pass::{Band, Pass};
-use crate::imaging::fusion::{Bound, Fused, MOST_BUFFERS, fuse};
+use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
 use crate::imaging::quality::Picked;
 use crate::imaging::synth::tables::Tables;
 
@@ -135,7 +135,7 @@ impl Plan {
         self.passes.iter().map(bind).collect()
     }
 
-    /// Dispatches of a frame on a GPU that binds so many buffers to each.
+    /// Dispatches of a frame on a GPU that can bind `most_buffers` buffers to each.
     pub fn fused(&self, most_buffers: usize) -> Vec<Fused> {
         fuse(&self.bound(), most_buffers)
     }
@@ -178,7 +178,7 @@ impl Plan {
         };
         PlanReport {
             passes: self.passes.iter().map(named).collect(),
-            dispatches: self.fused(MOST_BUFFERS).iter().map(|fused| self.names(fused)).collect(),
+            dispatches: self.fused(MAX_BUFFERS).iter().map(|fused| self.names(fused)).collect(),
             without: self.without.clone(),
             resources: self.resources.clone(),
             bytes: self.bytes(),

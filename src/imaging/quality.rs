@@ -64,7 +64,7 @@ pub struct VariedSetting {
 }
 
 /// Maximum number of options of a setting read from a file: all combinations of a few such settings are tried.
-const MOST_OPTIONS: usize = 16;
+const MAX_OPTIONS: usize = 16;
 
 impl VariedSetting {
     /// Whether each option has finite costs and a value for each key that `stands` for it, and there are no more than can be tried.
@@ -75,7 +75,7 @@ impl VariedSetting {
                 && [option.extra_ms, option.error].iter().all(|number| number.is_finite())
                 && pairs.into_iter().all(|(key, value)| stands(key, value))
         };
-        self.options.len() <= MOST_OPTIONS && self.options.iter().all(sound)
+        self.options.len() <= MAX_OPTIONS && self.options.iter().all(sound)
     }
 }
 

@@ -30,7 +30,7 @@ pub enum Cause {
     #[error(transparent)]
     Number(#[from] OutOfRange),
     /// A name that is unknown in the file.
-    #[error("nothing here is named \"{found}\"; expected {expected}")]
+    #[error("unknown name \"{found}\"; expected {expected}")]
     Name {
         /// The unknown name.
         found: String,

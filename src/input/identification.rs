@@ -55,7 +55,7 @@ document::input_file!(CaseFile, Cause);
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceSpec {
-    /// CSV file with the columns `tip_mm` (way of the needle's tip beyond the surface at rest) and `force_n` (positive while the needle is
+    /// CSV file with the columns `tip_mm` (tip depth below the surface at rest) and `force_n` (positive while the needle is
     /// pushed in); or a table `steps.csv` of `insonify insert`.
     pub file: PathBuf,
 }

@@ -272,7 +272,7 @@ impl<T, E: Into<Cause>> At<T> for Result<T, E> {
 /// Default number of frames per second of a motion.
 const PER_SECOND: f64 = 25.0;
 /// Maximum default number of frames.
-const MOST: f64 = 1000.0;
+const MAX: f64 = 1000.0;
 
 #[derive(Clone, Debug, PartialEq)]
 enum Times {
@@ -309,7 +309,7 @@ impl Timeline {
         self.stated.unwrap_or_else(|| match &self.times {
             Times::Still => 1,
             Times::Recorded(times) => times.len(),
-            Times::Span([start, end]) => ((end - start) * PER_SECOND).ceil().clamp(1.0, MOST - 1.0) as usize + 1,
+            Times::Span([start, end]) => ((end - start) * PER_SECOND).ceil().clamp(1.0, MAX - 1.0) as usize + 1,
         })
     }
 

@@ -57,7 +57,7 @@ pub enum StepError {
     #[error("the saved state is of another model: {0}")]
     Foreign(String),
     /// A change of the remeshing level in a model without remeshing.
-    #[error("this model has no level of remeshing: the mesh of linear finite elements alone follows the needle")]
+    #[error("this model has no remeshing level: only linear finite elements are remeshed")]
     NoLevel,
     /// A remeshing level that cannot be used.
     #[error("the level of remeshing stays as it was: {0}")]

@@ -30,12 +30,12 @@ pub struct BenchOptions {
     pub frames: usize,
     /// Frames rendered and discarded before each measurement, while caches fill, clocks rise and drivers finish compiling.
     pub warm_up: usize,
-    /// Time after which a measurement ends early, provided that it has [`LEAST_FRAMES`] frames.
+    /// Time after which a measurement ends early, provided that it has [`MIN_FRAMES`] frames.
     pub patience: Duration,
 }
 
 /// Minimum number of frames per measurement, unless fewer are requested.
-pub const LEAST_FRAMES: usize = 5;
+pub const MIN_FRAMES: usize = 5;
 
 impl Default for BenchOptions {
     fn default() -> Self {
@@ -100,7 +100,7 @@ impl Clock<'_> {
         let mut results = Vec::with_capacity(self.options.frames);
         for state in states.take(self.options.frames.max(1)) {
             results.push(work(state)?);
-            if results.len() >= LEAST_FRAMES && start.elapsed() > self.options.patience {
+            if results.len() >= MIN_FRAMES && start.elapsed() > self.options.patience {
                 break;
             }
         }
@@ -176,11 +176,11 @@ impl Clock<'_> {
     /// Frames a second of batches, whose first frames are not counted, in memory and as a folder of PNG files.
     fn batches(&self, synth: &mut Synthesizer, frame: Spread) -> Result<BatchRates, SynthError> {
         let within = (self.options.patience.as_secs_f64() * frame.fps) as usize;
-        let count = self.options.frames.min(within).max(LEAST_FRAMES);
+        let count = self.options.frames.min(within).max(MIN_FRAMES);
         let states: Vec<FrameState> = self.states.iter().cycle().take(count).cloned().collect();
         let rate = |start: Instant| count as f64 / start.elapsed().as_secs_f64();
         // Starts the threads.
-        synth.render_batch(&states[..LEAST_FRAMES], |_, _| Ok::<_, SynthError>(()))?;
+        synth.render_batch(&states[..MIN_FRAMES], |_, _| Ok::<_, SynthError>(()))?;
         let start = Instant::now();
         synth.render_batch(&states, |_, _| Ok::<_, SynthError>(()))?;
         let fps = rate(start);

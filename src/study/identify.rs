@@ -27,18 +27,18 @@ use simulate::{Course, Layer, Simulator};
 
 /// Largest relative change of a force parameter at which the inner loop ends, and most simulations in it.
 const SETTLED: f64 = 2e-3;
-const MOST_INNER: usize = 12;
+const MAX_INNER: usize = 12;
 /// Step of the first simplex in the logarithm of a modulus.
 const STEP: f64 = 0.3;
 /// Standard deviation of the cost over a simplex that ends the outer loop (of a cost that is 1 for tissue at rest), and most iterations of it.
 const TOLERANCE: f64 = 5e-6;
-const MOST_OUTER: u64 = 40;
+const MAX_OUTER: u64 = 40;
 /// Largest factor between a modulus and the start of its search.
 const FARTHEST: f64 = 30.0;
 /// Relative change of each modulus by which a minimum is tested.
 const ASIDE: f64 = 0.05;
 /// Least force density (N/mm) and width (mm) of a layer.
-const LEAST: [f64; 2] = [1e-6, 0.1];
+const MIN: [f64; 2] = [1e-6, 0.1];
 /// Residual of the force in the inner loop, as a share of the largest force, above which it is reported.
 const DIFFERENT: f64 = 0.05;
 /// Expected number of simulations of an identification, for the progress.
@@ -159,7 +159,7 @@ pub(super) fn returned(
             poisson: material.poisson(),
             peak_n_per_mm: own.peak.map_or(0.0, |peak| peak.density_n_per_mm),
             shaft_n_per_mm: own.friction_n_per_mm,
-            width_mm: own.peak.map_or(LEAST[1], |peak| peak.width_mm),
+            width_mm: own.peak.map_or(MIN[1], |peak| peak.width_mm),
         }
     };
     let layers: Vec<Layer> = made.layers.iter().map(layer).collect();
@@ -212,7 +212,7 @@ impl<'a> Search<'a> {
     /// Layers with the moduli of the start, and force parameters from slopes and widths of the measured force.
     fn start(&self) -> Vec<Layer> {
         let layers = self.case.layers.iter().enumerate();
-        let slope = |region: usize| self.model.slopes_n_per_mm[region].max(LEAST[0]);
+        let slope = |region: usize| self.model.slopes_n_per_mm[region].max(MIN[0]);
         let layer = |(at, layer): (usize, &Crossed)| Layer {
             region: layer.region,
             region_name: layer.name.clone(),
@@ -221,7 +221,7 @@ impl<'a> Search<'a> {
             poisson: self.poisson.unwrap_or(layer.material.poisson()),
             peak_n_per_mm: slope(2 * at),
             shaft_n_per_mm: slope(2 * at + 1),
-            width_mm: self.model.width(2 * at).max(LEAST[1]),
+            width_mm: self.model.width(2 * at).max(MIN[1]),
         };
         layers.map(layer).collect()
     }
@@ -235,7 +235,7 @@ impl<'a> Search<'a> {
     /// its model counts. The last one also has the displacements.
     fn match_forces(&mut self, layers: &mut Vec<Layer>) -> Result<Course, StudyError> {
         let mut best = (f64::INFINITY, layers.clone());
-        for _ in 0..MOST_INNER {
+        for _ in 0..MAX_INNER {
             let course = self.simulate(layers, false)?;
             let error = |point: &[f64; 2]| (self.model.at(point[0]) - point[1]).powi(2);
             let apart: f64 = course.force.iter().map(error).sum();
@@ -260,19 +260,19 @@ impl<'a> Search<'a> {
             // A density adds all but itself to a slope. Ratios of slopes would not settle where the slope of region 3 lacks the peak that
             // the tip leaves behind in the layer before.
             let lack = |region: usize| self.model.slopes_n_per_mm[region] - found.slopes_n_per_mm[region];
-            let ratio = self.model.width(2 * at) / found.width(2 * at).max(LEAST[1]);
+            let ratio = self.model.width(2 * at) / found.width(2 * at).max(MIN[1]);
             for (own, new) in [
                 (&mut layer.peak_n_per_mm, lack(2 * at)),
                 (&mut layer.shaft_n_per_mm, lack(2 * at + 1)),
             ]
             .map(|(own, lack)| {
-                let new = (*own + lack).max(LEAST[0]);
+                let new = (*own + lack).max(MIN[0]);
                 (own, new)
             }) {
                 change = change.max((new / *own - 1.0).abs());
                 *own = new;
             }
-            let width = (layer.width_mm * ratio.clamp(0.5, 2.0)).max(LEAST[1]);
+            let width = (layer.width_mm * ratio.clamp(0.5, 2.0)).max(MIN[1]);
             change = change.max((width / layer.width_mm - 1.0).abs());
             layer.width_mm = width;
         }
@@ -306,7 +306,7 @@ impl<'a> Search<'a> {
                 let course = search.match_forces(&mut own)?;
                 Ok::<f64, StudyError>(search.cost(motion, &course))
             };
-            let found = nelder_mead(&start, &vec![STEP; start.len()], TOLERANCE, MOST_OUTER, cost)?;
+            let found = nelder_mead(&start, &vec![STEP; start.len()], TOLERANCE, MAX_OUTER, cost)?;
             unknown
                 .iter()
                 .zip(&found.at)

@@ -23,7 +23,7 @@ pub use report::{
 };
 
 /// Blur weights below this share are omitted from reports.
-const LEAST_WEIGHT: f64 = 1e-4;
+const MIN_WEIGHT: f64 = 1e-4;
 
 /// Explains the pixel at `column` and `row`, counted from the near unmarked corner. Returns `None` outside the image.
 pub fn inspect(
@@ -279,7 +279,7 @@ fn blur_report(tables: &Tables, before: Option<&[f64]>, line: usize, sample: usi
             weight: weight / total,
             amplitude: before.get(line * tables.samples() + sample).copied().unwrap_or(0.0),
         })
-        .filter(|neighbour| neighbour.weight >= LEAST_WEIGHT)
+        .filter(|neighbour| neighbour.weight >= MIN_WEIGHT)
         .collect()
 }
 

@@ -57,7 +57,7 @@ pub struct Unidentified {
     pub why: String,
 }
 
-/// Devices over the windows at one depth.
+/// Means over the windows at one depth.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct AtDepth {
     /// Mean depth of the windows, mm.
@@ -77,7 +77,7 @@ pub struct AtDepth {
 /// Measurements in the windows of the real frame or of a phantom.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Side {
-    /// Devices over the windows, by depth.
+    /// Means over the windows, by depth.
     pub depths: Vec<AtDepth>,
     /// Share of the windows' pixels at each grey level.
     pub histogram: Vec<f64>,

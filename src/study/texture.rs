@@ -10,7 +10,7 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use crate::anatomy::volume::VolumeError;
-use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, LEAST, correlations, synthesise};
+use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, MIN, correlations, synthesise};
 use crate::base::output::{OutputError, atomic};
 use crate::base::report::statistics::full_width;
 use crate::study::realism::picture::Picture;
@@ -172,9 +172,9 @@ impl Preparation {
         // Pixels smaller than voxels are averaged first.
         let level = level.smoothed(pixel_mm.map(|mm| ((voxel_mm / mm).powi(2) - 1.0).max(0.0).sqrt() / FWHM));
         let size = [0, 1].map(|axis| ((level.size[axis] as f64 - 1.0) * pixel_mm[axis] / voxel_mm) as usize + 1);
-        if size.iter().any(|n| *n < LEAST) {
+        if size.iter().any(|n| *n < MIN) {
             return Err(wrong(format!(
-                "the region gives {} x {} voxels of {voxel_mm:.3} mm; expected at least {LEAST} x {LEAST}: take a larger region, or smaller voxels (`--voxel-mm`)",
+                "the region gives {} x {} voxels of {voxel_mm:.3} mm; expected at least {MIN} x {MIN}: take a larger region, or smaller voxels (`--voxel-mm`)",
                 size[0], size[1]
             )));
         }

@@ -32,7 +32,7 @@ pub const POSTURE_DEG: [f64; 2] = [-30.0, 30.0];
 pub const INSERTION_MM: [f64; 2] = [0.0, 60.0];
 /// Least sine of the angle between crank and rod, and least cosine of that between rod and rail: nearer to a dead point the slide no longer
 /// moves the needle surely, or the needle the slide.
-pub const LEAST: f64 = 0.1;
+pub const MIN: f64 = 0.1;
 /// Distance of the needle from the image plane that counts as in it, mm, and slope against it.
 const IN_PLANE: [f64; 2] = [0.05, 1e-3];
 /// Excess over a range that counts as rounding.
@@ -93,7 +93,7 @@ impl Guide {
         for at in 0..=60 {
             let degrees = low + (high - low) * f64::from(at) / 60.0;
             let [crank, rod] = self.transmission(degrees.to_radians()).unwrap_or([0.0; 2]);
-            if !(crank >= LEAST && rod >= LEAST) {
+            if !(crank >= MIN && rod >= MIN) {
                 let text = format!(
                     "manipulator: with a crank of {} mm, a rod of {} mm and a rail at {} mm the slider-crank is at a dead point, or does not close, at \
                      {degrees} degrees of posture; expected lengths with which it moves from {low} to {high} degrees",

@@ -57,7 +57,7 @@ pub struct Trajectory {
 
 /// Time between the poses of a carried trajectory, s, and most of them.
 const CARRIED_S: f64 = 1e-3;
-const MOST_CARRIED: f64 = 1e5;
+const MAX_CARRIED: f64 = 1e5;
 
 /// Largest time, s.
 const LATEST_S: f64 = 1e9;
@@ -169,7 +169,7 @@ impl Trajectory {
     }
 
     /// The trajectory of poses in a frame that moves itself: at each time the pose of `carrier` times this one. A carrier that moves is
-    /// followed in steps of a millisecond, or in [`MOST_CARRIED`] steps if those are longer.
+    /// followed in steps of a millisecond, or in [`MAX_CARRIED`] steps if those are longer.
     ///
     /// # Errors
     /// [`TrackingError`] for poses beyond the range of positions.
@@ -183,7 +183,7 @@ impl Trajectory {
             return Self::from_keys(keys?, self.interpolation);
         }
         let (start, end) = (self.start_s().min(carrier.start_s()), self.end_s().max(carrier.end_s()));
-        let steps = ((end - start) / CARRIED_S).ceil().clamp(1.0, MOST_CARRIED) as usize;
+        let steps = ((end - start) / CARRIED_S).ceil().clamp(1.0, MAX_CARRIED) as usize;
         let mut times: Vec<f64> = (0..=steps)
             .map(|step| start + (end - start) * step as f64 / steps as f64)
             .collect();

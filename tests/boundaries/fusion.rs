@@ -1,7 +1,7 @@
 //! Passes fused into dispatches: order, barriers, and the shaders that are linked of them.
 
 use insonify::imaging::effects::pass::{Grid, Use};
-use insonify::imaging::fusion::{Bound, Fused, MOST_BUFFERS, fuse};
+use insonify::imaging::fusion::{Bound, Fused, MAX_BUFFERS, fuse};
 use insonify::imaging::plan::Plan;
 use insonify::imaging::synth::linker::{ENTRY, link};
 use insonify::imaging::synth::tables::Tables;
@@ -44,7 +44,7 @@ fn passes_that_share_what_one_writes_stay_in_order() {
     let mut barriers = 0;
     for scene in scenes() {
         let bound = Plan::new(&tables(&scene)).bound();
-        for most in [MOST_BUFFERS, 12, 7] {
+        for most in [MAX_BUFFERS, 12, 7] {
             let fused = fuse(&bound, most);
             for of in &fused {
                 let alone = of.len() == 1 && of[0].passes.len() == 1;
@@ -88,7 +88,7 @@ fn passes_that_share_what_one_writes_stay_in_order() {
 fn a_workgroup_that_shares_a_scanline_has_all_of_it() {
     for scene in scenes() {
         let bound = Plan::new(&tables(&scene)).bound();
-        for sequence in fuse(&bound, MOST_BUFFERS).iter().flatten() {
+        for sequence in fuse(&bound, MAX_BUFFERS).iter().flatten() {
             let shares = sequence
                 .passes
                 .iter()
@@ -108,14 +108,14 @@ fn a_frame_has_few_dispatches() {
     let default = default.resolve(".".as_ref()).expect("the default scene");
     let plan = Plan::new(&Tables::new(default.anatomy, default.settings).expect("tables"));
     assert_eq!(
-        (plan.passes.len(), plan.fused(MOST_BUFFERS).len()),
+        (plan.passes.len(), plan.fused(MAX_BUFFERS).len()),
         (24, 9),
         "{}",
         plan.report()
     );
     let all = Plan::new(&tables(&everything()));
     assert_eq!(
-        (all.passes.len(), all.fused(MOST_BUFFERS).len()),
+        (all.passes.len(), all.fused(MAX_BUFFERS).len()),
         (24, 10),
         "{}",
         all.report()
@@ -128,7 +128,7 @@ fn a_frame_has_few_dispatches() {
 fn linked_shaders_are_valid_and_bind_what_their_passes_use() {
     for scene in scenes() {
         let bound = Plan::new(&tables(&scene)).bound();
-        for most in [MOST_BUFFERS, 7] {
+        for most in [MAX_BUFFERS, 7] {
             for fused in fuse(&bound, most) {
                 let linked = link(&bound, &fused);
                 let place = format!("{}: {fused:?}\n{}", scene.name, linked.source);

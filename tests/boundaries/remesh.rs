@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::mem::offset_of;
 
 use insonify::gpu::Access;
-use insonify::mechanics::remesh_gpu::tiles::{ALL, MOST_RANK, Params, SHADER, SHADER_F64, SIDE};
+use insonify::mechanics::remesh_gpu::tiles::{ALL, MAX_RANK, Params, SHADER, SHADER_F64, SIDE};
 use naga::valid::{Capabilities, GlobalUse, ModuleInfo, ValidationFlags, Validator};
 use naga::{AddressSpace, Module, StorageAccess};
 
@@ -94,5 +94,5 @@ fn the_parameters_and_the_tiles_of_remeshing_are_those_of_its_shader() {
     }
     assert_eq!(members.len(), 11);
     assert!(SHADER.contains(&format!("const SIDE = {SIDE}u;")));
-    assert!(SHADER_F64.contains(&format!("const MOST = {MOST_RANK}u;")));
+    assert!(SHADER_F64.contains(&format!("const MAX = {MAX_RANK}u;")));
 }

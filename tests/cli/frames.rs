@@ -402,7 +402,7 @@ fn doubtful_poses_and_choices_are_questioned() {
         "{still:?}"
     );
     let nowhere = bench.run("render scene.toml --backend cpu -o nowhere/frame.png");
-    nowhere.fails(1, &["nowhere/frame.png: its folder is not there"]);
+    nowhere.fails(1, &["nowhere/frame.png: its folder does not exist"]);
     let film = bench.run("render moving.toml --backend cpu -o film.mp4 --frames 2");
     film.fails(2, &["film.mp4", ".mha"]);
 }

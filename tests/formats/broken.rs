@@ -59,7 +59,7 @@ unsafe impl std::alloc::GlobalAlloc for Watched {
 static ALLOCATOR: Watched = Watched;
 
 /// The largest real file here unpacks to 49 MB, in a buffer that may double.
-const MOST_AT_ONCE: usize = 256 << 20;
+const MAX_AT_ONCE: usize = 256 << 20;
 
 fn small() -> LabelVolume {
     let voxels: Vec<u8> = (0..60).map(|n| (n % 5 % 3) as u8).collect();
@@ -112,7 +112,7 @@ fn try_all(path: &Path, bytes: &[u8]) -> bool {
     let _ = Sequence::read(path);
     let _ = Sequence::read_poses(path);
     let largest = LARGEST.load(Ordering::Relaxed);
-    assert!(largest < MOST_AT_ONCE, "{largest} bytes asked for at once");
+    assert!(largest < MAX_AT_ONCE, "{largest} bytes asked for at once");
     loaded.is_ok()
 }
 

@@ -35,7 +35,7 @@ const TRIES: i32 = 12;
 /// Fraction of the cube of the radius that the larger branch of a fork takes: from this value to 0.2 more.
 const LARGER_SHARE: f64 = 0.52;
 /// Maximum number of segments of one tree.
-const MOST_PIECES: usize = 600;
+const MAX_PIECES: usize = 600;
 
 impl Growth<'_> {
     /// Grows a tree from the end of a trunk: every branch begins inside its parent.
@@ -48,7 +48,7 @@ impl Growth<'_> {
             id: 1,
         }]);
         while let Some(tip) = tips.pop_front() {
-            if pieces.len() >= MOST_PIECES {
+            if pieces.len() >= MAX_PIECES {
                 break;
             }
             let found = SPREADS_RAD

@@ -10,13 +10,13 @@ use super::{Landmark, kabsch};
 use crate::anatomy::volume::{ScalarImage, VolumeError};
 
 /// Maximum share of the voxels of a volume in bright bodies: more is a threshold within the tissue.
-const MOST_BRIGHT: f64 = 0.02;
+const MAX_BRIGHT: f64 = 0.02;
 /// Maximum number of markers found that are matched.
-const MOST_FOUND: usize = 60;
+const MAX_FOUND: usize = 60;
 /// Distance of a marker from its place in the design up to which it counts, mm.
 pub const TOLERANCE_MM: f64 = 1.0;
 /// Minimum number of markers that must match.
-const LEAST_MATCHED: usize = 4;
+const MIN_MATCHED: usize = 4;
 /// Angle (rad) between two placements of the design that are different.
 const DIFFERENT: f64 = 0.1;
 
@@ -57,12 +57,12 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<Body>, VolumeEr
     let bright = |at: &usize| image.data[*at] >= threshold;
     let bright: Vec<usize> = (0..image.data.len()).filter(bright).collect();
     let share = bright.len() as f64 / image.data.len().max(1) as f64;
-    if share > MOST_BRIGHT {
+    if share > MAX_BRIGHT {
         let percent = 100.0 * share;
         return Err(VolumeError::new(format!(
             "{percent:.1} % of the voxels reach the threshold of {threshold}: found more than metal; expected at most {} %, so a \
              higher threshold",
-            100.0 * MOST_BRIGHT
+            100.0 * MAX_BRIGHT
         )));
     }
     let [columns, rows, slices] = image.size;
@@ -110,7 +110,7 @@ pub fn bodies(image: &ScalarImage, threshold: f32) -> Result<Vec<Body>, VolumeEr
 /// [`VolumeError`] if fewer than four markers, or not more than half of the design, match one to one, or if the design fits in more than one
 /// way.
 pub fn place(design: &[Point3<f64>], found: &[Point3<f64>]) -> Result<Placement, VolumeError> {
-    let needed = LEAST_MATCHED.max(design.len() / 2 + 1);
+    let needed = MIN_MATCHED.max(design.len() / 2 + 1);
     let few = |count: usize| {
         let of = design.len();
         let (seen, limit) = (found.len(), TOLERANCE_MM);
@@ -118,7 +118,7 @@ pub fn place(design: &[Point3<f64>], found: &[Point3<f64>]) -> Result<Placement,
             "{count} of {of} markers match the design within {limit} mm, of {seen} found of their size; expected at least {needed}"
         ))
     };
-    if found.len() < needed || found.len() > MOST_FOUND {
+    if found.len() < needed || found.len() > MAX_FOUND {
         return Err(few(0));
     }
     let mut best: Vec<Placement> = Vec::new();
@@ -186,7 +186,7 @@ fn settled(design: &[Point3<f64>], found: &[Point3<f64>], pairs: &[(usize, usize
             .enumerate()
             .filter_map(|(a, i)| Some((a, (*i)?)))
             .collect();
-        if own.len() < LEAST_MATCHED {
+        if own.len() < MIN_MATCHED {
             return None;
         }
         if own == pairs {

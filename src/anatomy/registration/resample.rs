@@ -13,7 +13,7 @@ use crate::base::read;
 /// Intervals along an edge of the grid on the faces.
 const FACE: usize = 20;
 /// Maximum number of voxels of a resampled volume.
-const MOST: f64 = 2e9;
+const MAX: f64 = 2e9;
 
 /// Volume in the world: the map of a registration applied to all labels, each voxel by the majority of eight points. Voxels are cubes of the same
 /// volume as before.
@@ -28,9 +28,9 @@ pub fn resample(volume: &LabelVolume, map: &Quadratic) -> Result<LabelVolume, Vo
     let [low, high] = bounds(world.ok_or_else(folded)?.into_iter());
     let (low, high) = (low.map(|at| at - step), high.map(|at| at + step));
     let size = [0, 1, 2].map(|axis| ((high[axis] - low[axis]) / step).ceil().max(1.0));
-    if size.iter().product::<f64>() > MOST {
+    if size.iter().product::<f64>() > MAX {
         return Err(VolumeError::new(format!(
-            "a resampled volume of {size:?} voxels; expected at most {MOST:e} in all"
+            "a resampled volume of {size:?} voxels; expected at most {MAX:e} in all"
         )));
     }
     let size = size.map(|n| n as usize);

@@ -13,7 +13,7 @@ const GRID_MM: f64 = 1.5;
 /// Tangential offset at which a point lies beyond the end of the skin, mm.
 const BEYOND_MM: f64 = 10.0;
 /// Maximum number of points; more are thinned evenly.
-const MOST: usize = 150_000;
+const MAX: usize = 150_000;
 
 /// A surface as points with normals.
 pub struct Skin {
@@ -110,7 +110,7 @@ impl Skin {
                 "the volume shows no skin: the body fills it, or nothing is labelled; leave unlabelled space around the body",
             ));
         }
-        let step = 1 + points.len() / MOST;
+        let step = 1 + points.len() / MAX;
         let points = points.into_iter().step_by(step).collect();
         Ok(Self::new(points, normals.into_iter().step_by(step).collect()))
     }

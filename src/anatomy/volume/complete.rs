@@ -26,7 +26,7 @@ pub const CLOSING_MM: f64 = 60.0;
 /// Soft tissue added around the closed anatomy, mm: about the thickness of the abdominal wall.
 pub const WALL_MM: f64 = 7.0;
 /// Thickness of soft tissue around labels that extend beyond the smooth outline, mm.
-pub const LEAST_MM: f64 = 3.0;
+pub const MIN_MM: f64 = 3.0;
 /// Largest thickness of muscle, fat or skin, mm.
 const THICKEST_MM: f64 = 100.0;
 

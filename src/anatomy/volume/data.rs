@@ -313,7 +313,7 @@ fn unpack<V>(
 }
 
 fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io::Error) -> VolumeError {
-    if !says_broken(cause) {
+    if !is_corrupt_data(cause) {
         return header.unreadable(io::Error::new(cause.kind(), cause.to_string()));
     }
     let wanted = match unpacked == expected {
@@ -325,7 +325,7 @@ fn broken(header: &Header, at: u64, unpacked: usize, expected: usize, cause: &io
 }
 
 /// Whether an error of a decoder is due to the data rather than the system.
-pub(crate) fn says_broken(cause: &io::Error) -> bool {
+pub(crate) fn is_corrupt_data(cause: &io::Error) -> bool {
     use io::ErrorKind as Kind;
     matches!(
         cause.kind(),

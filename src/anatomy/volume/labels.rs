@@ -46,7 +46,7 @@ impl Index {
 }
 
 /// Maximum number of distinct labels that are counted.
-const MOST_COUNTED: usize = 1 << 16;
+const MAX_COUNTED: usize = 1 << 16;
 
 /// Stored labels of voxels, and the conversion of numbers to them.
 struct Stacks {
@@ -62,7 +62,7 @@ struct Stacks {
 enum Unfit {
     /// A number that is not a label, in the next voxel.
     Fraction(f64),
-    /// More than [`MOST_COUNTED`] distinct labels.
+    /// More than [`MAX_COUNTED`] distinct labels.
     TooMany,
 }
 
@@ -93,7 +93,7 @@ impl Stacks {
             // Past 256 the volume is refused below; only the count of labels still matters.
             voxels.push(top as u8);
         }
-        match self.index.stored.len() > MOST_COUNTED {
+        match self.index.stored.len() > MAX_COUNTED {
             true => Err(Unfit::TooMany),
             false => Ok(()),
         }

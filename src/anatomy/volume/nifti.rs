@@ -51,10 +51,10 @@ pub(crate) fn read_header(path: &Path) -> Result<Header, VolumeError> {
 /// Attributes a header error to broken compression, if the checksum at its end fails.
 fn blame_gzip(path: &Path, mut unpacked: GzDecoder<BufReader<File>>, error: VolumeError) -> VolumeError {
     let broken = match &error {
-        VolumeError::Read { cause, .. } if data::says_broken(cause) => Some(cause.to_string()),
+        VolumeError::Read { cause, .. } if data::is_corrupt_data(cause) => Some(cause.to_string()),
         _ => io::copy(&mut (&mut unpacked).take(data::MAX_EXCESS), &mut io::sink())
             .err()
-            .filter(data::says_broken)
+            .filter(data::is_corrupt_data)
             .map(|cause| cause.to_string()),
     };
     let Some(cause) = broken else {

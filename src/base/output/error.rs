@@ -25,7 +25,7 @@ pub enum OutputError {
         text: String,
     },
     /// A folder cannot be created.
-    #[error("{}: no folder can be made there: {cause}", path.display())]
+    #[error("{}: the folder cannot be created: {cause}", path.display())]
     Folder {
         /// Path of the folder.
         path: PathBuf,
@@ -33,7 +33,7 @@ pub enum OutputError {
         cause: io::Error,
     },
     /// The parent folder of a file does not exist.
-    #[error("{}: its folder is not there; make it first, or name another", path.display())]
+    #[error("{}: its folder does not exist; create it first, or name another", path.display())]
     NoFolder {
         /// Path of the file.
         path: PathBuf,

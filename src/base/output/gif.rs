@@ -12,7 +12,7 @@ use super::OutputError;
 /// Largest width, pixels: pictures are downscaled by an integer to fit.
 const WIDEST: usize = 426;
 /// Minimum interval between pictures, s: half the frames of a typical run, and as fast as most programs show them.
-const LEAST_S: f64 = 0.08;
+const MIN_S: f64 = 0.08;
 /// Number of grey levels: fewer are smaller, and the steps are invisible on speckle.
 const GREYS: usize = 64;
 
@@ -56,7 +56,7 @@ impl Preview {
         encoder
             .set_repeat(Repeat::Infinite)
             .map_err(|error| wrong(system(error)))?;
-        let every = (LEAST_S / frame_s - 1e-6).ceil().clamp(1.0, 1e6);
+        let every = (MIN_S / frame_s - 1e-6).ceil().clamp(1.0, 1e6);
         Ok(Preview {
             path: path.to_owned(),
             encoder,

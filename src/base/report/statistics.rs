@@ -116,12 +116,12 @@ impl Default for Times {
 
 impl Times {
     const AN_OCTAVE: f64 = 64.0;
-    const LEAST_MS: f64 = 1e-7;
+    const MIN_MS: f64 = 1e-7;
     const CLASSES: usize = 47 * 64;
 
     /// Adds a time, ms.
     pub fn add(&mut self, ms: f64) {
-        let class = Self::AN_OCTAVE * (ms / Self::LEAST_MS).log2();
+        let class = Self::AN_OCTAVE * (ms / Self::MIN_MS).log2();
         self.counts[(class.max(0.0) as usize).min(Self::CLASSES - 1)] += 1;
         self.total += 1;
         self.max_ms = self.max_ms.max(ms);
@@ -138,7 +138,7 @@ impl Times {
             counted += count;
             counted >= rank
         })?;
-        Some((Self::LEAST_MS * ((class as f64 + 0.5) / Self::AN_OCTAVE).exp2()).min(self.max_ms))
+        Some((Self::MIN_MS * ((class as f64 + 0.5) / Self::AN_OCTAVE).exp2()).min(self.max_ms))
     }
 }
 

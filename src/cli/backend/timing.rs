@@ -21,7 +21,7 @@ const PATIENCE_MS: f64 = 100.0;
 /// Ratio of the frame time on the GPU to that on the CPU up to which the GPU is taken.
 const TIE: f64 = 1.1;
 /// Largest number of scenes whose times are kept for an adapter.
-const MOST_KEPT: usize = 200;
+const MAX_KEPT: usize = 200;
 
 /// Median times of a frame of a scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -154,7 +154,7 @@ impl<'a> Kept<'a> {
     pub fn put(&mut self, times: FrameTimes) -> Result<(), OutputError> {
         self.times.retain(|old| old.key != times.key);
         self.times.push(times);
-        self.times.drain(..self.times.len().saturating_sub(MOST_KEPT));
+        self.times.drain(..self.times.len().saturating_sub(MAX_KEPT));
         self.cache.put(&[&self.thing[0], &self.thing[1]], &self.times)
     }
 }
@@ -214,17 +214,17 @@ mod tests {
         let Some(gpu) = crate::gpu::testing::open() else { return };
         let folder = tempfile::tempdir().unwrap();
         let cache = Cache::at(folder.path(), "here");
-        for number in 0..MOST_KEPT + 2 {
+        for number in 0..MAX_KEPT + 2 {
             let mut kept = Kept::of(gpu.report(), &cache);
             kept.put(times(&number.to_string(), 1.0, 2.0)).unwrap();
         }
         let mut kept = Kept::of(gpu.report(), &cache);
-        assert_eq!((kept.times.len(), &*kept.times[0].key), (MOST_KEPT, "2"));
+        assert_eq!((kept.times.len(), &*kept.times[0].key), (MAX_KEPT, "2"));
         kept.put(times("9", 3.0, 4.0)).unwrap();
         let kept = Kept::of(gpu.report(), &cache);
         assert_eq!(
             (kept.times.len(), kept.times.last()),
-            (MOST_KEPT, Some(&times("9", 3.0, 4.0)))
+            (MAX_KEPT, Some(&times("9", 3.0, 4.0)))
         );
         let other = AdapterReport {
             driver_info: "newer".to_owned(),

@@ -23,7 +23,7 @@ const MEASURE_EXAMPLES: &str = "\
 The first volume shows the needle at rest. Markers are spheres of two sizes, listed with the columns body,diameter_mm,x_mm,y_mm,z_mm:
   container,3,0,-40,-30    x = 0 is the surface of the tissue, x runs along the needle into it, y along the motion of the base
   stage,2,-12,15,8         the origin of the stage is the base of the needle; at rest its axes are those of the container
-Of each body at least four markers, and more than half, must be found; some may be missing. No two placements may fit alike.
+At least four markers of each body, and more than half of them, must be found. The design must fit them in only one way.
 
 Examples:
   insonify beam measure rest.nii.gz moved.nii.gz --markers design.csv --case tissue.toml -o moved.toml

@@ -86,7 +86,7 @@ impl Map {
     }
 }
 
-/// Prints what uncertain mu, alpha and t0 do to tip, COM and RCM
+/// Prints the effect of uncertain mu, alpha and t0 on tip, COM and RCM
 ///
 /// The base moves as the case says. For materials other than Ogden's, mu stands for all their coefficients, and there is no alpha.
 #[derive(Args)]

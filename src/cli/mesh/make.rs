@@ -30,7 +30,7 @@ Examples:
 Regions carry the label values of the volume in the cell array `region`, their names in the field array `region_names`.
 A finer mesh follows thin tissue better: `mislabelled` is the
 share of the tissue that lies in elements of another region. About 3,000 nodes suit a simulator's loop, 10,000 a study.
-`insonify mesh info FILE` looks into the result.";
+`insonify mesh info FILE` describes the result.";
 
 /// Volume below which the volume error of a region is not checked, ml.
 const LARGE_ML: f64 = 50.0;

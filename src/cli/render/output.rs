@@ -31,7 +31,7 @@ use crate::cli::failure::Failure;
 pub const PARAMETERS: &str = "parameters.json";
 
 /// Largest number of threads that write pictures.
-const MOST_WRITERS: usize = 16;
+const MAX_WRITERS: usize = 16;
 
 /// Writer of frames. Files are compressed and written on other threads.
 pub struct Output<'a> {
@@ -130,7 +130,7 @@ impl<'a> Output<'a> {
             Target::File(_) => (Compression::Usual, 0),
             _ => {
                 let cores = available_parallelism().map_or(1, NonZero::get);
-                (Compression::Fast, cores.min(MOST_WRITERS))
+                (Compression::Fast, cores.min(MAX_WRITERS))
             }
         };
         Ok(Self {

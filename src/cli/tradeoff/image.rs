@@ -22,7 +22,7 @@ Each table has a gold standard, made in the same run, and says which:
   location    a walk from the last frame, a search grid or every element, against every element
 
 Errors are of grey levels (of 255) on the scan-converted picture, or mm. A row with a star is a best choice: no other of its kind
-is both faster and nearer to the truth. A row marked WRONG does what no approximation does: it is off as a whole, further off
+is both faster and nearer to the truth. A row marked WRONG is not a valid approximation: it has a uniform offset, a larger error
 than a coarser level, or differs where it must not.
 
 Examples:

@@ -25,8 +25,8 @@ Examples:
   insonify tradeoff remesh --nodes 500,1000,3300,10000 -o study growth with the size of the mesh
   insonify tradeoff remesh --mesh organs.vtu --poisson 0.49 --json
 
-A row with a star is a best choice: no other is both faster and nearer to the truth. A row that breaks what its
-level promises is marked WRONG.";
+A row with a star is a best choice: no other is both faster and nearer to the truth. A row that violates the guarantee of its
+level is marked WRONG.";
 
 /// Levels of remeshing: time against error, for each level, backend and precision
 #[derive(Args)]

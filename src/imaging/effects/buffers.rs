@@ -12,7 +12,7 @@ use crate::imaging::synth::tables::{LabelRow, Tables};
 /// Contents of a buffer from the tables; of a per-pixel one, those of a band of rows.
 type Contents = fn(&Tables, Band) -> Vec<u8>;
 
-/// Numbers of a buffer in a frame.
+/// Computes the contents of a buffer for a frame.
 type PerFrame = fn(&Tables, &FrameState, &mut Vec<f32>);
 
 /// A buffer shared by passes. On the CPU it is a vector of [`Store`](crate::imaging::synth::store::Store) or a table; on the GPU a storage
@@ -32,7 +32,7 @@ pub struct Buffer {
     pub per_frame: Option<PerFrame>,
     /// Whether its size is proportional to the pixels of the image, so that a large one is processed in bands of rows.
     pub is_per_pixel: bool,
-    /// Whether each frame has as much of it as it needs, and the frames of a submission lie one behind the other in it.
+    /// Whether the frames of a submission are packed: stored consecutively, each with only the size that it needs.
     pub is_packed: bool,
 }
 

@@ -35,8 +35,8 @@ const FARTHEST: f64 = 4.0;
 pub fn narrowed(key: &str, share: f64, finer: &str) -> Option<String> {
     (share < 0.99).then(|| {
         format!(
-            "{key} comes out at {:.0} % of what is asked where the grid is finest: a kernel reaches {MAX_REACH} {finer} to \
-             each side; fewer of them in the probe reach further",
+            "{key} is {:.0} % of the requested value where the grid is finest: a kernel reaches at most {MAX_REACH} {finer} to \
+             each side; reduce their number under [probe]",
             100.0 * share
         )
     })

@@ -180,7 +180,7 @@ pub struct Params {
 
 /// Beam width below which any needle shades the beam fully, mm; also used for a single scanline, which has no
 /// width.
-const LEAST_BEAM_MM: f64 = 1e-3;
+const MIN_BEAM_MM: f64 = 1e-3;
 
 fn numbers(view: &View) -> Params {
     let tables = view.tables;
@@ -192,7 +192,7 @@ fn numbers(view: &View) -> Params {
         segments: segments(tables, view.state).count() as u32,
         beams_per_mm: shadow
             .as_ref()
-            .map_or(0.0, |shadow| shadow.beam_mm.max(LEAST_BEAM_MM).recip()) as f32,
+            .map_or(0.0, |shadow| shadow.beam_mm.max(MIN_BEAM_MM).recip()) as f32,
         echo: 10f64.powf(own.echo_db / 20.0) as f32,
         directivity: own.directivity as f32,
         reverberations: own.reverberations,

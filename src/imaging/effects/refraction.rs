@@ -3,7 +3,7 @@
 //! The phase of a straight scanline is advanced by the path `d = sum (n - 1)`, where `n` is the refractive index. The gradient of `d` across the
 //! scanlines deflects the beam (paraxial approximation of geometrical optics: M. Born and E. Wolf, Principles of Optics, 1999, chapter 3), and its
 //! curvature focuses or defocuses it. With scanlines `h(s)` apart, the factor on the one-way intensity, and so on the amplitude of an echo, is `1
-//! / |1 + sum d''(s) / h(s)^2|`, at most [`MOST`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
+//! / |1 + sum d''(s) / h(s)^2|`, at most [`MAX`]. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 //!
 //! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly interpolated between them. At a distance
 //! `z` below a lens the converging beam of f-number `F` is `z / F` wide at the lens and averages over it, so that the effect of a lens saturates at `F` beam
@@ -35,7 +35,7 @@ parameters! {
 impl Parameters for Refraction {}
 
 /// Largest gain of amplitude by focusing, 3 dB: the caustics of geometrical optics do not occur in beams.
-pub const MOST: f64 = 1.4;
+pub const MAX: f64 = 1.4;
 
 /// F-number of the beam: an aperture of 25 to 30 mm at a depth of 6 cm.
 pub const F_NUMBER: f64 = 2.0;
@@ -283,7 +283,7 @@ impl<T: Real> Spread<T> {
     /// cumulative phase of a half beam width. Scanlines at the sides use the nearest defined curvature.
     #[inline(always)]
     pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
-        let (one, two, most) = (T::one(), T::of(2.0), T::of(MOST));
+        let (one, two, most) = (T::one(), T::of(2.0), T::of(MAX));
         let reach = T::of(self.reach as f64);
         let last = (self.lines / self.reach) as i32 - 3;
         let place = (T::of(line as f64) + T::of(0.5)) / reach - T::of(0.5);

@@ -71,10 +71,10 @@ pub fn average_db_cm(settings: &Settings) -> f64 {
 }
 
 /// Maximum loss per sample, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
-pub const MOST_PER_SAMPLE_DB: f64 = 256.0;
+pub const MAX_PER_SAMPLE_DB: f64 = 256.0;
 
 /// Saturation value of the running sum: 2^31 - 1 units, 2,048 dB.
-pub const MOST_UNITS: u32 = 0x7fff_ffff;
+pub const MAX_UNITS: u32 = 0x7fff_ffff;
 
 /// Loss for an occlusion of 1 per mm, which would be infinite, dB per mm.
 const FULL_OCCLUSION_DB_MM: f64 = 200.0;
@@ -97,7 +97,7 @@ impl Shadow {
 
 /// Loss over one sample in fixed-point units.
 pub fn units(db: f64) -> u32 {
-    (db.clamp(0.0, MOST_PER_SAMPLE_DB) * UNITS_PER_DB).round() as u32
+    (db.clamp(0.0, MAX_PER_SAMPLE_DB) * UNITS_PER_DB).round() as u32
 }
 
 /// Registry entry.
@@ -491,8 +491,8 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
             for (through, label) in through.iter_mut().zip(labels) {
                 let own = loss[usize::from(*label)];
                 let own = if own < opaque { own } else { 0 };
-                *through = power((above + own / 2).min(MOST_UNITS));
-                above = (above + own).min(MOST_UNITS);
+                *through = power((above + own / 2).min(MAX_UNITS));
+                above = (above + own).min(MAX_UNITS);
             }
         });
 }
@@ -503,8 +503,8 @@ pub fn accumulate(own: impl Fn(usize) -> u32, down_to: &mut [u32]) {
     let mut above = 0u32;
     for (i, slot) in down_to.iter_mut().enumerate() {
         let own = own(i);
-        *slot = (above + own / 2).min(MOST_UNITS);
-        above = (above + own).min(MOST_UNITS);
+        *slot = (above + own / 2).min(MAX_UNITS);
+        above = (above + own).min(MAX_UNITS);
     }
 }
 

@@ -13,7 +13,7 @@ use crate::base::output::place;
 use crate::base::output::{OutputError, atomic};
 
 /// Maximum size of a file, bytes; a file of costs has a few thousand.
-const MOST_BYTES: u64 = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// A cache folder of measured costs.
 #[derive(Clone, Debug)]
@@ -52,7 +52,7 @@ impl Cache {
     ) -> Result<Option<T>, InvalidFile> {
         let Some(path) = self.path(thing) else { return Ok(None) };
         let mut text = String::new();
-        let read = File::open(&path).and_then(|file| file.take(MOST_BYTES).read_to_string(&mut text));
+        let read = File::open(&path).and_then(|file| file.take(MAX_BYTES).read_to_string(&mut text));
         let reason = match read.map(|_| serde_json::from_str(&text)) {
             Err(cause) if cause.kind() == io::ErrorKind::NotFound => return Ok(None),
             Ok(Ok(found)) if sound(&found) => return Ok(Some(found)),

@@ -4,7 +4,7 @@ use super::{Choice, Costs, Picked, Setting, choose};
 use crate::base::report::pareto;
 
 /// Maximum number of trials: each takes as long as the problem itself.
-const MOST: usize = 6;
+const MAX: usize = 6;
 
 /// Result of a trial.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,7 +30,7 @@ pub fn pick_tried<E>(
 ) -> Result<Option<Picked>, E> {
     let mut factor = 1.0;
     let (mut all, mut known): (Vec<(Choice, Tried)>, Vec<(Vec<Setting>, f64)>) = (Vec::new(), Vec::new());
-    while all.len() < MOST {
+    while all.len() < MAX {
         let scaled = costs.times(factor);
         let Some(choice) = choose(&scaled, budget_ms, &open, &known) else {
             return Ok(None);

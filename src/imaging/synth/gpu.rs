@@ -18,7 +18,7 @@ use crate::imaging::effects::buffers::{
 };
 use crate::imaging::effects::pass::{Band, ParamBlock, Pass, View};
 use crate::imaging::effects::truth::{self, LAYERS};
-use crate::imaging::fusion::{Bound, Fused, MOST_BUFFERS, Sequence};
+use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, Sequence};
 use crate::imaging::plan::{Plan, PlannedResource};
 use crate::mechanics::mesh::element::{Carry, Frame as ElementFrame};
 
@@ -50,7 +50,7 @@ pub type Submission = wgpu::SubmissionIndex;
 const ALIGNED: usize = ParamBlock::CAPACITY;
 
 /// Largest number of frames of a submission, and of bytes that their passes write.
-const MOST_FRAMES: usize = 16;
+const MAX_FRAMES: usize = 16;
 const FRAMES_BYTES: u64 = 512 << 20;
 
 /// Allowance for the parameters of a frame, bytes.
@@ -112,7 +112,7 @@ pub struct GpuExecutor {
     texture: Option<TextureOut>,
     slab: Option<Slab<f32>>,
 
-    /// Numbers of a buffer in a frame.
+    /// Contents of a per-frame buffer, before their upload.
     numbers: Vec<f32>,
     /// Ground truth of a frame.
     layers: Vec<u32>,
@@ -170,7 +170,7 @@ impl GpuExecutor {
         let largest = written().map(|planned| planned.bytes).max().unwrap_or(0);
         let one = written().map(|planned| planned.bytes).sum::<u64>() + uploads;
         let fit = self.gpu.limits().max_storage_buffer_binding_size / (largest.max(uploads) + UPLOAD_BYTES);
-        let within = (fit.min(FRAMES_BYTES / one.max(1)) as usize).clamp(1, MOST_FRAMES);
+        let within = (fit.min(FRAMES_BYTES / one.max(1)) as usize).clamp(1, MAX_FRAMES);
         // An image in bands is a submission of its own.
         let frames = if self.bands.len() > 1 {
             1
@@ -222,7 +222,7 @@ impl GpuExecutor {
 
     fn most_buffers(&self) -> usize {
         // One is taken by the parameters.
-        (self.gpu.limits().max_storage_buffers_per_shader_stage as usize - 1).min(MOST_BUFFERS)
+        (self.gpu.limits().max_storage_buffers_per_shader_stage as usize - 1).min(MAX_BUFFERS)
     }
 
     /// Keeps read-backs and the host's texture as long as the image size does not change.

@@ -2,7 +2,7 @@
 //!
 //! Each pass is a shader of its own ([`Pass`](crate::imaging::effects::pass::Pass)). Of each, what its entry point reaches is taken over; declarations
 //! that are the same in several passes are taken over once. Binding 0 has a block for each frame with the parameters of all passes, and bindings 1, 2,
-//! ... the buffers. What passes write is there once for each frame, one behind the other: indices into it are shifted to the frame of the workgroup.
+//! ... the buffers. Buffers that passes write hold consecutive copies, one per frame; indices into them are offset accordingly.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -10,7 +10,7 @@ use std::fmt::Write;
 use crate::gpu::Access;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::effects::pass::{Grid, ParamBlock};
-use crate::imaging::fusion::{Bound, Fused, MOST_BUFFERS};
+use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS};
 
 /// Name of the entry point of a linked shader.
 pub const ENTRY: &str = "fused";
@@ -39,7 +39,7 @@ pub struct BoundBuffer {
 
 /// Bytes of the block of a frame: the parameters of each pass, its extent, and the distance of the frames in each buffer.
 pub fn block_bytes(passes: usize) -> usize {
-    (passes * (ParamBlock::CAPACITY + 16) + 4 * MOST_BUFFERS).next_multiple_of(ParamBlock::CAPACITY)
+    (passes * (ParamBlock::CAPACITY + 16) + 4 * MAX_BUFFERS).next_multiple_of(ParamBlock::CAPACITY)
 }
 
 /// Whether each frame of a submission has its own part of a buffer, one behind the other.
@@ -249,7 +249,7 @@ impl Linker {
         let _ = writeln!(
             source,
             "    @size({rest}) apart: array<vec4<u32>, {}>,\n}}",
-            MOST_BUFFERS / 4
+            MAX_BUFFERS / 4
         );
         let _ = writeln!(source, "var<private> batch_frame: u32;");
         let _ = writeln!(

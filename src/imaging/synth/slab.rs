@@ -267,7 +267,7 @@ impl<'a> SlabView<'a> {
         })
     }
 
-    /// First scanline that can meet an element with these corners, grown by `reach` (mm in the world), and the one behind the last.
+    /// First scanline that can meet an element with these corners, grown by `reach` (mm in the world), and the one past the last.
     fn lines(&self, corners: &[[f64; 3]; 4], reach: f64) -> [u32; 2] {
         let all = self.grid.lines() as u32;
         if all == 1 {

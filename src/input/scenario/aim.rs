@@ -270,10 +270,16 @@ impl ScenarioFile {
         let clear = candidates.iter().filter(clear);
         let without_gas = clear.clone().filter(|it| it.course.gas.is_none()).min_by(near);
         let chosen = without_gas.or_else(|| clear.min_by(near)).cloned();
-        chosen.ok_or_else(|| self.no_way(&body, goal, needle, &candidates))
+        chosen.ok_or_else(|| self.no_path_error(&body, goal, needle, &candidates))
     }
 
-    fn no_way(&self, body: &Body<'_>, goal: &Goal, needle: &NeedleSettings, candidates: &[Candidate]) -> InputError {
+    fn no_path_error(
+        &self,
+        body: &Body<'_>,
+        goal: &Goal,
+        needle: &NeedleSettings,
+        candidates: &[Candidate],
+    ) -> InputError {
         let target = body.volume.label_index_at(&goal.tip);
         if target.is_some_and(|label| body.is_bone(label)) {
             let found = format!("{}, which is bone", goal.name);

@@ -32,7 +32,7 @@ pub struct ScenarioFile {
     /// file, or a scene as a table. It has no needle and no deformation of its own: the scenario provides both.
     #[schemars(required)]
     pub scene: Option<SceneSource>,
-    /// Time budgets of steps and frames: what the scenario and its scene leave open is picked from what it costs on this machine.
+    /// Time budgets of steps and frames: settings left open are chosen by their measured cost on this machine.
     /// Default: that of a scene written inline.
     pub quality: Option<QualitySpec>,
     /// Duration and time step of the run.

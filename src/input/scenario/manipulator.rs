@@ -22,7 +22,7 @@ use crate::tracking::trajectory::{Interpolation, Trajectory};
 /// Longest motion of a guide, s.
 const LONGEST_S: f64 = 1000.0;
 /// Maximum number of poses of the needle's path.
-const MOST_POSES: usize = 100_000;
+const MAX_POSES: usize = 100_000;
 
 /// Needle guide of three degrees of freedom mounted on the probe (Kobayashi et al. 2010, section 2): it holds the needle in the image
 /// plane and makes its motion, whatever states it, within its ranges and the errors of its drive.
@@ -117,7 +117,7 @@ impl Guided {
     /// # Errors
     /// [`TrackingError`] for poses beyond the range of positions.
     pub fn tip(&self, probe: &Trajectory) -> Result<Trajectory, TrackingError> {
-        let every = self.driven.len().div_ceil(MOST_POSES);
+        let every = self.driven.len().div_ceil(MAX_POSES);
         let last = self.driven.len() - 1;
         let shown = self
             .driven

@@ -35,7 +35,7 @@ use crate::tracking::trajectory::Trajectory;
 const FEW_CANDIDATES: usize = 6;
 
 /// Maximum number of steps of a run: hours of simulated time at a millisecond each.
-const MOST_STEPS: f64 = 1e7;
+const MAX_STEPS: f64 = 1e7;
 /// Tolerance for reaching a time, as a fraction of a step.
 const REACHED: f64 = 1e-6;
 
@@ -499,7 +499,7 @@ impl ScenarioFile {
         let end_s = spans.iter().map(|span| span[1]).fold(f64::NEG_INFINITY, f64::max);
         let duration = duration_s.unwrap_or(end_s - start_s);
         let key = if duration_s.is_some() { "run.duration_s" } else { "run" };
-        let range = |x: f64| x > 0.0 && x <= MOST_STEPS * dt_s;
+        let range = |x: f64| x > 0.0 && x <= MAX_STEPS * dt_s;
         let expected = "a duration above 0 s, of at most 1e7 steps";
         let duration = self.number(key, duration, range, expected)?;
         Ok(Timing {

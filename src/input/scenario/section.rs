@@ -19,7 +19,7 @@ const TRIANGLES: f64 = 1200.0;
 /// Number of samples along the longer side of a section that find its outlines.
 const SAMPLES: f64 = 200.0;
 /// Least spacing of these samples, mm.
-const LEAST_MM: f64 = 0.4;
+const MIN_MM: f64 = 0.4;
 /// Half thickness of the slab that stands for the section in images and in the selection of fixed nodes, mm.
 const HALF_MM: f64 = 0.5;
 /// Component of an axis of the plane along an axis of the world that counts as none.
@@ -154,7 +154,7 @@ impl Outline {
         let sides = [0, 1].map(|axis: usize| high[axis] - low[axis]);
         let margin = 0.05 * sides[0].max(sides[1]);
         let corners = [low.map(|x| x - margin), high.map(|x| x + margin)];
-        let grid_mm = (sides[0].max(sides[1]) / SAMPLES).max(LEAST_MM);
+        let grid_mm = (sides[0].max(sides[1]) / SAMPLES).max(MIN_MM);
         // Twice the area of an equilateral triangle is sqrt(3)/2 of its squared edge.
         let edge_mm = (sides[0] * sides[1] / TRIANGLES * 4.0 / 3f64.sqrt()).sqrt();
         let region = |at: [f64; 2]| scenario.anatomy.region(&self.world(at, 0.0));

@@ -10,7 +10,7 @@ use crate::base::report::statistics::Times;
 use crate::mechanics::insertion::{Event, EventKind, LevelChange, Snapshot, Tissue};
 
 /// Maximum number of events kept: a run that never converges reports one per step.
-const MOST_EVENTS: usize = 10_000;
+const MAX_EVENTS: usize = 10_000;
 
 /// Summary of a run, as `insonify insert --json` prints it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -265,7 +265,7 @@ impl<'a> Tally<'a> {
         }
         self.seed(step);
         for event in &outcome.events {
-            if self.summary.events.len() == MOST_EVENTS {
+            if self.summary.events.len() == MAX_EVENTS {
                 self.unheard += 1;
                 continue;
             }

@@ -32,7 +32,7 @@ pub struct SceneFile {
     /// Seed of all random numbers of a frame: speckle, noise, solid textures. Default 0.
     #[serde(default)]
     pub seed: u64,
-    /// Time budgets of frames and steps of an insertion: what the scene leaves open is picked from what it costs on this
+    /// Time budgets of frames and steps of an insertion: settings left open are chosen by their measured cost on this
     /// machine. Without it, open keys have their defaults.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quality: Option<QualitySpec>,

@@ -420,7 +420,7 @@ fn unseen(probe: &Trajectory, needle: Option<&Needle>, timeline: &Timeline, effe
 const LOOKS: usize = 24;
 
 /// Percentage of the array without contact above which a warning is given.
-const MOST_DARK_PERCENT: usize = 25;
+const MAX_DARK_PERCENT: usize = 25;
 
 /// Warning about poses at which much of the array has no body within reach.
 fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, reach_mm: f64) -> Option<String> {
@@ -438,7 +438,7 @@ fn without_contact(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, rea
         100 * grid.rays().iter().step_by(step).filter(is_dark).count() / looked
     };
     let worst = path.keys().iter().map(|key| dark(&key.pose)).max()?;
-    (worst > MOST_DARK_PERCENT).then(|| {
+    (worst > MAX_DARK_PERCENT).then(|| {
         format!(
             "{worst} % of the array has no body within {reach_mm} mm (at the worst pose) and is dark: move the probe, or raise `effects.contact.reach_mm`"
         )

@@ -13,7 +13,7 @@ use crate::mechanics::tissue::viscoelastic::point::Method;
 use crate::mechanics::tissue::viscoelastic::{Rule, Span};
 
 /// Maximum number of steps of a history.
-pub const MOST_STEPS: usize = 100_000;
+pub const MAX_STEPS: usize = 100_000;
 
 /// Tissue model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -270,7 +270,7 @@ impl ProblemFile {
         let step = course.step_s;
         let expected = "a time above 0, for 100000 steps at most";
         let steps: f64 = times.windows(2).map(|pair| ((pair[1] - pair[0]) / step).ceil()).sum();
-        if !(step > 0.0 && step.is_finite() && steps <= MOST_STEPS as f64) {
+        if !(step > 0.0 && step.is_finite() && steps <= MAX_STEPS as f64) {
             return Err(self.fault("history.step_s", InvalidFile::number(step, expected)));
         }
         Ok(())

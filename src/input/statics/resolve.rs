@@ -100,11 +100,11 @@ impl ProblemFile {
             ..ReadOptions::default()
         };
         let read = read_mesh(&base_dir.join(&self.mesh), &options).map_err(|error| self.fault("mesh", error))?;
-        warnings.extend(odd_in_file(&self.mesh, &read));
+        warnings.extend(file_warnings(&self.mesh, &read));
         let mesh = read.mesh;
         let quality = Quality::of(&mesh, mesh.nodes());
         quality.usable().map_err(|error| self.fault("mesh", error))?;
-        warnings.extend(odd_in_mesh(&quality));
+        warnings.extend(mesh_warnings(&quality));
         let regions = Regions::new(&mesh, read.region_names);
         let made = self.materials(&mesh, &regions)?;
         let mut notes = Vec::new();
@@ -207,7 +207,7 @@ impl ProblemFile {
 }
 
 /// Warnings about the contents of a mesh file.
-fn odd_in_file(name: &Path, read: &MeshFile) -> Vec<String> {
+fn file_warnings(name: &Path, read: &MeshFile) -> Vec<String> {
     let left_out = read.displacements.as_ref().map(|_| {
         format!(
             "{} holds displacements, which are left out: the mesh at rest is solved for",
@@ -218,7 +218,7 @@ fn odd_in_file(name: &Path, read: &MeshFile) -> Vec<String> {
 }
 
 /// Warnings about the quality of a mesh.
-fn odd_in_mesh(quality: &Quality) -> Vec<String> {
+fn mesh_warnings(quality: &Quality) -> Vec<String> {
     let mut odd = Vec::new();
     if let [[first, other], ..] = quality.coincident_nodes[..] {
         let pairs = quality.coincident_nodes.len();

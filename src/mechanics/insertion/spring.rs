@@ -17,9 +17,9 @@
 //!
 //! A step is cut into equal substeps: so many that springs and damping are stable ([`MassSpring::explicit_limit_s`]), up to
 //! [`Parameters::most_substeps`], and that in none of them base or tip moves farther than half the range of the penetration
-//! rule, up to [`MOST_PARTS`]. If a substep is still too long for stability, the tissue is simulated for the longest stable
+//! rule, up to [`MAX_PARTS`]. If a substep is still too long for stability, the tissue is simulated for the longest stable
 //! time instead: it then approaches equilibrium more slowly, but reaches the same one. A step that would need more than
-//! `MOST_PARTS` is reported as not converged. In each substep the needle's shape is computed once, from the forces of the
+//! `MAX_PARTS` is reported as not converged. In each substep the needle's shape is computed once, from the forces of the
 //! substep before; a flexible needle is then coupled to the tissue by its flexibility (one linear solve), which is as good
 //! as iterated while the needle turns little in a substep.
 //!
@@ -52,11 +52,11 @@ use crate::mechanics::needle::{CentreLine, Load, Needle};
 use body::{Body, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;
-pub use cylinder::{LEAST_DIHEDRAL_DEG, MOST_NODES, Parameters};
+pub use cylinder::{MAX_NODES, MIN_DIHEDRAL_DEG, Parameters};
 use network::Network;
 
 /// Maximum number of substeps.
-pub const MOST_PARTS: usize = 4096;
+pub const MAX_PARTS: usize = 4096;
 
 /// Mass-spring model of tissue with a needle.
 #[derive(Debug)]
@@ -171,8 +171,8 @@ impl MassSpring {
         let farthest = 1.5 * self.parameters.lambda * self.spacing_mm;
         let for_motion = (base.max(tip) / farthest).ceil();
         let most = self.parameters.most_substeps as f64;
-        let parts = for_stability.min(most).max(for_motion).clamp(1.0, MOST_PARTS as f64);
-        (parts as usize, for_motion <= MOST_PARTS as f64)
+        let parts = for_stability.min(most).max(for_motion).clamp(1.0, MAX_PARTS as f64);
+        (parts as usize, for_motion <= MAX_PARTS as f64)
     }
 
     /// Fills in the results known only at the end of a step.

@@ -2,7 +2,7 @@
 
 use nalgebra::Isometry3;
 
-use super::spring::{LEAST_DIHEDRAL_DEG, MOST_NODES};
+use super::spring::{MAX_NODES, MIN_DIHEDRAL_DEG};
 use super::{Interaction, StepError};
 use crate::base::range::OutOfRange;
 use crate::mechanics::tissue::error::LinearError;
@@ -25,7 +25,7 @@ pub enum InvalidSetup {
     Number(#[from] OutOfRange),
     /// Rings, sectors and layers of a mass-spring cylinder make elements too thin for computation.
     #[error(
-        "the cylinder's least dihedral angle is {found_deg:.2} degrees; expected at least {LEAST_DIHEDRAL_DEG} \
+        "the cylinder's least dihedral angle is {found_deg:.2} degrees; expected at least {MIN_DIHEDRAL_DEG} \
          (make radius / rings and length / layers more alike)"
     )]
     Thin {
@@ -33,7 +33,7 @@ pub enum InvalidSetup {
         found_deg: f64,
     },
     /// Rings, sectors and layers of a mass-spring cylinder make more nodes than the model supports.
-    #[error("the cylinder has {found} nodes; expected at most {MOST_NODES}")]
+    #[error("the cylinder has {found} nodes; expected at most {MAX_NODES}")]
     Large {
         /// Number of nodes.
         found: usize,

@@ -38,13 +38,13 @@ use contents::Sampler;
 use tissue::Tissue;
 
 /// Maximum number of nodes of a mesh: about 10 GB are needed to make it.
-pub const MOST_NODES: usize = 5_000_000;
+pub const MAX_NODES: usize = 5_000_000;
 
 /// Peak memory per node, bytes: measured at 40,000 nodes.
 const BYTES_A_NODE: usize = 2048;
 /// Upper limit of the requested least dihedral angle, degrees: refinement alone leaves 45 in cubic cells, about 35 in the
 /// flattest, and the fit needs room.
-const MOST_DIHEDRAL_DEG: f64 = 30.0;
+const MAX_DIHEDRAL_DEG: f64 = 30.0;
 /// Number of times that nodes are fitted to the interfaces; the gain of a sixth round is below 1 % of the mislabelled
 /// volume.
 pub const ROUNDS: usize = 5;
@@ -190,7 +190,7 @@ pub enum GenerateError {
         expected: &'static str,
     },
     /// The budget exceeds the maximum.
-    #[error("{nodes} nodes; at most {MOST_NODES} are supported (about 10 GB of memory)")]
+    #[error("{nodes} nodes; at most {MAX_NODES} are supported (about 10 GB of memory)")]
     TooManyNodes {
         /// Requested number of nodes.
         nodes: usize,
@@ -284,10 +284,10 @@ fn generate_with(
 }
 
 fn check(nodes: usize, options: &GenerateOptions) -> Result<(), GenerateError> {
-    if nodes > MOST_NODES {
+    if nodes > MAX_NODES {
         return Err(GenerateError::TooManyNodes { nodes });
     }
-    if !(0.0..=MOST_DIHEDRAL_DEG).contains(&options.min_dihedral_deg) {
+    if !(0.0..=MAX_DIHEDRAL_DEG).contains(&options.min_dihedral_deg) {
         return Err(GenerateError::Option {
             key: "min_dihedral_deg",
             found: options.min_dihedral_deg,

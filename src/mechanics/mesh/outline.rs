@@ -18,7 +18,7 @@ const THINNED: f64 = 1.0 / 60.0;
 /// Least area of a closed outline, in squared spacings of the grid.
 const SMALLEST: f64 = 4.0;
 /// Least angle that refinement aims at, degrees.
-const LEAST_DEG: f64 = 25.0;
+const MIN_DEG: f64 = 25.0;
 
 /// Triangles with their regions.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -55,7 +55,7 @@ pub fn triangulate(
     // Of an equilateral triangle.
     let area = 3f64.sqrt() / 4.0 * edge_mm * edge_mm;
     let refinement = RefinementParameters::<f64>::new()
-        .with_angle_limit(AngleLimit::from_deg(LEAST_DEG))
+        .with_angle_limit(AngleLimit::from_deg(MIN_DEG))
         .with_max_allowed_area(area)
         .with_min_required_area(1e-3 * area)
         .with_max_additional_vertices(100_000);

@@ -86,7 +86,7 @@ pub enum BeamError {
         iterations: usize,
     },
     /// The search for a motion of the base did not converge.
-    #[error("no motion of the base was found: the nearest leaves the needle {miss_mm:.3e} mm from what is wanted")]
+    #[error("no motion of the base was found: the closest misses the goal by {miss_mm:.3e} mm")]
     NoMotion {
         /// Largest distance from the goals, mm.
         miss_mm: f64,
@@ -110,7 +110,7 @@ pub enum BeamError {
         always: bool,
     },
     /// The needle crosses its undeflected line above that depth.
-    #[error("no centre of motion at {wanted_mm} mm: a needle that crosses there has crossed at {found_mm} mm before")]
+    #[error("no centre of motion at {wanted_mm} mm: the needle already crosses its undeflected line at {found_mm} mm")]
     Earlier {
         /// Depth of the goal, mm.
         wanted_mm: f64,

@@ -131,7 +131,7 @@ impl Needle for Constrained {
         let inserted = length - outside;
         match entry {
             // Otherwise nodes would coincide.
-            Some(entry) if outside > LEAST_MM && inserted > LEAST_MM => {
+            Some(entry) if outside > MIN_MM && inserted > MIN_MM => {
                 let constrained = self.constraint.direction(&entry.direction, &measured, inserted);
                 let tip = entry.point_mm + constrained.scale(inserted);
                 line.set([(0.0, hub), (outside, entry.point_mm), (length, tip)]);
@@ -147,7 +147,7 @@ impl Needle for Constrained {
 }
 
 /// Length below which a part of the shaft has no direction, mm.
-const LEAST_MM: f64 = 1e-6;
+const MIN_MM: f64 = 1e-6;
 
 #[cfg(test)]
 mod tests {

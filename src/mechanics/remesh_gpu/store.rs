@@ -5,7 +5,7 @@ use std::sync::Arc;
 use faer::{Mat, MatRef};
 
 use super::strips::{BankBindings, Shared, Strips};
-use super::tiles::{MOST_RANK, Params, Passes, SIDE, Tiles};
+use super::tiles::{MAX_RANK, Params, Passes, SIDE, Tiles};
 use crate::base::memory;
 use crate::gpu::{Dispatch, Gpu, GpuError, Parameters, Pipeline, Readback, StorageBuffer, Timer};
 use crate::mechanics::tissue::compliance::Compliance;
@@ -210,7 +210,7 @@ impl Store for DeviceStore {
         rows: Option<&[usize]>,
         block: &[usize],
     ) -> Result<Option<(f64, Mat<f64>)>, RemeshError> {
-        let fits = (1..=MOST_RANK.min(self.strips.stride)).contains(&columns.len()) && block.len().pow(2) <= ENTRIES;
+        let fits = (1..=MAX_RANK.min(self.strips.stride)).contains(&columns.len()) && block.len().pow(2) <= ENTRIES;
         if self.passes.capacitance.is_none() || !fits {
             return Ok(None);
         }

@@ -1,6 +1,6 @@
 //! Columns set aside for an update, and what is computed from them.
 
-use super::tiles::{MOST_RANK, Passes, SIDE, Tiles};
+use super::tiles::{MAX_RANK, Passes, SIDE, Tiles};
 use crate::gpu::{Gpu, GpuError, Parameters, Pipeline, StorageBuffer};
 
 /// Buffers of an update, with the bindings of all passes.
@@ -59,7 +59,7 @@ impl Strips {
         let z = zeroed("Z", values, size_of::<f32>())?;
         let c = zeroed("C", stride * stride, size_of::<f32>())?;
         let capacitance = passes.capacitance.as_ref();
-        let solved = capacitance.map_or(0, |_| stride.min(MOST_RANK).pow(2));
+        let solved = capacitance.map_or(0, |_| stride.min(MAX_RANK).pow(2));
         let change = zeroed("dK", solved, size_of::<f64>())?;
         let matrix = zeroed("I + dK G", solved, size_of::<f64>())?;
         let Shared {

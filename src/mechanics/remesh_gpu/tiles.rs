@@ -131,7 +131,7 @@ pub const SHADER_F64: &str = concat!(
     include_str!("../../../shaders/remesh_capacitance.wgsl")
 );
 /// Largest rank of a change whose capacitance matrix a device inverts; must equal the shader's constant.
-pub const MOST_RANK: usize = 128;
+pub const MAX_RANK: usize = 128;
 
 /// Uniform parameters of a dispatch, shared by all passes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -24,7 +24,7 @@ const HELD: f64 = 1.490_116_119_384_765_6e-8;
 
 /// Most unrestrained parts hinged to each other whose joint motion is examined. Beyond, the dense matrix grows too
 /// large, and the factorisation is left to fail.
-const MOST_HINGED: usize = 64;
+const MAX_HINGED: usize = 64;
 
 /// Part of the mesh that can still move.
 #[derive(Clone, Debug, PartialEq)]
@@ -115,7 +115,7 @@ pub fn check(mesh: &TetMesh, dofs: &Dofs) -> Result<(), LinearError> {
     while hold_more(mesh, dofs, &parts, &mut held) {}
     let mut free = Vec::new();
     for group in parts.groups(|part| !held[part]) {
-        if group.len() <= MOST_HINGED {
+        if group.len() <= MAX_HINGED {
             free.extend(free_parts(mesh, dofs, &parts, &held, &group));
         }
     }

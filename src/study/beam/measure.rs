@@ -20,7 +20,7 @@ const BODIES: [&str; 2] = ["container", "stage"];
 /// Largest ratio of the diameter of a marker found and that of the design.
 const OFF_SIZE: f64 = 1.5;
 /// Least length of a needle, mm.
-const LEAST_NEEDLE_MM: f64 = 10.0;
+const MIN_NEEDLE_MM: f64 = 10.0;
 /// Largest deflection of a needle that counts as unmoved: its centres of motion are noise, mm.
 const MOVED_MM: f64 = 0.5;
 /// 95th percentile of the F distribution with 6 and 30 degrees of freedom, those of twelve markers.
@@ -163,10 +163,9 @@ fn needle(
     let longest = moved
         .map(|voxels| (length(&voxels), voxels))
         .max_by(|a, b| a.0.1.total_cmp(&b.0.1));
-    let Some((([first, last], length), voxels)) = longest.filter(|((_, length), _)| *length >= LEAST_NEEDLE_MM) else {
-        let text = format!(
-            "found no needle: no bright body is {LEAST_NEEDLE_MM} mm long along the needle's axis of the design"
-        );
+    let Some((([first, last], length), voxels)) = longest.filter(|((_, length), _)| *length >= MIN_NEEDLE_MM) else {
+        let text =
+            format!("found no needle: no bright body is {MIN_NEEDLE_MM} mm long along the needle's axis of the design");
         return Err(VolumeError::new(text));
     };
     // Slices as thick as the voxels are along x.

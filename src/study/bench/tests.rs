@@ -87,5 +87,5 @@ fn patience_ends_a_measurement_early_but_not_below_the_least() {
         Ok(())
     };
     let frames = clock.repeat(nap).unwrap();
-    assert_eq!(frames.len(), LEAST_FRAMES);
+    assert_eq!(frames.len(), MIN_FRAMES);
 }

@@ -171,7 +171,7 @@ fn forces(case: &Case) -> Result<Vec<[f64; 2]>, StudyError> {
     Ok(thinned(&push))
 }
 
-/// Devices of neighbouring points, at most 300.
+/// Means of neighbouring points, at most 300.
 pub(super) fn thinned(curve: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let mean = |rows: &[[f64; 2]]| [0, 1].map(|at| rows.iter().map(|row| row[at]).sum::<f64>() / rows.len() as f64);
     curve.chunks(curve.len().div_ceil(POINTS).max(1)).map(mean).collect()

@@ -202,7 +202,7 @@ impl Bench<'_> {
         if let Some(spread) = scatter(real, own, &|it| Some(it.std)).filter(|spread| *spread > MIXED) {
             let percent = 100.0 * spread;
             notes.push(format!(
-                "grey levels of windows spread differently, by {percent:.0} % (one tissue: 6 %): dynamic range and gain are rough, and go together"
+                "the spread of grey levels varies by {percent:.0} % between windows (one tissue: 6 %): dynamic range and gain are uncertain"
             ));
         }
         if real.depths.len() < self.bands() {

@@ -1,7 +1,7 @@
 //! Error bounds of refraction: cumulative phases are integers, equal wherever the labels above agree; their curvature is a sum of rounded
 //! terms.
 
-use crate::imaging::effects::refraction::{MOST, Spread, reach};
+use crate::imaging::effects::refraction::{MAX, Spread, reach};
 
 use super::rounding::{DIVIDE, TINY, ULP};
 use super::slack::{Slack, Step};
@@ -45,7 +45,7 @@ pub fn carry(step: &Step, slack: &mut Slack) {
             // with exponents up to ten times the decay length.
             let sum_off = (2.0 * samples as f64 + 80.0) * ULP * (1.0 + terms) + DIVIDE * terms;
             let largest = factor.max(twin);
-            let off = (factor - twin).abs() + (largest * largest * sum_off).min(MOST) + (DIVIDE + ULP) * largest;
+            let off = (factor - twin).abs() + (largest * largest * sum_off).min(MAX) + (DIVIDE + ULP) * largest;
             let amplitude = step.before.amplitude[index].abs();
             slack.amplitude[index] = slack.amplitude[index] * (factor + off) + amplitude * (off + ULP * factor) + TINY;
         }

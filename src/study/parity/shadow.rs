@@ -5,7 +5,7 @@ use crate::imaging::effects::common::spacing;
 use crate::imaging::effects::shadow::aperture::{RAYS, element_at, line_at};
 use crate::imaging::effects::shadow::penumbra::opaque_units;
 use crate::imaging::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
-use crate::imaging::effects::shadow::{MOST_UNITS, exponent_per_unit, mirror, needle_units, opens};
+use crate::imaging::effects::shadow::{MAX_UNITS, exponent_per_unit, mirror, needle_units, opens};
 
 use super::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
 use super::slack::{Slack, Step};
@@ -119,7 +119,7 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
 /// Returns the one-way transmittance for a loss, and its error bound.
 fn one_way(loss: f64, off: f64) -> [f64; 2] {
     let exponent = 0.5 * exponent_per_unit();
-    let left = |units: f64| (units.clamp(0.0, f64::from(MOST_UNITS)) * exponent).exp2();
+    let left = |units: f64| (units.clamp(0.0, f64::from(MAX_UNITS)) * exponent).exp2();
     let (most, least) = (left(loss - off), left(loss + off));
     let largest = (loss + off) * exponent.abs();
     // Units converted, beyond 2^24 in either direction (1), factor stored (1/2), product (1); then the exponential.

@@ -2,7 +2,7 @@
 //! mapped. Automatic gain is a ratio of two sums over a depth band of terms that increase with amplitude, so its ends are mapped in the
 //! same way.
 
-use crate::imaging::effects::tone::auto_gain::{AutoGain, BANDS, HEARD, MOST, PRIOR, SILENT, at, gains, middle, range};
+use crate::imaging::effects::tone::auto_gain::{AutoGain, BANDS, HEARD, MAX, PRIOR, SILENT, at, gains, middle, range};
 use crate::imaging::effects::tone::{MID_GREY, Tone};
 
 use super::rounding::{DIVIDE, ULP, log2, pow};
@@ -63,7 +63,7 @@ fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
                 // product, at most 1 (2).
                 let own_weight = ((echo - SILENT) / (HEARD - SILENT) + side * 5.0 * ULP).clamp(0.0, 1.0);
                 weight[end] += own_weight;
-                value[end] += own_weight * echo.min(MOST) * (1.0 + side * ULP);
+                value[end] += own_weight * echo.min(MAX) * (1.0 + side * ULP);
             }
         }
     }

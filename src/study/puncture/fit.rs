@@ -21,13 +21,13 @@ const FEWEST: usize = 4;
 const DROP: f64 = 0.8;
 /// Maximum number of iterations, the relative change of the squared residual that ends them, and its fraction of the squared forces that
 /// counts as zero.
-const MOST: usize = 20;
+const MAX: usize = 20;
 const SETTLED: f64 = 1e-4;
 const NONE: f64 = 1e-9;
 /// Finite difference for derivatives; forces are solved to 1e-6.
 const APART: f64 = 1e-3;
 /// Lower limits of knee and stiffening.
-const LEAST: [f64; 2] = [0.0, 1e-3];
+const MIN: [f64; 2] = [0.0, 1e-3];
 
 /// Point of a force curve.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -83,13 +83,13 @@ pub fn read(path: &Path) -> Result<Vec<Sample>, StudyError> {
 /// [`StudyError`] for a curve with too few points before the force drops, and if the slice cannot be solved.
 pub fn fit(options: &PunctureOptions, samples: &[Sample], mut progress: impl FnMut(f64)) -> Result<Fitted, StudyError> {
     let samples = first_push(samples)?;
-    let mut at = [options.knee_strain, options.stiffening.max(LEAST[1]).ln()];
+    let mut at = [options.knee_strain, options.stiffening.max(MIN[1]).ln()];
     let mut best = Trial::of(options, &samples, at)?;
     let mut damping = 1e-3;
     let mut iterations = 0;
     let forces: f64 = samples.iter().map(|sample| sample.force_n * sample.force_n).sum();
-    while iterations < MOST && best.square() > NONE * forces {
-        progress(iterations as f64 / MOST as f64);
+    while iterations < MAX && best.square() > NONE * forces {
+        progress(iterations as f64 / MAX as f64);
         iterations += 1;
         let mut columns = Vec::with_capacity(2);
         for axis in 0..2 {
@@ -110,8 +110,8 @@ pub fn fit(options: &PunctureOptions, samples: &[Sample], mut progress: impl FnM
                 break;
             };
             let next = [
-                (at[0] + step[0]).max(LEAST[0]),
-                (at[1] + step[1]).clamp(LEAST[1].ln(), 1e4f64.ln()),
+                (at[0] + step[0]).max(MIN[0]),
+                (at[1] + step[1]).clamp(MIN[1].ln(), 1e4f64.ln()),
             ];
             // A slice that cannot be solved counts as no improvement.
             match Trial::of(options, &samples, next) {

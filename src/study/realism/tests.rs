@@ -346,7 +346,7 @@ fn differences_are_in_spreads_of_the_real_frames() {
     );
     let report = compare(&[even(116.0, 4)], &real).expect("a report");
     let found = row(&report, "grey_mean");
-    // Devices of 80, 86 and 92: 86 +- 6.
+    // Means of 80, 86 and 92: 86 +- 6.
     near("difference", found.difference.expect("known"), 5.0, 0.4);
     assert_eq!(found.verdict, Some(Verdict::Outside));
     assert_eq!(row(&report, "lag1_lateral").verdict, Some(Verdict::Inside));

@@ -75,7 +75,7 @@ impl Score {
         page.table(&self.table());
         page.paragraph(
             "soft",
-            "Devices over the time in which the needle is in the body, of m10 the minimum. Target now: entry and target as the tissue carries them; target at rest: both where they lie before the insertion.",
+            "Means while the needle is in the body; m10: minimum. Target now: entry and target displaced by the tissue; at rest: not.",
         );
         if let Some(picture) = picture {
             page.pictures([(picture, format!("closest approach, {:.2} s", self.nearest_s))]);

@@ -274,7 +274,7 @@ impl Report {
         }
         page.paragraph(
             "soft",
-            "Each case is something that breaks numerics, with a criterion from theory. Shown is the figure nearest to its limit; the \
+            "Each case is hard for numerical methods, with a criterion from theory. The figure shown is the one nearest to its limit; the \
              margin is how many times larger it might be. NaN and infinity never hold, and what must be refused fails if it is not.",
         );
         page.wide_figure(

@@ -64,7 +64,7 @@ const SAMPLES: usize = 40;
 /// Relative deviation of unequal steps from their mean.
 const UNEVEN: f64 = 0.3;
 /// Maximum number of unequal steps for the rules that recompute all weights at each of them.
-const MOST_UNEVEN: usize = 10_000;
+const MAX_UNEVEN: usize = 10_000;
 
 /// Minimum total time over which a history is repeated, s.
 const REPEATED_S: f64 = 0.05;
@@ -121,7 +121,7 @@ pub fn study(options: &HistoryOptions, progress: &mut (dyn FnMut(&str, f64) + Se
             let exponentials = EXPONENTIALS.map(|(name, tolerance)| (name, Rule::Exponentials(span(steps, tolerance))));
             let takes = |rule: &Rule| {
                 let full = !matches!(rule, Rule::Exponentials(_));
-                lengths == Lengths::Equal || *rule != Rule::GruenwaldLetnikov && !(full && steps > MOST_UNEVEN)
+                lengths == Lengths::Equal || *rule != Rule::GruenwaldLetnikov && !(full && steps > MAX_UNEVEN)
             };
             let all = FULL.into_iter().chain(exponentials);
             contenders.extend(all.filter(|(_, rule)| takes(rule)).map(|(name, rule)| Contender {

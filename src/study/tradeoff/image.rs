@@ -308,9 +308,9 @@ pub fn too_large(subject: &Subject, settings: &Settings, gpus: &[Gpu]) -> Result
 }
 
 /// Minimum number of timed frames, after one untimed frame.
-const LEAST: usize = 3;
+const MIN: usize = 3;
 /// Maximum number of timed frames.
-const MOST: usize = 200;
+const MAX: usize = 200;
 
 /// Rendered picture with its times.
 #[derive(Clone, Debug, PartialEq)]
@@ -323,8 +323,8 @@ pub struct Picture {
 /// Renders a frame repeatedly until `patience` is spent.
 pub fn picture(synth: &mut Synthesizer, state: &FrameState, patience: Duration) -> Result<Picture, SynthError> {
     let pixels = synth.render(state)?.pixels.clone();
-    let (start, mut times) = (Instant::now(), Vec::with_capacity(MOST));
-    while times.len() < LEAST || (times.len() < MOST && start.elapsed() < patience) {
+    let (start, mut times) = (Instant::now(), Vec::with_capacity(MAX));
+    while times.len() < MIN || (times.len() < MAX && start.elapsed() < patience) {
         let before = Instant::now();
         synth.render(state)?;
         times.push(before.elapsed().as_secs_f64() * 1e3);

@@ -6,7 +6,7 @@
 use nalgebra::Point3;
 use rayon::prelude::*;
 
-use super::{CompleteOptions, Completed, Filled, LEAST_MM, Outline, label};
+use super::{CompleteOptions, Completed, Filled, MIN_MM, Outline, label};
 use crate::anatomy::acoustics::known;
 use crate::anatomy::volume::distance::Grid;
 use crate::anatomy::volume::{Label, LabelVolume, ScalarImage, VolumeError};
@@ -79,7 +79,7 @@ pub fn with_ct(volume: &LabelVolume, ct: &ScalarImage, options: &CompleteOptions
     let from_outside = Grid::squared_distances(&outer, size, spacing, &[0, 1, 2]).values;
     let reach = options.skin_mm.max(thinnest) + 1e-3;
     let mut voxels = volume.voxels().to_vec();
-    let Some(outline) = Outline::around(volume, LEAST_MM) else {
+    let Some(outline) = Outline::around(volume, MIN_MM) else {
         return Err(elsewhere(0.0));
     };
     voxels.par_chunks_mut(nx).enumerate().for_each(|(row, line)| {

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::{CLOSING_MM, GRID_MM, LEAST_MM, WALL_MM};
+use super::{CLOSING_MM, GRID_MM, MIN_MM, WALL_MM};
 use crate::anatomy::volume::LabelVolume;
 use crate::anatomy::volume::distance::Grid;
 use crate::base::cache::cached;
@@ -116,7 +116,7 @@ fn signed_distance(labelled: &[bool], size: [usize; 3], spacing: [f64; 3], slice
     signed.smooth(SMOOTHING_MM);
     let near_label = distance(labelled, &[0, 1, 2]);
     let half_cell = 0.5 * spacing.iter().copied().fold(0.0, f64::max) as f32;
-    let (wall, least) = (WALL_MM as f32, LEAST_MM as f32);
+    let (wall, least) = (WALL_MM as f32, MIN_MM as f32);
     signed
         .values
         .par_iter_mut()

@@ -42,7 +42,7 @@ const BINS: usize = 32;
 /// Random candidates of a neighbourhood in a round, each from half the range of the one before.
 const RANDOM: usize = 6;
 /// Least side of an exemplar, pixels: two neighbourhoods at the coarsest resolution.
-pub const LEAST: usize = (2 * SIDE) << (LEVELS - 1);
+pub const MIN: usize = (2 * SIDE) << (LEVELS - 1);
 
 /// Example of a texture: values in rows.
 #[derive(Clone, Debug)]
@@ -77,7 +77,7 @@ impl Exemplar {
     /// The exemplar with its rows stretched by a factor, as far as enough of them remain.
     fn stretched(&self, factor: f64) -> Self {
         let [width, height] = self.size;
-        let factor = factor.clamp(1.0 / STRETCH, STRETCH).max(LEAST as f64 / height as f64);
+        let factor = factor.clamp(1.0 / STRETCH, STRETCH).max(MIN as f64 / height as f64);
         let rows = ((height - 1) as f64 * factor) as usize + 1;
         let value = |at: usize| {
             let row = ((at / width) as f64 / factor).min((height - 1) as f64);
@@ -176,9 +176,9 @@ pub fn synthesise(
     let planes = [&exemplars.xy, &exemplars.zy, &exemplars.xz];
     for exemplar in planes {
         let [width, height] = exemplar.size;
-        if width < LEAST || height < LEAST || exemplar.values.len() != width * height {
+        if width < MIN || height < MIN || exemplar.values.len() != width * height {
             return Err(VolumeError::new(format!(
-                "an exemplar of {width} x {height}; expected at least {LEAST} x {LEAST}"
+                "an exemplar of {width} x {height}; expected at least {MIN} x {MIN}"
             )));
         }
         if !exemplar.values.iter().all(|value| value.is_finite()) {

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::{MOST_UNITS, Shadow, exponent_per_unit, needle_units, penumbra};
+use super::{MAX_UNITS, Shadow, exponent_per_unit, needle_units, penumbra};
 use crate::base::real::Real;
 use crate::imaging::effects::pass::View;
 use crate::imaging::synth::store::Store;
@@ -127,9 +127,9 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
                         *out = left;
                         continue;
                     }
-                    let to = |units: u32| (T::of(f64::from(units.min(MOST_UNITS))) * exponent).exp2();
+                    let to = |units: u32| (T::of(f64::from(units.min(MAX_UNITS))) * exponent).exp2();
                     *out = to(above + own / 2);
-                    above = (above + own).min(MOST_UNITS);
+                    above = (above + own).min(MAX_UNITS);
                     left = to(above);
                 }
             }

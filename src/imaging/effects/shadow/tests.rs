@@ -5,7 +5,7 @@ fn an_opaque_run_saturates_and_stays_dark() {
     let mut down_to = vec![0; 8192];
     accumulate(|_| units(1e9), &mut down_to);
     assert!(down_to.is_sorted());
-    assert_eq!(down_to[8191], MOST_UNITS);
+    assert_eq!(down_to[8191], MAX_UNITS);
     assert_eq!(transmittance::<f32>(down_to[8191]), 0.0);
 }
 

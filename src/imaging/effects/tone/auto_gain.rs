@@ -6,7 +6,7 @@
 //! 9419 (2015) 941904.)
 //!
 //! The level is a weighted mean of amplitudes: the weight is 0 below [`SILENT`], so that fluid and shadows do not count and are not amplified,
-//! rises to 1 at [`HEARD`], and amplitudes above [`MOST`] are clamped. A prior of usual tissue replaces missing echoes, so that the gain never
+//! rises to 1 at [`HEARD`], and amplitudes above [`MAX`] are clamped. A prior of usual tissue replaces missing echoes, so that the gain never
 //! exceeds 12.6 dB. Weight times amplitude is a continuous function of the amplitude with a slope of at most 2.5, and the divisor is never near
 //! 0: a small error of the echoes causes a small one of the gain, which a percentile of a histogram does not guarantee.
 //!
@@ -33,7 +33,7 @@ pub const SILENT: f64 = 0.1;
 /// Amplitude from which echoes count fully, relative to usual tissue.
 pub const HEARD: f64 = 0.3;
 /// Amplitude to which larger ones are clamped, relative to usual tissue: 24 dB.
-pub const MOST: f64 = 16.0;
+pub const MAX: f64 = 16.0;
 /// Weight of the prior of usual tissue, relative to the number of samples of the band.
 pub const PRIOR: f64 = 0.03;
 /// Samples in the first 1/64 of the depth do not count, because the array rings there.
@@ -121,7 +121,7 @@ impl<T: Real> Kernel for Sums<'_, T> {
 
     #[inline(always)]
     fn run(self) -> [T; 2] {
-        let (silent, most) = (T::of(SILENT), T::of(MOST));
+        let (silent, most) = (T::of(SILENT), T::of(MAX));
         let rise = T::of(1.0 / (HEARD - SILENT));
         let mut sums = [T::zero(); 2];
         for start in self.range.clone().step_by(BLOCK) {

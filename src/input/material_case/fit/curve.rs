@@ -19,7 +19,7 @@ const SETTLED: f64 = 1e-6;
 const SUBSTEPS: usize = 4;
 /// Halvings of a step, and iterations for a strain.
 const HALVINGS: i32 = 12;
-const MOST_NEWTON: usize = 60;
+const MAX_NEWTON: usize = 60;
 
 /// Modulus against strain: G0 (kPa s^k), gamma0 and a; gamma0 infinite and a 0 without a knee.
 #[derive(Clone, Copy, Debug)]
@@ -123,7 +123,7 @@ impl Curve {
         let (knee, g0) = (self.knee(), self.0[0]);
         // From the strain without stiffening, Newton's iteration descends without overshoot: the product is convex.
         let mut strain = product / g0;
-        for _ in 0..MOST_NEWTON {
+        for _ in 0..MAX_NEWTON {
             let factor = knee.factor(strain);
             let step = (g0 * factor * strain - product) / (g0 * (factor + knee.slope(strain) * strain));
             strain -= step;

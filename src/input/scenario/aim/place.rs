@@ -9,7 +9,7 @@ use crate::tracking::probe::BeamGrid;
 /// Spacing of the search grid for the innermost point of a target, mm.
 const GRID_MM: f64 = 2.0;
 /// Maximum number of grid points along an axis.
-const MOST: f64 = 100.0;
+const MAX: f64 = 100.0;
 /// Start of the search for the skin beside the array, as a distance before the array, mm, and the search step.
 const BEFORE_MM: f64 = 60.0;
 const SKIN_STEP_MM: f64 = 0.5;
@@ -20,7 +20,7 @@ pub(crate) fn innermost(scene: &Scene, pose: &Pose, label: u8) -> Option<Point3<
     let bounds = grid.bounds_mm();
     let along = |axis: usize| {
         let (low, extent) = (bounds.min[axis], bounds.max[axis] - bounds.min[axis]);
-        let count = (extent / GRID_MM).ceil().min(MOST);
+        let count = (extent / GRID_MM).ceil().min(MAX);
         (0..count as usize).map(move |at| low + (at as f64 + 0.5) * extent / count)
     };
     let world = |[x, y]: [f64; 2]| pose.probe_to_world().transform_point(&Point3::new(x, y, 0.0));

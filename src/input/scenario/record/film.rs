@@ -5,7 +5,7 @@ use image::{GrayImage, imageops};
 use crate::imaging::synth::Frame;
 
 /// Maximum number of frames of the slider.
-const MOST: u64 = 60;
+const MAX: u64 = 60;
 /// Largest width of a thumbnail, pixels.
 const WIDE: usize = 320;
 /// Grey levels are reduced to this many bits: finer ones only enlarge the file.
@@ -37,7 +37,7 @@ impl Film {
     /// Creates a film for a run of `frames` frames.
     pub fn new(frames: u64) -> Self {
         Self {
-            every: frames.div_ceil(MOST).max(1),
+            every: frames.div_ceil(MAX).max(1),
             shots: Vec::new(),
             deepest: None,
             nearest: None,

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Point3, Vector3};
 
-use super::prescribed::Told;
+use super::prescribed::PrescribedModel;
 use super::{BLOCK, resolved};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::points::{Displaced, Extremes, Points};
@@ -35,7 +35,7 @@ fn points_are_carried_in_the_world_and_in_the_image() {
     let slope = Matrix3::new(0.1, 0.02, -0.03, 0.0, -0.05, 0.04, 0.07, 0.01, 0.02);
     let shift = Vector3::new(1.0, -2.0, 0.5);
     let tissue = affine(&scenario, &slope, &shift);
-    let imager = Told::new(&scenario).imager();
+    let imager = PrescribedModel::new(&scenario).imager();
     let mut points = Points::new(&scenario);
     let probe = scenario.probe(0);
     let found = points.carry(imager.as_ref(), &tissue, &probe).to_vec();
@@ -167,7 +167,7 @@ fn a_run_writes_the_displacements_of_points_at_the_rate_of_frames() {
     assert!(kept.stresses.len() == 5 && kept.stresses[4].as_ref().expect("stress").iter().any(|kpa| *kpa > 0.1));
     // Without reports, nothing is added.
     let plain = resolved(BLOCK).expect("a scenario");
-    let mut model = Told::new(&plain);
+    let mut model = PrescribedModel::new(&plain);
     let (kept, summary) = Kept::of(&plain, &mut model, Requests::default());
     assert_eq!((summary.points.len(), kept.record.plots().len()), (0, 3));
     assert_eq!(kept.points, b"time_s,inserted_mm\n");
@@ -229,7 +229,7 @@ fn odd_points_are_refused() {
 #[test]
 fn the_stress_of_a_deformed_mesh_is_that_of_its_materials() {
     let scenario = resolved(BLOCK).expect("a scenario");
-    let model = Told::new(&scenario);
+    let model = PrescribedModel::new(&scenario);
     for (slope, factor) in [
         (Matrix3::new(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.1), 2.0 * 0.1),
         (

@@ -10,7 +10,7 @@ use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::needle::CentreLine;
 
 /// Holds the tip at its unloaded position, and pushes on the hand in proportion to depth.
-pub struct Told {
+pub struct PrescribedModel {
     outcome: Outcome,
     line: CentreLine,
     seeds: Vec<Point3<f64>>,
@@ -19,7 +19,7 @@ pub struct Told {
     mesh: TetMesh,
 }
 
-impl Told {
+impl PrescribedModel {
     pub fn new(scenario: &Scenario) -> Self {
         Self {
             outcome: Outcome::default(),
@@ -32,7 +32,7 @@ impl Told {
     }
 }
 
-impl Model for Told {
+impl Model for PrescribedModel {
     fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<&Outcome, StepError> {
         self.steps += 1;
         let base = Point3::from(instruments.base.translation.vector);

@@ -114,7 +114,7 @@ fn scenes_are_named_or_refused() {
     let named = |scene: &str| format!("version = 1\nscene = \"{scene}\"\n{}", &BLOCK[at..]);
     for (scene, words) in [
         ("liver-needle", "a scene with `needle` of its own"),
-        ("prostate-truss", "nothing here is named"),
+        ("prostate-truss", "unknown name"),
         ("nowhere.toml", "cannot be read"),
     ] {
         let error = resolved(&named(scene)).map(drop).expect_err(scene);

@@ -2,7 +2,7 @@
 
 use nalgebra::Point3;
 
-use super::prescribed::Told;
+use super::prescribed::PrescribedModel;
 use super::{BLOCK, resolved, with_probe};
 use crate::input::scenario::record::Record;
 use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
@@ -39,7 +39,7 @@ impl Observer for Heard {
 
 fn heard(scenario: &Scenario, asked: Requests) -> (Heard, Summary) {
     let mut heard = Heard::default();
-    let summary = run(scenario, &mut Told::new(scenario), asked, &mut heard).expect("a run");
+    let summary = run(scenario, &mut PrescribedModel::new(scenario), asked, &mut heard).expect("a run");
     (heard, summary)
 }
 
@@ -159,7 +159,13 @@ fn the_force_on_a_probe_is_split_between_the_points_that_drive_it() {
             csv: Vec::new(),
         };
         written.record.head(&mut written.csv).expect("memory");
-        run(scenario, &mut Told::new(scenario), Requests::default(), &mut written).expect("a run");
+        run(
+            scenario,
+            &mut PrescribedModel::new(scenario),
+            Requests::default(),
+            &mut written,
+        )
+        .expect("a run");
         let text = String::from_utf8(written.csv).expect("text");
         let lines: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
         assert!(lines.iter().all(|line| line.len() == columns), "{:?}", lines[0]);

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::body::Body;
 use super::contact::{Contact, SAMPLE_MM};
 use super::contact::{Slider, State};
-use super::joint::{Joint, MOST_RELEASED};
+use super::joint::{Joint, MAX_RELEASED};
 use crate::mechanics::insertion::ShaftLoad;
 use crate::mechanics::needle::{CentreLine, ShaftPoint};
 
@@ -136,7 +136,7 @@ impl Contacts {
     }
 
     fn fade(&mut self, arc: f64, force: Vector3<f64>) {
-        if let (MOST_RELEASED, Some(last)) = (self.released.len(), self.forces.last_mut()) {
+        if let (MAX_RELEASED, Some(last)) = (self.released.len(), self.forces.last_mut()) {
             *last += force;
         } else {
             self.released.push(arc);

@@ -27,7 +27,7 @@ use crate::mechanics::ldl::{Ldl, Signs};
 use crate::mechanics::needle::{CentreLine, across};
 
 /// Maximum number of released loads.
-pub(super) const MOST_RELEASED: usize = 4;
+pub(super) const MAX_RELEASED: usize = 4;
 /// Rounds in which all nodes that violate Coulomb's law change at once.
 const ROUNDS_AT_ONCE: usize = 4;
 

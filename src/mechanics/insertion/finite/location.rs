@@ -11,7 +11,7 @@ use crate::mechanics::mesh::{NONE, TetMesh};
 use crate::mechanics::needle::CentreLine;
 
 /// Maximum number of elements that a search passes: a substep passes a few.
-const MOST_ELEMENTS: usize = 64;
+const MAX_ELEMENTS: usize = 64;
 /// Magnitude below which a negative coordinate counts as rounding.
 const SLACK: f64 = 1e-10;
 /// Maximum distance of a point outside the mesh, as a share of the height of the element there.
@@ -192,7 +192,7 @@ fn search(
     mut at: impl FnMut(u32) -> Option<Tetrahedron>,
 ) -> Option<Place> {
     let (mut element, mut before) = (from, NONE);
-    for _ in 0..MOST_ELEMENTS {
+    for _ in 0..MAX_ELEMENTS {
         let bary = at(element)?.bary(point);
         let mut corners = [0, 1, 2, 3];
         corners.sort_by(|a: &usize, b| bary[*a].total_cmp(&bary[*b]));

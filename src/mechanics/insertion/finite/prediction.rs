@@ -11,7 +11,7 @@ use super::tissue::Tissue;
 use crate::mechanics::mesh::NONE;
 
 /// Maximum number of elements searched: a node is made every few.
-const MOST_ELEMENTS: usize = 16;
+const MAX_ELEMENTS: usize = 16;
 /// Tip travel after which the prediction is renewed, mm: the path bends.
 const AGAIN_MM: f64 = 0.25;
 
@@ -76,7 +76,7 @@ pub(super) fn next_corner(
     let forward = needle.tip().tangent.into_inner();
     let mut point = tip.reference;
     let mut travel = needle.line.length_mm() - last.arc;
-    for _ in 0..MOST_ELEMENTS {
+    for _ in 0..MAX_ELEMENTS {
         let corners = mesh.elements()[element as usize];
         let tetrahedron = Tetrahedron::new(&corners.map(|node| Point3::from(mesh.nodes()[node as usize])))?;
         let (through, face) = tetrahedron.exit(&point, &forward)?;

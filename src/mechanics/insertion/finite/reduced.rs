@@ -170,7 +170,7 @@ impl Reduced {
 
     /// Returns the degrees of freedom with room: those behind the tip do not yield.
     fn room(&self) -> usize {
-        3 * (self.contacts + 2 + super::joint::MOST_RELEASED)
+        3 * (self.contacts + 2 + super::joint::MAX_RELEASED)
     }
 
     /// Returns the number of contacts, plus one for the tissue at the tip.

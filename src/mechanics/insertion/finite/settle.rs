@@ -15,15 +15,15 @@ const UNDAMPED: usize = 8;
 /// Maximum bending of the needle in one iteration, mm: beyond, its flexibility differs.
 const FARTHEST_MM: f64 = 5.0;
 /// Consecutive solutions with unsettled states after which a substep is given up.
-const MOST_UNSETTLED: usize = 3;
+const MAX_UNSETTLED: usize = 3;
 /// Least step length towards a solution.
-const LEAST_SHARE: f64 = 1e-3;
+const MIN_SHARE: f64 = 1e-3;
 /// Motion in the last iteration above which an attempt is given up, mm.
 const LOST_MM: f64 = 0.1;
 /// Length above which a substep that does not settle is bisected, mm.
-const LEAST_PART_MM: f64 = 0.01;
+const MIN_PART_MM: f64 = 0.01;
 /// Iterations of all attempts of a substep, as a multiple of those of one, beyond which there is no further bisection.
-const MOST_ATTEMPTS: usize = 6;
+const MAX_ATTEMPTS: usize = 6;
 
 /// Outcome of the iterations.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,7 +82,7 @@ impl Start {
 impl Finite {
     /// Moves the needle to a base and settles it there, in halves if it would jump or oscillate.
     pub(super) fn settle(&mut self, base: &Isometry3<f64>) {
-        let most = self.log.outcome.iterations + MOST_ATTEMPTS * self.options.most_iterations;
+        let most = self.log.outcome.iterations + MAX_ATTEMPTS * self.options.most_iterations;
         let base = self.tip.stopped(base);
         self.settle_within(&base, most);
         // Only now: a reverted attempt restores its loads.
@@ -96,7 +96,7 @@ impl Finite {
         if found == Convergence::Converged {
             return;
         }
-        let from = from.filter(|from| super::farthest(from, base, self.needle.length_mm()) > LEAST_PART_MM);
+        let from = from.filter(|from| super::farthest(from, base, self.needle.length_mm()) > MIN_PART_MM);
         if let Some(from) = from.filter(|_| self.log.outcome.iterations < most) {
             self.put_back();
             let middle = from.lerp_slerp(base, 0.5);
@@ -158,7 +158,7 @@ impl Finite {
             if unsettled > 0 {
                 change = f64::INFINITY;
             }
-            if change <= self.options.tolerance_mm || unsettled == MOST_UNSETTLED {
+            if change <= self.options.tolerance_mm || unsettled == MAX_UNSETTLED {
                 break;
             }
         }
@@ -183,10 +183,10 @@ impl Finite {
         loop {
             self.needle.bend(&self.contacts, &self.tip);
             let shift = self.needle.line.distance(&self.attempt.before);
-            if !(shift > FARTHEST_MM && share > LEAST_SHARE) {
+            if !(shift > FARTHEST_MM && share > MIN_SHARE) {
                 return share;
             }
-            share = (share * (FARTHEST_MM / shift).min(0.5)).max(LEAST_SHARE);
+            share = (share * (FARTHEST_MM / shift).min(0.5)).max(MIN_SHARE);
             self.contacts.step_forces(&self.joint, share);
             self.needle.line.clone_from(&self.attempt.before);
         }

@@ -38,9 +38,9 @@ parameters! {
 }
 
 /// Least dihedral angle that is accepted, degrees. The default mesh has 35.
-pub const LEAST_DIHEDRAL_DEG: f64 = 5.0;
+pub const MIN_DIHEDRAL_DEG: f64 = 5.0;
 /// Maximum number of nodes of a cylinder.
-pub const MOST_NODES: usize = 200_000;
+pub const MAX_NODES: usize = 200_000;
 
 impl Parameters {
     /// Checks every number against its range.
@@ -50,7 +50,7 @@ impl Parameters {
     pub fn check(&self) -> Result<(), InvalidSetup> {
         self.check_ranges()?;
         match self.nodes() {
-            found if found > MOST_NODES => Err(InvalidSetup::Large { found }),
+            found if found > MAX_NODES => Err(InvalidSetup::Large { found }),
             _ => Ok(()),
         }
     }
@@ -140,7 +140,7 @@ impl Cylinder {
             .shapes
             .iter()
             .fold(180.0, |least: f64, shape| least.min(shape.min_dihedral_deg));
-        if found_deg >= LEAST_DIHEDRAL_DEG && quality.inverted.is_empty() {
+        if found_deg >= MIN_DIHEDRAL_DEG && quality.inverted.is_empty() {
             Ok(Cylinder {
                 mesh,
                 fixed,

@@ -7,7 +7,7 @@ use super::draft::Draft;
 use super::path::Path;
 use super::refine::{End, Refinement};
 use super::tissue::Tissue;
-use super::{GenerateError, GenerateOptions, Generated, MOST_NODES, ROUNDS, finish, fit, smooth};
+use super::{GenerateError, GenerateOptions, Generated, MAX_NODES, ROUNDS, finish, fit, smooth};
 
 /// Nodes of the result for each of the lattice: room for interfaces to be refined twice over while the bulk stays coarse.
 const REFINEMENT: f64 = 12.0;
@@ -29,17 +29,17 @@ const TRIES: usize = 12;
 const OVERSHOOT: usize = 3;
 
 /// Maximum number of nodes tried in search of a budget that works.
-const MOST_TRIED: usize = MOST_NODES / 64;
+const MAX_TRIED: usize = MAX_NODES / 64;
 /// Work after which that search ends, some seconds.
-pub(super) const MOST_SEARCH: u64 = 100_000_000;
+pub(super) const MAX_SEARCH: u64 = 100_000_000;
 
 /// Rejects tissue so thin that elements of its thickness could not fill it with the largest number of nodes tried.
 pub(super) fn check_thickness(tissue: &Tissue) -> Result<(), GenerateError> {
     let cell = (tissue.thickness / NARROWEST).powi(3);
     let volume: f64 = tissue.volumes.iter().sum();
-    match volume <= MOST_TRIED as f64 * cell {
+    match volume <= MAX_TRIED as f64 * cell {
         true => Ok(()),
-        false => Err(GenerateError::TooThin { nodes: MOST_TRIED }),
+        false => Err(GenerateError::TooThin { nodes: MAX_TRIED }),
     }
 }
 
@@ -203,9 +203,9 @@ pub(super) fn shortage(
 ) -> Result<GenerateError, GenerateError> {
     let works = |nodes: usize| within(tissue, sampler, nodes, options, &mut |_| {}).map(|found| found.is_some());
     let (mut short, mut enough) = (nodes, nodes.max(4));
-    sampler.limit(MOST_SEARCH);
+    sampler.limit(MAX_SEARCH);
     while !works(enough)? {
-        if enough > MOST_TRIED || sampler.is_spent() {
+        if enough > MAX_TRIED || sampler.is_spent() {
             return Ok(GenerateError::TooThin { nodes: enough });
         }
         short = enough;

@@ -6,9 +6,9 @@ use super::six_volumes;
 use super::tissue::{OUTSIDE, Tissue};
 
 /// Order of the smallest lattice: 10 points per element.
-const LEAST_ORDER: usize = 2;
+const MIN_ORDER: usize = 2;
 /// Order of the largest lattice: 1,330 points per element.
-const MOST_ORDER: usize = 18;
+const MAX_ORDER: usize = 18;
 /// Work on an element in addition to its points, in points.
 const WORK: u64 = 100;
 /// Points per voxel volume of the element, between these bounds.
@@ -79,7 +79,7 @@ impl Sampler {
             points
         };
         Sampler {
-            lattices: (LEAST_ORDER..=MOST_ORDER).map(lattice).collect(),
+            lattices: (MIN_ORDER..=MAX_ORDER).map(lattice).collect(),
             work: AtomicU64::new(0),
             most: AtomicU64::new(u64::MAX),
         }

@@ -10,7 +10,7 @@ use super::{GRADING_MM, GenerateOptions, NEAR_MM, PATH_EDGE_MM};
 /// Step length in the search of a segment for tissue, as a share of a voxel's edge.
 const STEP: f64 = 0.5;
 /// Maximum number of search steps of a segment.
-const MOST_STEPS: f64 = 1e5;
+const MAX_STEPS: f64 = 1e5;
 
 /// Straight segments within tissue, in its frame, mm.
 pub(super) struct Path {
@@ -27,7 +27,7 @@ impl Path {
         for ends in options.path {
             let [a, b] = ends.map(|end| tissue.to_frame(end));
             let steps = (b - a).norm() / (STEP * tissue.voxel_mm3.cbrt());
-            let steps = steps.ceil().clamp(1.0, MOST_STEPS) as u32;
+            let steps = steps.ceil().clamp(1.0, MAX_STEPS) as u32;
             let at = |step: u32| a + (b - a) * (f64::from(step) / f64::from(steps));
             let in_tissue = |step: &u32| tissue.class_at(at(*step).into()) != OUTSIDE;
             let Some(first) = (0..=steps).find(in_tissue) else {

@@ -6,7 +6,7 @@
 //! factor in single precision, which is not exactly linear, converges as far as one in double.
 
 /// Largest number of directions; any remaining error is left to the next outer iteration.
-const MOST: usize = 40;
+const MAX: usize = 40;
 
 /// Work vectors, reused between solves.
 #[derive(Clone, Debug, Default)]
@@ -38,11 +38,11 @@ impl Gmres {
             .iter_mut()
             .zip(rhs.iter())
             .for_each(|(v, b)| *v = b / norm);
-        let mut right = [0.0; MOST + 1];
+        let mut right = [0.0; MAX + 1];
         right[0] = norm;
-        let mut rotations = [(1.0, 0.0); MOST];
+        let mut rotations = [(1.0, 0.0); MAX];
         let mut used = 0;
-        while used < MOST {
+        while used < MAX {
             room(&mut self.basis, used + 1, rhs.len());
             room(&mut self.preconditioned, used, rhs.len());
             let preconditioned = &mut self.preconditioned[used];
@@ -52,7 +52,7 @@ impl Gmres {
             let next = &mut new[0];
             apply(preconditioned, next);
             if self.columns.len() == used {
-                self.columns.push(vec![0.0; MOST + 1]);
+                self.columns.push(vec![0.0; MAX + 1]);
             }
             let column = &mut self.columns[used];
             for (entry, direction) in column.iter_mut().zip(old.iter()) {

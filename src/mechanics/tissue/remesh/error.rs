@@ -75,7 +75,7 @@ pub enum RemeshError {
     #[error("the device that holds the inverse has failed: {0}")]
     Device(String),
     /// The remesher does not support this level.
-    #[error("this remesher works at level {offered} and the like, not at {asked}; make another")]
+    #[error("this remesher, of level {offered}, does not support level {asked}; create another")]
     Level { asked: Level, offered: Level },
     /// The available compliance does not suit the level.
     #[error("level {level} in {precision}: {reason}")]

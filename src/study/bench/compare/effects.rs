@@ -14,8 +14,8 @@ use crate::study::StudyError;
 use crate::study::tradeoff::{Axis, Table};
 
 /// Minimum and maximum number of frame pairs.
-const LEAST: usize = 3;
-const MOST: usize = 60;
+const MIN: usize = 3;
+const MAX: usize = 60;
 
 /// Returns the scene with only the effects to keep.
 fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> bool) -> (Anatomy, Settings) {
@@ -83,7 +83,7 @@ impl Ready {
 /// Renders frames of two scenes alternately, so that other load on the machine affects both equally, for twice `patience` in total.
 fn in_turn(one: &mut Ready, other: &mut Ready, patience: Duration) -> Result<[Option<Spread>; 2], StudyError> {
     let (start, mut times) = (Instant::now(), [Vec::new(), Vec::new()]);
-    while times[0].len() < LEAST || (times[0].len() < MOST && start.elapsed() < 2 * patience) {
+    while times[0].len() < MIN || (times[0].len() < MAX && start.elapsed() < 2 * patience) {
         times[0].push(one.frame()?);
         times[1].push(other.frame()?);
     }

@@ -235,7 +235,7 @@ fn effects(draw: &mut Draw) -> Effects {
             Some(either) => &either[0],
             None => described,
         };
-        let valid = (0..MOST_DRAWS).find_map(|_| {
+        let valid = (0..MAX_DRAWS).find_map(|_| {
             let table = parameters(draw, &schema, resolved(&schema, table));
             let alone = Effects::deserialize(json!({ name: table })).ok()?;
             alone.validate().is_ok().then_some(table)
@@ -246,7 +246,7 @@ fn effects(draw: &mut Draw) -> Effects {
 }
 
 /// Most draws of an effect until its parameters fit together.
-const MOST_DRAWS: usize = 100;
+const MAX_DRAWS: usize = 100;
 
 /// Follows the reference of a node of a schema.
 fn resolved<'a>(schema: &'a Value, node: &'a Value) -> &'a Value {

@@ -4,7 +4,7 @@ use crate::gpu::Gpu;
 use crate::imaging::effects::Effects;
 use crate::imaging::effects::blur::Blur;
 use crate::imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
-use crate::imaging::effects::shadow::{MOST_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
+use crate::imaging::effects::shadow::{MAX_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
 use crate::imaging::effects::tone::Tone;
 use crate::imaging::synth::layers::Beam;
 use crate::imaging::synth::tables::Anatomy;
@@ -88,12 +88,12 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
         // Values below the range of single precision may be zero.
         (echo - exact).abs() / (exact * (units + rounding) + 1e-37)
     });
-    if 2.0 * db_cm * sample_cm > MOST_PER_SAMPLE_DB {
+    if 2.0 * db_cm * sample_cm > MAX_PER_SAMPLE_DB {
         // The loss per sample is capped; half of it applies to the sample itself.
         record.under(
             format!("{db_cm} dB/cm, {backend}: loudest echo"),
             largest(beam.amplitude.iter().copied()),
-            1.001 * 10f64.powf(-0.5 * MOST_PER_SAMPLE_DB / 20.0),
+            1.001 * 10f64.powf(-0.5 * MAX_PER_SAMPLE_DB / 20.0),
         );
     } else {
         record.under(

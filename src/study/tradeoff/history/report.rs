@@ -1,6 +1,6 @@
 //! Table and figures of the study.
 
-use super::{Contender, HistoryOptions, Lengths, MOST_UNEVEN, Measured};
+use super::{Contender, HistoryOptions, Lengths, MAX_UNEVEN, Measured};
 use crate::base::report::machine::Machine;
 use crate::mechanics::tissue::viscoelastic::Rule;
 use crate::study::tradeoff::{Axis, Factor, Figure, Goal, SHIFT_MM, Study, Table};
@@ -40,9 +40,9 @@ impl Report {
     pub(super) fn new(options: &HistoryOptions) -> Report {
         let steps: Vec<String> = options.steps.iter().map(usize::to_string).collect();
         let mut notes = Vec::new();
-        if options.steps.iter().any(|steps| *steps > MOST_UNEVEN) {
+        if options.steps.iter().any(|steps| *steps > MAX_UNEVEN) {
             notes.push(format!(
-                "more than {MOST_UNEVEN} unequal steps are left to the exponentials: a full history recomputes all weights at each step"
+                "more than {MAX_UNEVEN} unequal steps are left to the exponentials: a full history recomputes all weights at each step"
             ));
         }
         Report {

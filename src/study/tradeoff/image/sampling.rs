@@ -34,7 +34,7 @@ fn bare(effects: &Effects) -> Effects {
     }
 }
 
-const WAYS: [Variant; 3] = [
+const VARIANTS: [Variant; 3] = [
     Variant {
         name: "shadow, soft edges",
         keep: |effects| Effects {
@@ -72,7 +72,7 @@ pub fn sampling(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table
     let mut table = Table::new("image_sampling", title, &factors, &PICTURE)
         .against("the finest grid of each, in double precision")
         .seeking(goal.each(&["effect"]).beside(&["p95_ms", "p99_grey", "memory_mb"]));
-    for way in WAYS {
+    for way in VARIANTS {
         let settings = |grid| -> Settings {
             let own = subject.grid(grid);
             Settings {
@@ -115,7 +115,7 @@ struct Lookup {
     look: fn(&SolidTexture, [f32; 3]) -> f32,
 }
 
-const LOOKUP_WAYS: [Lookup; 2] = [
+const LOOKUPS: [Lookup; 2] = [
     Lookup {
         name: "nearest voxel",
         look: nearest,
@@ -179,7 +179,7 @@ pub fn lookups() -> Table {
     let singles: Vec<[f32; 3]> = places.iter().map(|place| place.map(|it| it as f32)).collect();
     for name in TEXTURES {
         let Some(texture) = bank::make(name, 0) else { continue };
-        for way in LOOKUP_WAYS {
+        for way in LOOKUPS {
             let mut nanoseconds = Vec::with_capacity(REPEATS);
             for _ in 0..REPEATS {
                 let start = Instant::now();

@@ -22,13 +22,13 @@ use crate::study::stability::record::largest;
 /// Number of nodes in contact: half of them with the needle, if it has moved that many, the others around its entry.
 const CONTACTS: usize = 20;
 /// Least number of moves in a track.
-pub const LEAST_MOVES: usize = 3;
+pub const MIN_MOVES: usize = 3;
 /// Share of the extent along z whose nodes are fixed.
 const FIXED: f64 = 0.02;
 /// Extent share and least node share for a mesh with fewer fixed nodes, such as a round organ: supported by a few nodes it would rotate
 /// almost freely, and its compliance would be that of the supports.
 const FIXED_OF_ROUND: f64 = 0.1;
-const LEAST_FIXED: f64 = 0.03;
+const MIN_FIXED: f64 = 0.03;
 /// Entry and final tip position of the needle, as shares of the mesh's bounding box.
 const LINE: [[f64; 3]; 2] = [[0.43, 0.46, 1.0], [0.57, 0.53, 0.12]];
 /// Extents of the generated mesh, mm.
@@ -75,7 +75,7 @@ pub fn generated(nodes: usize) -> Result<TetMesh, InvalidMesh> {
 pub fn supports(mesh: &TetMesh) -> Dofs {
     let mut heights: Vec<f64> = mesh.nodes().iter().map(|node| node[2]).collect();
     heights.sort_by(f64::total_cmp);
-    let least = heights[(LEAST_FIXED * heights.len() as f64) as usize];
+    let least = heights[(MIN_FIXED * heights.len() as f64) as usize];
     let [narrow, wide] = [FIXED, FIXED_OF_ROUND].map(|share| place(mesh, [0.0, 0.0, share])[2]);
     let floor = if least <= narrow { narrow } else { wide.max(least) };
     let fixed = mesh
@@ -174,7 +174,7 @@ impl Subject {
         }
         mesh.undo()?.ok_or(StudyError::Track {
             moves: moved,
-            expected: LEAST_MOVES,
+            expected: MIN_MOVES,
         })
     }
 }
@@ -229,9 +229,9 @@ fn track(
         track.push((corner.node, tip));
     }
     match track.len() {
-        moves if moves < LEAST_MOVES => Err(StudyError::Track {
+        moves if moves < MIN_MOVES => Err(StudyError::Track {
             moves,
-            expected: LEAST_MOVES,
+            expected: MIN_MOVES,
         }),
         _ => Ok(track),
     }

@@ -76,8 +76,8 @@ impl Report {
     pub(super) fn verdict(&self) -> String {
         match self.wrong().count() {
             0 => "Every row keeps what it promises.".to_owned(),
-            1 => "One row breaks what it promises: it is marked WRONG.".to_owned(),
-            wrong => format!("{wrong} rows break what they promise: they are marked WRONG."),
+            1 => "One row violates its guarantee and is marked WRONG.".to_owned(),
+            wrong => format!("{wrong} rows violate their guarantees and are marked WRONG."),
         }
     }
 }

@@ -273,7 +273,7 @@ fn steps_that_cannot_be_made_are_refused() {
     // Farther than can be resolved: reported, not hidden.
     it.step(&tip_at(0.0, 0.0, -1e6), 1e-3).unwrap();
     let outcome = it.step(&tip_at(0.0, 0.0, -5.0), 1e-3).unwrap();
-    assert!(!outcome.converged && outcome.substeps == MOST_PARTS);
+    assert!(!outcome.converged && outcome.substeps == MAX_PARTS);
     assert_eq!(
         outcome.events.last().map(|event| event.kind),
         Some(EventKind::NotConverged)

@@ -86,7 +86,7 @@ fn options_out_of_range_are_named() {
 
 #[test]
 fn budgets_out_of_range_say_what_would_do() {
-    let nodes = MOST_NODES + 1;
+    let nodes = MAX_NODES + 1;
     assert_eq!(refused(|_| {}, nodes), GenerateError::TooManyNodes { nodes });
     for nodes in [0, 1, 3, 7] {
         let GenerateError::TooFewNodes { nodes: found, least } = refused(|_| {}, nodes) else {

@@ -76,7 +76,7 @@ fn search_for_the_least_budget_is_bounded() {
         ),
         "{found:?}"
     );
-    assert!(work <= 8 * PER_NODE + 2 * budget::MOST_SEARCH, "{work}");
+    assert!(work <= 8 * PER_NODE + 2 * budget::MAX_SEARCH, "{work}");
 }
 
 proptest! {
@@ -94,7 +94,7 @@ proptest! {
         let spacing = lengths.map(|length| 10f64.powf(length));
         let volume = sheared(size, spacing, shear.map(|x| x * x * x), radius, around);
         let (found, work) = counted(&volume, nodes);
-        let most = nodes as u64 * PER_NODE + 2 * budget::MOST_SEARCH;
+        let most = nodes as u64 * PER_NODE + 2 * budget::MAX_SEARCH;
         prop_assert!(work <= most, "{} of {} for {} nodes: {:?}", work, most, nodes, found.map(|found| found.report));
     }
 }

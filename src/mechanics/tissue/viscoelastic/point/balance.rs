@@ -11,7 +11,7 @@ pub(super) struct Found {
 }
 
 /// Largest number of Newton iterations; where they may not converge, bisection does by then.
-const MOST: usize = 120;
+const MAX: usize = 120;
 
 /// Returns the strain at which the body bears the stress.
 ///
@@ -64,7 +64,7 @@ fn grain(x: f64, c: f64) -> f64 {
 
 /// Newton's method where the function is convex and increasing: from the right it descends monotonically to the root.
 fn descend(knee: &Knee, c: f64, r: f64, mut x: f64) -> Found {
-    for iterations in 1..=MOST {
+    for iterations in 1..=MAX {
         let (step, left) = newton(knee, c, r, x);
         if !left || step <= grain(x, c) {
             let strain = x - step;
@@ -72,7 +72,7 @@ fn descend(knee: &Knee, c: f64, r: f64, mut x: f64) -> Found {
         }
         x -= step;
     }
-    let (strain, iterations) = (x, MOST);
+    let (strain, iterations) = (x, MAX);
     Found { strain, iterations }
 }
 
@@ -81,7 +81,7 @@ fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
     let mut low = c;
     let mut x = c;
     let mut last = high - low;
-    for iterations in 1..=MOST {
+    for iterations in 1..=MAX {
         let (step, left) = newton(knee, c, r, x);
         if left {
             high = x
@@ -102,7 +102,7 @@ fn search(knee: &Knee, c: f64, r: f64, mut high: f64) -> Found {
         last = (next - x).abs();
         x = next;
     }
-    let (strain, iterations) = (x, MOST);
+    let (strain, iterations) = (x, MAX);
     Found { strain, iterations }
 }
 
