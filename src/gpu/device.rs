@@ -17,6 +17,9 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Number of storage buffers per stage that a device is opened with where its adapter has them: fused passes bind many.
 const USEFUL_STORAGE_BUFFERS: u32 = 33;
 
+/// Size of storage bindings that a device is opened with where its adapter has it, bytes: the frames of a batch share buffers.
+const USEFUL_BINDING_BYTES: u64 = 512 << 20;
+
 /// Device requirements beyond wgpu's default limits; zero means the default.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Needs {
@@ -32,11 +35,17 @@ impl Needs {
     /// Returns wgpu's default limits, raised where needed, or the first limit that `available` cannot meet.
     fn limits(&self, what: &str, available: &wgpu::Limits) -> Result<wgpu::Limits, GpuError> {
         let mut limits = wgpu::Limits::default();
-        limits.max_storage_buffer_binding_size = limits.max_storage_buffer_binding_size.max(self.storage_binding_bytes);
+        let useful = USEFUL_BINDING_BYTES
+            .min(available.max_storage_buffer_binding_size)
+            .min(available.max_buffer_size);
+        limits.max_storage_buffer_binding_size = limits
+            .max_storage_buffer_binding_size
+            .max(self.storage_binding_bytes)
+            .max(useful);
         limits.max_buffer_size = limits
             .max_buffer_size
             .max(self.buffer_bytes)
-            .max(self.storage_binding_bytes);
+            .max(limits.max_storage_buffer_binding_size.min(available.max_buffer_size));
         limits.max_storage_buffers_per_shader_stage = limits
             .max_storage_buffers_per_shader_stage
             .max(self.storage_buffers_per_stage)
@@ -66,7 +75,7 @@ thread_local! {
 /// A device, its queue, and its pending errors. Clones share the device.
 #[derive(Debug, Clone)]
 pub struct Gpu {
-    report: AdapterReport,
+    report: Arc<AdapterReport>,
     limits: wgpu::Limits,
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -102,7 +111,7 @@ impl Gpu {
             move |reason, message| faults.report_lost(&format!("{reason:?}"), &message)
         });
         Ok(Self {
-            report,
+            report: report.into(),
             limits,
             device,
             queue,
@@ -122,7 +131,7 @@ impl Gpu {
         needs.limits("work on the host's device", &limits)?;
         let report = AdapterReport::new(&device.adapter_info(), &limits, device.features());
         Ok(Self {
-            report,
+            report: report.into(),
             limits,
             device,
             queue,

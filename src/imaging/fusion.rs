@@ -55,6 +55,11 @@ fn between(a: &Bound, b: &Bound) -> Option<Reach> {
         .max()
 }
 
+/// Whether a pass uses what another wrote elsewhere on its scanline, or the other way round.
+pub fn meet_on_line(a: &Bound, b: &Bound) -> bool {
+    between(a, b).is_some_and(|reach| reach > Reach::Own)
+}
+
 /// Grids whose samples and scanlines are the same.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Domain {

@@ -103,8 +103,10 @@ impl Synthesizer {
         // Enough submissions that one is ready while another is worked on.
         let size = gpu.reserve_frames(&self.plan, &self.tables, states.len().div_ceil(IN_FLIGHT))?;
         let result = self.submissions(states, size, each);
-        if let (Executor::Gpu(gpu), true) = (&self.executor, result.is_err()) {
+        if let (Executor::Gpu(gpu), true) = (&mut self.executor, result.is_err()) {
             (0..IN_FLIGHT).for_each(|place| gpu.release(place));
+            // Frames may have been staged and not submitted.
+            gpu.forget_maps();
         }
         result
     }

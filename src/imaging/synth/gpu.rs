@@ -53,6 +53,9 @@ const ALIGNED: usize = ParamBlock::CAPACITY;
 const MAX_FRAMES: usize = 16;
 const FRAMES_BYTES: u64 = 512 << 20;
 
+/// Number of pipelines kept, those of former settings included.
+const MAX_PIPELINES: usize = 64;
+
 /// Allowance for the parameters of a frame, bytes.
 const UPLOAD_BYTES: u64 = 64 << 10;
 
@@ -78,8 +81,10 @@ struct Step {
 struct Uploads {
     /// The buffer.
     buffer: Option<StorageBuffer>,
-    /// Its contents behind the element maps of the reference state.
+    /// Its contents.
     contents: Vec<u8>,
+    /// Start of the element maps of the reference state that a submission uploads.
+    start: usize,
     single_at: usize,
     fused_at: usize,
     /// Buffers, with their starts and sizes for one frame.
@@ -94,7 +99,7 @@ struct Uploads {
 /// The GPU backend.
 pub struct GpuExecutor {
     gpu: Gpu,
-    /// Pipelines by source.
+    /// Pipelines by source, those of former settings included.
     pipelines: BTreeMap<String, Pipeline>,
     buffers: BTreeMap<(&'static Buffer, usize), StorageBuffer>,
     bands: Vec<Band>,
@@ -153,7 +158,6 @@ impl GpuExecutor {
         if self.gpu.report().software {
             memory::check(plan.bytes().saturating_sub(self.bytes()), "a frame on software Vulkan")?;
         }
-        self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
         self.frames = 1;
         self.fit_frames(plan, tables, changed)
     }
@@ -170,7 +174,11 @@ impl GpuExecutor {
         let largest = written().map(|planned| planned.bytes).max().unwrap_or(0);
         let one = written().map(|planned| planned.bytes).sum::<u64>() + uploads;
         let fit = self.gpu.limits().max_storage_buffer_binding_size / (largest.max(uploads) + UPLOAD_BYTES);
-        let within = (fit.min(FRAMES_BYTES / one.max(1)) as usize).clamp(1, MAX_FRAMES);
+        // The frames lie along z.
+        let deepest = self.fused.iter().map(|step| step.workgroups[2]).max().unwrap_or(1);
+        let along_z = self.gpu.limits().max_compute_workgroups_per_dimension / deepest.max(1);
+        let fit = fit.min(FRAMES_BYTES / one.max(1)).min(along_z.into());
+        let within = (fit as usize).clamp(1, MAX_FRAMES);
         // An image in bands is a submission of its own.
         let frames = if self.bands.len() > 1 {
             1
@@ -182,13 +190,39 @@ impl GpuExecutor {
             if self.gpu.report().software && memory::check(more, "frames of a submission").is_err() {
                 return Ok(self.frames);
             }
-            self.frames = frames;
-            self.fit_frames(plan, tables, &[])?;
+            let before = std::mem::replace(&mut self.frames, frames);
+            match self.fit_frames(plan, tables, &[]) {
+                Err(SynthError::Gpu(GpuError::OutOfMemory { .. })) => {
+                    self.frames = before;
+                    self.fit_frames(plan, tables, &[])?;
+                    return Ok(before);
+                }
+                fitted => fitted?,
+            }
         }
         Ok(frames)
     }
 
+    /// Makes what frames need. On an error nothing is kept, and the next frame makes it.
     fn fit_frames(&mut self, plan: &Plan, tables: &Tables, changed: &[&'static Buffer]) -> Result<(), SynthError> {
+        // The bind groups hold buffers that may be replaced.
+        self.fused.clear();
+        self.single.clear();
+        self.bands = plan.bands(tables, self.gpu.limits().max_storage_buffer_binding_size);
+        let fitted = self
+            .gpu
+            .clone()
+            .scoped("buffers and passes", || self.make_frames(plan, tables, changed));
+        if fitted.is_err() {
+            self.fused.clear();
+            self.buffers.clear();
+            self.uploads = Uploads::default();
+            self.ring.clear();
+        }
+        fitted
+    }
+
+    fn make_frames(&mut self, plan: &Plan, tables: &Tables, changed: &[&'static Buffer]) -> Result<(), SynthError> {
         let parts = |buffer: &Buffer, bands: &[Band]| if buffer.is_per_pixel { bands.len() } else { 1 };
         self.buffers
             .retain(|&(buffer, part), _| plan.uses(buffer) && part < parts(buffer, &self.bands));
@@ -204,15 +238,10 @@ impl GpuExecutor {
             }
         }
         self.fit_uploads(plan, tables)?;
-        self.single.clear();
-        let known = std::mem::take(&mut self.pipelines);
-        self.fused = self.steps(
-            plan,
-            tables,
-            plan.fused(self.most_buffers()),
-            self.uploads.fused_at,
-            known,
-        )?;
+        if self.pipelines.len() > MAX_PIPELINES {
+            self.pipelines.clear();
+        }
+        self.fused = self.steps(plan, tables, plan.fused(self.most_buffers()), self.uploads.fused_at)?;
         self.fit_outputs(tables)?;
         if self.timers.is_some() {
             self.time_passes(true, plan, tables)?;
@@ -285,6 +314,8 @@ impl GpuExecutor {
             .get(&key)
             .is_some_and(|made| made.bytes() == bytes.next_multiple_of(4).max(4));
         if !fits {
+            // Freed before it is made in another size.
+            self.buffers.remove(&key);
             let made = StorageBuffer::zeroed(&self.gpu, buffer.name, bytes)?;
             self.buffers.insert(key, made);
         }
@@ -341,7 +372,8 @@ impl GpuExecutor {
         };
         self.uploads = Uploads {
             buffer: Some(buffer),
-            contents: vec![0; bytes - single_at],
+            contents: vec![0; bytes],
+            start: single_at,
             single_at,
             fused_at,
             per_frame,
@@ -355,14 +387,13 @@ impl GpuExecutor {
         Ok(())
     }
 
-    /// Dispatches of passes, with their constants in the uploads. Pipelines are taken from `known` where they are there.
+    /// Dispatches of passes, with their constants in the uploads.
     fn steps(
         &mut self,
         plan: &Plan,
         tables: &Tables,
         fused: Vec<Fused>,
         mut blocks_at: usize,
-        mut known: BTreeMap<String, Pipeline>,
     ) -> Result<Vec<Step>, GpuError> {
         let all_rows = Band {
             first_row: 0,
@@ -372,9 +403,13 @@ impl GpuExecutor {
         let mut steps = Vec::new();
         for fused in fused {
             let linked = linker::link(&bound, &fused);
-            let pipeline = match known.remove(&linked.source) {
-                Some(pipeline) => pipeline,
-                None => self.pipeline(&bound, &fused, &linked)?,
+            let pipeline = match self.pipelines.get(&linked.source) {
+                Some(pipeline) => pipeline.clone(),
+                None => {
+                    let pipeline = self.pipeline(&bound, &fused, &linked)?;
+                    self.pipelines.insert(linked.source.clone(), pipeline.clone());
+                    pipeline
+                }
             };
             let passes: Vec<&'static Pass> = numbers_of(&fused).map(|at| bound[at].pass).collect();
             let bands: Cow<[Band]> = match passes.iter().any(|pass| is_per_pixel(pass)) {
@@ -394,7 +429,6 @@ impl GpuExecutor {
                 });
                 blocks_at += self.frames * linker::block_bytes(passes.len());
             }
-            self.pipelines.insert(linked.source, pipeline);
         }
         Ok(steps)
     }
@@ -417,7 +451,7 @@ impl GpuExecutor {
             bytes as u32 / bound.element
         });
         let constants: Vec<u32> = extents.chain(apart).collect();
-        let at = blocks_at - self.uploads.single_at + passes * ParamBlock::CAPACITY;
+        let at = blocks_at + passes * ParamBlock::CAPACITY;
         for frame in 0..self.frames {
             let own = &mut self.uploads.contents[at + frame * block..];
             own[..4 * constants.len()].copy_from_slice(bytemuck::cast_slice(&constants));
@@ -433,7 +467,7 @@ impl GpuExecutor {
                 }]
             };
             let alone = (0..plan.passes.len()).map(alone).collect();
-            self.single = self.steps(plan, tables, alone, self.uploads.single_at, BTreeMap::new())?;
+            self.single = self.steps(plan, tables, alone, self.uploads.single_at)?;
         }
         Ok(())
     }
@@ -458,13 +492,7 @@ impl GpuExecutor {
         part: usize,
         blocks_at: usize,
     ) -> Result<wgpu::BindGroup, GpuError> {
-        let Some(uploads) = &self.uploads.buffer else {
-            return Err(GpuError::Mismatch {
-                what: "buffers of uploads".into(),
-                expected: 1,
-                found: 0,
-            });
-        };
+        let uploads = self.uploads_buffer()?;
         let blocks = uploads.part(
             blocks_at as u64,
             (self.frames * linker::block_bytes(linked.passes)) as u64,
@@ -503,6 +531,9 @@ impl GpuExecutor {
         frame: usize,
         count: usize,
     ) -> Result<(), SynthError> {
+        if self.fused.is_empty() {
+            self.fit_frames(plan, tables, &[])?;
+        }
         if single {
             self.make_single(plan, tables)?;
         }
@@ -513,14 +544,11 @@ impl GpuExecutor {
             slab: self.slab.as_ref(),
         };
         let Uploads {
-            contents,
-            single_at,
-            per_frame,
-            ..
+            contents, per_frame, ..
         } = &mut self.uploads;
         let singles = if single { &self.single[..] } else { &[] };
         for step in singles.iter().chain(&self.fused) {
-            let block = step.blocks_at - *single_at + frame * linker::block_bytes(step.passes.len());
+            let block = step.blocks_at + frame * linker::block_bytes(step.passes.len());
             for (pass, own) in step
                 .passes
                 .iter()
@@ -533,7 +561,7 @@ impl GpuExecutor {
             let Some(fill) = buffer.per_frame else { continue };
             fill(tables, state, &mut self.numbers);
             let numbers: &[u8] = bytemuck::cast_slice(&self.numbers);
-            contents[at - *single_at + frame * bytes..][..numbers.len()].copy_from_slice(numbers);
+            contents[at + frame * bytes..][..numbers.len()].copy_from_slice(numbers);
         }
         Ok(())
     }
@@ -549,17 +577,19 @@ impl GpuExecutor {
         self.last = frame;
         let uploads = &mut self.uploads;
         if frame == 0 {
-            uploads.end = uploads.maps_at;
+            (uploads.start, uploads.end) = (uploads.single_at, uploads.maps_at);
         }
-        let (Some(slab), Some(buffer)) = (&mut self.slab, &uploads.buffer) else {
+        let Some(slab) = &mut self.slab else {
             return Ok(());
         };
         let moved = slab.update(tables, state)?;
         let several = count > 1;
-        let reference_at = frame * (uploads.single_at / self.frames / OF_REFERENCE) * OF_REFERENCE;
-        slab.maps_at[0] = (reference_at / 16) as u32;
         if moved.reference || several {
-            buffer.write(&self.gpu, reference_at as u64, slab.reference.frames.as_flattened())?;
+            // Before the blocks, so that one write takes both.
+            let maps: &[u8] = bytemuck::cast_slice(slab.reference.frames.as_flattened());
+            uploads.start -= maps.len();
+            slab.maps_at[0] = (uploads.start / 16) as u32;
+            uploads.contents[uploads.start..][..maps.len()].copy_from_slice(maps);
         }
         if moved.deformed || several {
             for (place, maps) in [
@@ -570,7 +600,7 @@ impl GpuExecutor {
             .enumerate()
             {
                 slab.maps_at[1 + place] = (uploads.end / 16) as u32;
-                uploads.contents[uploads.end - uploads.single_at..][..maps.len()].copy_from_slice(maps);
+                uploads.contents[uploads.end..][..maps.len()].copy_from_slice(maps);
                 uploads.end += maps.len();
             }
         }
@@ -580,12 +610,21 @@ impl GpuExecutor {
     /// Uploads what has been staged, all at once.
     fn upload(&self, single: bool) -> Result<(), GpuError> {
         let uploads = &self.uploads;
-        let start = if single { uploads.single_at } else { uploads.fused_at };
-        let contents = &uploads.contents[start - uploads.single_at..uploads.end - uploads.single_at];
-        uploads
-            .buffer
-            .as_ref()
-            .map_or(Ok(()), |buffer| buffer.write(&self.gpu, start as u64, contents))
+        let start = if single || uploads.start < uploads.single_at {
+            uploads.start
+        } else {
+            uploads.fused_at
+        };
+        let contents = &uploads.contents[start..uploads.end];
+        self.uploads_buffer()?.write(&self.gpu, start as u64, contents)
+    }
+
+    fn uploads_buffer(&self) -> Result<&StorageBuffer, GpuError> {
+        self.uploads.buffer.as_ref().ok_or_else(|| GpuError::Mismatch {
+            what: "buffers of uploads".into(),
+            expected: 1,
+            found: 0,
+        })
     }
 
     /// Submits the frames that have been staged, whose pixels are asked for at a place of the ring.
@@ -622,7 +661,7 @@ impl GpuExecutor {
     }
 
     /// Has the next frame upload all element maps.
-    fn forget_maps(&mut self) {
+    pub fn forget_maps(&mut self) {
         if let Some(slab) = &mut self.slab {
             slab.forget();
         }

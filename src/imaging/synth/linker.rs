@@ -10,7 +10,7 @@ use std::fmt::Write;
 use crate::gpu::Access;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::effects::pass::{Grid, ParamBlock};
-use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS};
+use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, meet_on_line};
 
 /// Name of the entry point of a linked shader.
 pub const ENTRY: &str = "fused";
@@ -49,18 +49,31 @@ pub fn is_of_a_frame(buffer: &Buffer) -> bool {
 
 /// Joins the passes of a dispatch.
 pub fn link(passes: &[Bound], fused: &Fused) -> Linked {
-    let order: Vec<usize> = fused.iter().flat_map(|sequence| &sequence.passes).copied().collect();
     let mut linker = Linker::default();
-    let mut calls = Vec::new();
-    for (place, &at) in order.iter().enumerate() {
-        let items = items(passes[at].pass.shader);
-        let mut unit = Unit {
-            place,
-            bound: &passes[at],
-            items: &items,
-            done: BTreeMap::new(),
-        };
-        calls.push(linker.entry(&mut unit));
+    let mut calls: Vec<Call> = Vec::new();
+    for sequence in fused {
+        // Passes since the last barrier, by their place.
+        let mut unordered: Vec<(usize, usize)> = Vec::new();
+        for &at in &sequence.passes {
+            let items = items(passes[at].pass.shader);
+            let place = calls.len();
+            let mut call = linker.entry(&mut Unit {
+                place,
+                bound: &passes[at],
+                items: &items,
+                done: BTreeMap::new(),
+            });
+            // Passes by workgroup share workgroup memory, too.
+            call.after_barrier = sequence.by_line
+                && unordered.iter().any(|&(before, other)| {
+                    !(call.by_invocation || calls[before].by_invocation) || meet_on_line(&passes[other], &passes[at])
+                });
+            if call.after_barrier {
+                unordered.clear();
+            }
+            unordered.push((place, at));
+            calls.push(call);
+        }
     }
     linker.finish(fused, &calls)
 }
@@ -71,8 +84,10 @@ struct Call {
     parameters: String,
     /// Size of its workgroup.
     size: u32,
-    /// Whether it has the place of its invocation, not the one of its workgroup.
+    /// Whether it takes `global_invocation_id` (an element for each invocation) rather than `workgroup_id`.
     by_invocation: bool,
+    /// Whether a barrier stands before it.
+    after_barrier: bool,
 }
 
 /// A declaration of a module.
@@ -128,6 +143,7 @@ impl Linker {
             parameters,
             size: entry.and_then(|entry| entry.size).unwrap_or(64),
             by_invocation: entry.is_some_and(|entry| entry.by_invocation),
+            after_barrier: false,
         }
     }
 
@@ -216,6 +232,10 @@ impl Linker {
                 }
             } else {
                 text.push_str(token);
+                debug_assert!(
+                    shift.is_none() || token == "[" || is_space(token),
+                    "{shift:?} before {token}"
+                );
                 if token == "[" {
                     shifted.push(shift.is_some());
                     if let Some(name) = shift.take() {
@@ -289,6 +309,9 @@ const BY_WORKGROUP: &str = "@builtin(local_invocation_index) thread: u32, @built
 /// Threads of a workgroup that has a scanline.
 const THREADS: u32 = 256;
 
+/// Largest number of scanlines along y of a dispatch, the least limit of WebGPU; further ones are along x.
+const MAX_LINES: u32 = 65_535;
+
 /// Entry point that calls those of the passes.
 fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
     let mut text = String::new();
@@ -319,7 +342,10 @@ fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
                 text,
                 "@compute @workgroup_size({THREADS})\nfn {ENTRY}({BY_WORKGROUP}) {{"
             );
-            let _ = writeln!(text, "    batch_frame = id.z;\n{shifts}    var line = id.y;");
+            let _ = writeln!(
+                text,
+                "    batch_frame = id.z;\n{shifts}    var line = id.y + {MAX_LINES}u * id.x;"
+            );
             let mut place = 0;
             for sequence in fused {
                 let e = extent(place);
@@ -329,23 +355,45 @@ fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
                     format!("{e}.y * {e}.z")
                 };
                 let _ = writeln!(text, "    if line < {lines} {{");
-                for call in &calls[place..][..sequence.passes.len()] {
-                    let (e, name) = (extent(place), &call.name);
-                    let _ = match (sequence.by_line, call.by_invocation) {
-                        (false, _) => writeln!(
+                let end = place + sequence.passes.len();
+                while place < end {
+                    if calls[place].after_barrier {
+                        let _ = writeln!(text, "        storageBarrier();\n        workgroupBarrier();");
+                    }
+                    let name = &calls[place].name;
+                    if !sequence.by_line {
+                        let e = extent(place);
+                        let _ = writeln!(
                             text,
                             "        {name}(thread, vec3<u32>(0u, line % {e}.y, line / {e}.y));"
-                        ),
-                        (true, false) => writeln!(text, "        {name}(thread, vec3<u32>(0u, line, 0u));"),
-                        (true, true) => writeln!(
+                        );
+                        place += 1;
+                    } else if !calls[place].by_invocation {
+                        let _ = writeln!(text, "        {name}(thread, vec3<u32>(0u, line, 0u));");
+                        place += 1;
+                    } else {
+                        // Up to the next barrier, an invocation goes through all passes at a sample.
+                        let run = place..end;
+                        let run =
+                            run.take_while(|&at| calls[at].by_invocation && (at == place || !calls[at].after_barrier));
+                        let run: Vec<usize> = run.collect();
+                        let widest = run.iter().map(|&at| format!("{}.x", extent(at)));
+                        let widest = widest.reduce(|a, b| format!("max({a}, {b})")).unwrap_or_default();
+                        let _ = writeln!(
                             text,
-                            "        for (var z = 0u; z < {e}.z; z++) {{\n            \
-                             for (var x = thread; x < 64u * {e}.x; x += {THREADS}u) {{\n                \
-                             {name}(vec3<u32>(x, line, z));\n            }}\n        }}"
-                        ),
-                    };
-                    let _ = writeln!(text, "        storageBarrier();\n        workgroupBarrier();");
-                    place += 1;
+                            "        for (var x = thread; x < 64u * {widest}; x += {THREADS}u) {{"
+                        );
+                        for &at in &run {
+                            let (e, name) = (extent(at), &calls[at].name);
+                            let _ = writeln!(
+                                text,
+                                "            for (var z = 0u; z < {e}.z; z++) {{\n                \
+                                 {name}(vec3<u32>(x, line, z));\n            }}"
+                            );
+                        }
+                        let _ = writeln!(text, "        }}");
+                        place += run.len();
+                    }
                 }
                 let _ = writeln!(text, "        return;\n    }}\n    line -= {lines};");
             }
@@ -371,7 +419,8 @@ pub fn workgroups(passes: &[Bound], fused: &Fused, extents: &[[u32; 3]]) -> [u32
                 let shares = matches!(passes[sequence.passes[0]].pass.grid, Grid::Workgroups(_));
                 if shares { y * z } else { y }
             });
-            [1, lines.sum(), 1]
+            let lines: u32 = lines.sum();
+            [lines.div_ceil(MAX_LINES), lines.min(MAX_LINES), 1]
         }
     }
 }

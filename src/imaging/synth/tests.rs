@@ -112,18 +112,16 @@ fn a_frame_in_an_encoder_of_the_host_is_the_one_rendered() {
 
 #[test]
 fn after_a_frame_that_fails_the_mesh_is_sent_again() {
-    type Way = fn(&mut Synthesizer, &FrameState, &Gpu) -> Result<(), SynthError>;
-    let ways: [Way; 4] = [
+    type Attempt = fn(&mut Synthesizer, &FrameState, &Gpu) -> Result<(), SynthError>;
+    let attempts: [Attempt; 4] = [
         |synth, state, _| synth.render(state).map(drop),
         |synth, state, _| synth.render_to_texture(state),
         |synth, state, gpu| synth.encode(&mut gpu.device().create_command_encoder(&Default::default()), state),
         |synth, state, _| synth.render_until("slice", state).map(drop),
     ];
-    let Some(gpu) = crate::gpu::testing::open() else { return };
-    let (mut anatomy, settings, state) = testing::scene();
-    let around = |by: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + by);
-    anatomy.mesh = TetMesh::over_box(around(-70.0), around(70.0), 500).ok().map(Arc::new);
-    let mut synth = Synthesizer::new(anatomy, settings, Backend::Gpu(Box::new(gpu.clone()))).unwrap();
+    let Some((gpu, mut synth, state)) = meshed() else {
+        return;
+    };
     let frame = |synth: &mut Synthesizer| {
         let before = gpu.traffic();
         let pixels = synth.render(&state).unwrap().pixels.clone();
@@ -131,11 +129,88 @@ fn after_a_frame_that_fails_the_mesh_is_sent_again() {
     };
     let whole = frame(&mut synth);
     assert!(frame(&mut synth).1 < whole.1, "nothing moves");
-    for (way, make) in ways.into_iter().enumerate() {
-        gpu.faults().report(wgpu::Error::OutOfMemory {
-            source: "no memory for a map".into(),
-        });
-        assert!(make(&mut synth, &state, &gpu).is_err(), "way {way}");
-        assert_eq!(frame(&mut synth), whole, "way {way}");
+    for (number, attempt) in attempts.into_iter().enumerate() {
+        no_memory(&gpu);
+        assert!(attempt(&mut synth, &state, &gpu).is_err(), "attempt {number}");
+        assert_eq!(frame(&mut synth), whole, "attempt {number}");
     }
+}
+
+/// A scene with a mesh on a GPU.
+fn meshed() -> Option<(Gpu, Synthesizer, FrameState)> {
+    let gpu = crate::gpu::testing::open()?;
+    let (mut anatomy, settings, state) = testing::scene();
+    let around = |by: f64| std::array::from_fn(|axis| state.probe_to_world[(axis, 3)] + by);
+    anatomy.mesh = TetMesh::over_box(around(-70.0), around(70.0), 500).ok().map(Arc::new);
+    let synth = Synthesizer::new(anatomy, settings, Backend::Gpu(Box::new(gpu.clone()))).unwrap();
+    Some((gpu, synth, state))
+}
+
+/// Has the next work on the device fail.
+fn no_memory(gpu: &Gpu) {
+    gpu.faults().report(wgpu::Error::OutOfMemory {
+        source: "no memory".into(),
+    });
+}
+
+fn batch(synth: &mut Synthesizer, states: &[FrameState]) -> Result<Vec<Vec<u8>>, SynthError> {
+    let mut pixels = Vec::new();
+    synth.render_batch(states, |_, frame| {
+        pixels.push(frame.pixels.clone());
+        Ok::<_, SynthError>(())
+    })?;
+    Ok(pixels)
+}
+
+#[test]
+fn a_batch_without_memory_for_several_frames_submits_them_one_by_one() {
+    let Some((gpu, mut synth, state)) = meshed() else {
+        return;
+    };
+    let expected = synth.render(&state).unwrap().pixels.clone();
+    let states = vec![state; 6];
+    let mut submissions = |fails: bool| {
+        if fails {
+            no_memory(&gpu);
+        }
+        let before = gpu.traffic();
+        let pixels = batch(&mut synth, &states).unwrap();
+        assert!(pixels.iter().all(|pixels| *pixels == expected), "fails: {fails}");
+        (gpu.traffic() - before).submissions
+    };
+    assert_eq!([true, false, false].map(&mut submissions), [6, 3, 3]);
+}
+
+#[test]
+fn settings_without_memory_leave_the_synthesizer_as_it_was() {
+    let Some((gpu, mut synth, state)) = meshed() else {
+        return;
+    };
+    let expected = synth.render(&state).unwrap().clone();
+    let mut settings = synth.settings().clone();
+    settings.image.width *= 2;
+    settings.probe.lines *= 2;
+    no_memory(&gpu);
+    let failed = synth.set(settings.clone());
+    assert!(
+        matches!(failed, Err(SynthError::Gpu(GpuError::OutOfMemory { .. }))),
+        "{failed:?}"
+    );
+    assert_eq!(synth.render(&state).unwrap(), &expected);
+    synth.set(settings).unwrap();
+    assert_eq!(synth.render(&state).unwrap().width, 2 * expected.width);
+}
+
+#[test]
+fn after_a_batch_with_an_invalid_state_the_mesh_is_sent_again() {
+    let Some((_, mut synth, state)) = meshed() else { return };
+    let expected = synth.render(&state).unwrap().pixels.clone();
+    let mut moved = state.clone();
+    moved.probe_to_world[(1, 3)] += 3.0;
+    assert_ne!(batch(&mut synth, &[moved]).unwrap(), [expected.clone()]);
+    // Two frames a submission, of which the second is invalid.
+    let mut states = vec![state.clone(); 6];
+    states[1] = FrameState::at(Matrix4::zeros());
+    assert!(matches!(batch(&mut synth, &states), Err(SynthError::Pose)));
+    assert!(synth.render(&state).unwrap().pixels == expected);
 }
