@@ -15,7 +15,7 @@
 //! | [`timing`] | [`Timer`]: GPU time of each pass, where timestamps are supported |
 //! | [`texture_out`] | [`TextureOut`]: a grey frame left on the GPU |
 //!
-//! Objects are created once and reused; a frame in the steady state writes [`Parameters`], records, submits and reads
+//! Objects are created once and reused; a frame in the steady state writes its parameters, records, submits and reads
 //! back. Nothing here panics on a device error: wgpu's error scopes and its device-lost callback become [`GpuError`]s.
 //!
 //! Software Vulkan (llvmpipe of Mesa 22.3) ends loops silently once an invocation has gone through 65,535 rounds of all

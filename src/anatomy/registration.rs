@@ -35,7 +35,7 @@ const QUADRATIC_STEPS: usize = 300;
 const SETTLED_MM: f64 = 0.001;
 /// Iterations with which each start of the rigid stage is tried.
 const TRIAL_STEPS: usize = 15;
-/// Expected size of the coefficients beyond the rigid map, mm: a point on the surface of the body moves by so much.
+/// Expected size of the coefficients beyond the rigid map, mm: the displacement of a point on the surface of the body.
 const BEND_MM: f64 = 5.0;
 /// Limit of Tukey's biweight, standard deviations (P. W. Holland and R. E. Welsch, Communications in Statistics 6, 1977).
 const BIWEIGHT: f64 = 4.685;

@@ -12,7 +12,7 @@ use super::{Faults, GpuError, Recorder};
 
 /// Default time limit for waiting on the GPU: Windows resets a GPU after 2 s, software Vulkan on a busy machine
 /// needs more.
-const PATIENCE: Duration = Duration::from_secs(60);
+const WAIT_TIMEOUT: Duration = Duration::from_secs(60);
 
 /// Number of storage buffers per stage that a device is opened with where its adapter has them: fused passes bind many.
 const USEFUL_STORAGE_BUFFERS: u32 = 33;
@@ -81,7 +81,7 @@ pub struct Gpu {
     queue: wgpu::Queue,
     faults: Faults,
     counter: Arc<Counter>,
-    patience: Duration,
+    wait_timeout: Duration,
 }
 
 impl Gpu {
@@ -117,7 +117,7 @@ impl Gpu {
             queue,
             faults,
             counter: Arc::default(),
-            patience: PATIENCE,
+            wait_timeout: WAIT_TIMEOUT,
         })
     }
 
@@ -137,7 +137,7 @@ impl Gpu {
             queue,
             faults: Faults::default(),
             counter: Arc::default(),
-            patience: PATIENCE,
+            wait_timeout: WAIT_TIMEOUT,
         })
     }
 
@@ -228,8 +228,8 @@ impl Gpu {
 
     /// Sets the time limit for waiting on the GPU before a [`GpuError::Timeout`]; 60 s by default.
     #[cfg(test)]
-    pub fn set_patience(&mut self, patience: Duration) {
-        self.patience = patience;
+    pub fn set_wait_timeout(&mut self, wait_timeout: Duration) {
+        self.wait_timeout = wait_timeout;
     }
 
     /// Waits until all submitted work is complete; `what` names it in errors.
@@ -239,7 +239,7 @@ impl Gpu {
 
     /// Waits until a submission and all before it are complete (`None`: the last one); `what` names the work in errors.
     pub fn wait_for(&self, what: &str, submission_index: Option<wgpu::SubmissionIndex>) -> Result<(), GpuError> {
-        let timeout = Some(self.patience);
+        let timeout = Some(self.wait_timeout);
         self.counter.waited();
         self.poll(
             what,
@@ -263,7 +263,7 @@ impl Gpu {
             Ok(Ok(_)) => Ok(()),
             Ok(Err(wgpu::PollError::Timeout)) => Err(GpuError::Timeout {
                 what: what.to_owned(),
-                seconds: self.patience.as_secs_f64(),
+                seconds: self.wait_timeout.as_secs_f64(),
             }),
             Ok(Err(error)) => Err(GpuError::Internal {
                 what: what.to_owned(),

@@ -6,7 +6,7 @@ use super::{Access, Gpu, GpuError, Parameters, StorageBuffer};
 
 /// Source and layout of a pass.
 ///
-/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes (omitted in a
+/// In its WGSL, `@group(0) @binding(0)` is the parameter block (`var<storage, read>`) of at most [`SLOT_BYTES`] bytes unless [`Pipeline::with_block`] states another size (omitted in a
 /// pass without parameters), and bindings 1, 2, ... are the storage buffers in the order of `storage`.
 #[derive(Debug, Clone, Copy)]
 pub struct PassSource<'a> {
@@ -37,7 +37,7 @@ impl Pipeline {
         Self::with_block(gpu, pass, SLOT_BYTES)
     }
 
-    /// Compiles a pass as [`Pipeline::new`] does, with a parameter block of so many bytes.
+    /// Compiles a pass as [`Pipeline::new`] does, with a parameter block of `block_bytes` bytes.
     pub fn with_block(gpu: &Gpu, pass: &PassSource<'_>, block_bytes: u64) -> Result<Self, GpuError> {
         check_limit(
             || format!("pass '{}'", pass.label),

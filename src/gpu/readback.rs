@@ -247,7 +247,7 @@ mod tests {
 
         let mut found = [0_u32];
         let mut hasty = gpu.clone();
-        hasty.set_patience(Duration::ZERO);
+        hasty.set_wait_timeout(Duration::ZERO);
         let result = readback.read(&hasty, &mut found);
         assert!(matches!(result, Err(GpuError::Timeout { .. })), "{result:?}");
         readback.read(&gpu, &mut found).unwrap();

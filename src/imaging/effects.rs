@@ -97,7 +97,7 @@ pub struct Effect {
     pub warnings: fn(&Tables) -> Vec<String>,
     /// Number of things in a frame that it does not show because there are too many.
     pub left_out: fn(&Tables, &FrameState) -> usize,
-    /// Memory besides the buffers for so many samples, bytes.
+    /// Memory besides the buffers for a number of samples, bytes.
     pub memory: fn(&Settings, u64) -> u64,
     /// Takes it out of the settings; `None` if every frame needs it.
     pub remove: Option<fn(&mut Settings)>,

@@ -89,7 +89,7 @@ fn buffers<'a>(passes: &[Bound], of: impl IntoIterator<Item = &'a usize>) -> usi
     all.len()
 }
 
-/// Dispatches of a frame, in order, each with at most so many buffers.
+/// Dispatches of a frame, in order, each binding at most `most` buffers.
 pub fn fuse(passes: &[Bound], most: usize) -> Vec<Fused> {
     let mut sequences: Vec<Sequence> = Vec::new();
     for (at, pass) in passes.iter().enumerate() {

@@ -13,8 +13,8 @@ Examples:
   insonify tradeoff history -o study                            histories of 100 to 100,000 steps, with plots
   insonify tradeoff history --order 0.5 --steps 1000,5000 --json
 
-A row with a star is a best choice: no other is both faster and nearer to the exact law. A row that breaks what its
-rule promises is marked WRONG.";
+A row with a star is a best choice: no other is both faster and nearer to the exact law. A row that violates the
+guarantee of its rule is marked WRONG.";
 
 /// Quadrature rules for fading memory: error against the exact law, time and memory, for each rule and length of
 /// history

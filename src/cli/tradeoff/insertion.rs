@@ -15,7 +15,7 @@ Examples:
   insonify tradeoff insertion --nodes 1000 --depth-mm 40 --json
 
 Each step is calculated several times over, the models in turn; its time is the least of these. A row with a star in a plot is
-a best choice; one that breaks what it promises is marked WRONG.";
+a best choice; one that violates its guarantee is marked WRONG.";
 
 /// Needle insertions: levels of remeshing, nodes of the mesh, bevels, masses and springs, candidates of the probe, links and elements of the needle
 #[derive(Args)]

@@ -4,7 +4,7 @@ use super::*;
 use crate::gpu::{PassSource, Pipeline, Readback, StorageBuffer, testing};
 
 #[test]
-fn limits_are_the_defaults_raised_only_where_needed() {
+fn limits_beyond_the_useful_ones_are_raised_only_where_needed() {
     let default = wgpu::Limits::default();
     let card = wgpu::Limits {
         max_storage_buffer_binding_size: 1 << 30,
@@ -15,7 +15,13 @@ fn limits_are_the_defaults_raised_only_where_needed() {
         storage_binding_bytes: 1 << 20,
         ..Needs::default()
     };
-    assert_eq!(small.limits("x", &card), Ok(default.clone()));
+    let useful = wgpu::Limits {
+        max_storage_buffer_binding_size: USEFUL_BINDING_BYTES,
+        max_buffer_size: USEFUL_BINDING_BYTES,
+        ..default.clone()
+    };
+    assert_eq!(small.limits("x", &card), Ok(useful));
+    assert_eq!(small.limits("x", &default), Ok(default.clone()), "no more than it has");
     let large = Needs {
         storage_binding_bytes: 1 << 30,
         ..Needs::default()

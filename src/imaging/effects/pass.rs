@@ -89,15 +89,15 @@ pub enum Grid {
     Samples,
     /// Scanlines (y), a workgroup each.
     Scanlines,
-    /// Samples of so many scanlines that lie more densely.
+    /// Samples of more densely spaced scanlines; gives their number.
     FineSamples(fn(&Tables) -> usize),
     /// Pixels (x) of the rows (y) of a band.
     Pixels,
     /// Words of four pixels of the rows of a band.
     Words,
-    /// Workgroups of 256, so many along y and z.
+    /// Workgroups of 256 invocations; gives their number along y and z.
     Workgroups(fn(&Tables) -> [u32; 2]),
-    /// So many workgroups of 64, which share the work among them.
+    /// This many workgroups of 64 invocations, which stride over the work.
     Shared(u32),
 }
 

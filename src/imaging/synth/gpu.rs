@@ -169,7 +169,7 @@ impl GpuExecutor {
         let written = || {
             resources
                 .clone()
-                .filter(|planned| linker::is_of_a_frame(planned.resource))
+                .filter(|planned| linker::has_copy_per_frame(planned.resource))
         };
         let largest = written().map(|planned| planned.bytes).max().unwrap_or(0);
         let one = written().map(|planned| planned.bytes).sum::<u64>() + uploads;
@@ -303,7 +303,7 @@ impl GpuExecutor {
             bytes
         };
         let bytes = bytes
-            * if linker::is_of_a_frame(buffer) {
+            * if linker::has_copy_per_frame(buffer) {
                 self.frames as u64
             } else {
                 1
@@ -433,11 +433,11 @@ impl GpuExecutor {
         Ok(steps)
     }
 
-    /// Writes extents and distances between frames into the blocks of a dispatch.
+    /// Writes the extents of the passes and the strides between the frames of each buffer into the blocks of a dispatch.
     fn write_constants(&mut self, blocks_at: usize, extents: &[[u32; 3]], linked: &Linked, part: usize) {
         let (block, passes) = (linker::block_bytes(extents.len()), extents.len());
         let extents = extents.iter().flat_map(|&[x, y, z]| [x, y, z, 0]);
-        let apart = linked.buffers.iter().map(|bound| {
+        let strides = linked.buffers.iter().map(|bound| {
             let per_frame = self
                 .uploads
                 .per_frame
@@ -450,7 +450,7 @@ impl GpuExecutor {
             };
             bytes as u32 / bound.element
         });
-        let constants: Vec<u32> = extents.chain(apart).collect();
+        let constants: Vec<u32> = extents.chain(strides).collect();
         let at = blocks_at + passes * ParamBlock::CAPACITY;
         for frame in 0..self.frames {
             let own = &mut self.uploads.contents[at + frame * block..];
@@ -509,7 +509,7 @@ impl GpuExecutor {
         pipeline.bind_parts(&self.gpu, blocks, &storage.collect::<Vec<_>>())
     }
 
-    /// Takes over the state of a frame of the next submission, which has so many.
+    /// Takes over the state of a frame of the next submission, which has `count`.
     pub fn stage(
         &mut self,
         plan: &Plan,
@@ -520,7 +520,7 @@ impl GpuExecutor {
     ) -> Result<(), SynthError> {
         let single = self.timers.is_some();
         let staged = self.stage_for(single, (plan, tables), state, frame, count);
-        self.arrived(staged)
+        self.resend_maps_on_error(staged)
     }
 
     fn stage_for(
@@ -655,8 +655,8 @@ impl GpuExecutor {
         submitted
     }
 
-    /// Has the maps of the mesh sent again with the next frame if this one has failed.
-    fn arrived<T>(&mut self, result: Result<T, SynthError>) -> Result<T, SynthError> {
+    /// On an error, marks the element maps for upload with the next frame.
+    fn resend_maps_on_error<T>(&mut self, result: Result<T, SynthError>) -> Result<T, SynthError> {
         result.inspect_err(|_| self.forget_maps())
     }
 
@@ -753,7 +753,7 @@ impl GpuExecutor {
             self.upload(self.timers.is_some())?;
             run(self)
         });
-        self.arrived(done)
+        self.resend_maps_on_error(done)
     }
 
     fn run_into_texture(&self, recorder: &mut Recorder) -> Result<(), GpuError> {
@@ -791,10 +791,10 @@ impl GpuExecutor {
             })?;
             self.run_steps(0, self.end_of(pass))
         });
-        self.arrived(run)
+        self.resend_maps_on_error(run)
     }
 
-    /// Forgets the samples that the warp found in the last frame.
+    /// Zeroes the hits of the warp.
     fn clear_hits(&self, recorder: &mut Recorder) {
         if let Some(hits) = self.buffers.get(&(&HITS, 0)) {
             recorder.clear(hits);
@@ -936,7 +936,7 @@ impl GpuExecutor {
     }
 }
 
-/// Dispatches of steps, for so many frames.
+/// Dispatches of steps, for a number of frames.
 fn dispatches(steps: &[Step], frames: usize) -> impl Iterator<Item = Dispatch<'_>> {
     steps.iter().map(move |step| {
         let [x, y, z] = step.workgroups;

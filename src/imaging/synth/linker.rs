@@ -37,13 +37,13 @@ pub struct BoundBuffer {
     of: String,
 }
 
-/// Bytes of the block of a frame: the parameters of each pass, its extent, and the distance of the frames in each buffer.
+/// Bytes of the block of a frame: the parameters of each pass, its extent, and the stride between the frames of each buffer.
 pub fn block_bytes(passes: usize) -> usize {
     (passes * (ParamBlock::CAPACITY + 16) + 4 * MAX_BUFFERS).next_multiple_of(ParamBlock::CAPACITY)
 }
 
 /// Whether each frame of a submission has its own part of a buffer, one behind the other.
-pub fn is_of_a_frame(buffer: &Buffer) -> bool {
+pub fn has_copy_per_frame(buffer: &Buffer) -> bool {
     buffer.contents.is_none() && !buffer.is_packed
 }
 
@@ -192,7 +192,7 @@ impl Linker {
                 });
             }
         }
-        Name::Buffer(name, is_of_a_frame(buffer))
+        Name::Buffer(name, has_copy_per_frame(buffer))
     }
 
     fn declare<'a>(&mut self, unit: &mut Unit<'a>, item: &Item<'a>) -> String {
@@ -268,7 +268,7 @@ impl Linker {
         let _ = writeln!(source, "    extents: array<vec4<u32>, {count}>,");
         let _ = writeln!(
             source,
-            "    @size({rest}) apart: array<vec4<u32>, {}>,\n}}",
+            "    @size({rest}) strides: array<vec4<u32>, {}>,\n}}",
             MAX_BUFFERS / 4
         );
         let _ = writeln!(source, "var<private> batch_frame: u32;");
@@ -287,10 +287,10 @@ impl Linker {
                 source,
                 "@group(0) @binding({binding}) var<storage, {access}> buffer_{name}: {of};"
             );
-            if is_of_a_frame(bound.buffer) {
+            if has_copy_per_frame(bound.buffer) {
                 let _ = writeln!(source, "var<private> at_buffer_{name}: u32;");
-                let apart = format!("batch_blocks[0].apart[{}][{}]", at / 4, at % 4);
-                let _ = writeln!(shifts, "    at_buffer_{name} = batch_frame * {apart};");
+                let stride = format!("batch_blocks[0].strides[{}][{}]", at / 4, at % 4);
+                let _ = writeln!(shifts, "    at_buffer_{name} = batch_frame * {stride};");
             }
         }
         source.push_str(&wrapper(fused, calls, &shifts));

@@ -204,13 +204,24 @@ fn settings_without_memory_leave_the_synthesizer_as_it_was() {
 #[test]
 fn after_a_batch_with_an_invalid_state_the_mesh_is_sent_again() {
     let Some((_, mut synth, state)) = meshed() else { return };
-    let expected = synth.render(&state).unwrap().pixels.clone();
-    let mut moved = state.clone();
-    moved.probe_to_world[(1, 3)] += 3.0;
-    assert_ne!(batch(&mut synth, &[moved]).unwrap(), [expected.clone()]);
+    let deformed = FrameState {
+        nodes: Some(displaced(&synth)),
+        ..state.clone()
+    };
+    let at_rest = synth.render(&state).unwrap().pixels.clone();
+    let expected = synth.render(&deformed).unwrap().pixels.clone();
+    assert!(expected != at_rest);
     // Two frames a submission, of which the second is invalid.
-    let mut states = vec![state.clone(); 6];
+    let mut states = vec![deformed; 6];
     states[1] = FrameState::at(Matrix4::zeros());
     assert!(matches!(batch(&mut synth, &states), Err(SynthError::Pose)));
+    // Without nodes the mesh stays where it is.
     assert!(synth.render(&state).unwrap().pixels == expected);
+}
+
+/// Nodes of the mesh, displaced by up to 3 mm.
+fn displaced(synth: &Synthesizer) -> Vec<[f64; 3]> {
+    let mesh = synth.tables().mesh.as_ref().expect("a mesh");
+    let nodes = mesh.nodes().iter();
+    nodes.map(|&[x, y, z]| [x, y + 3.0 * (0.1 * x).sin(), z]).collect()
 }

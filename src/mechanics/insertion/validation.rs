@@ -122,7 +122,7 @@ pub(super) fn interactions(given: &[(i32, Interaction)]) -> Result<(), InvalidSe
     given.iter().try_for_each(check)
 }
 
-/// Checks that fixed nodes and axes exist in a mesh of so many nodes.
+/// Checks that fixed nodes and axes exist in a mesh with this number of nodes.
 pub(super) fn fixed(given: &[(u32, u8)], nodes: usize) -> Result<(), InvalidSetup> {
     let missing = |(node, axis): &&(u32, u8)| *node as usize >= nodes || *axis > 2;
     match given.iter().find(missing) {

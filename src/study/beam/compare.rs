@@ -227,7 +227,7 @@ fn centres(cases: &Table) -> Table {
     table
 }
 
-/// Share of the needles whose tip errs by at most so much.
+/// Share of the needles whose tip errs by at most this distance.
 fn distribution(cases: &Table) -> Table {
     let axes = [
         Axis::linear("tip_error_mm", "error mm", "error of the tip, mm"),

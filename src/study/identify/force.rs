@@ -105,7 +105,7 @@ impl Piecewise {
     }
 
     /// Fits slopes and breaks of `regions` regions to points (depth from above 0, mm, rising; force, N): breaks one after another at the best of
-    /// equidistant places, then as [`refined`](Self::refined). `None` if the curve has too few points for so many regions.
+    /// equidistant places, then as [`refined`](Self::refined). `None` if the curve has too few points for this number of regions.
     pub fn fit(curve: &[[f64; 2]], regions: usize) -> Option<Self> {
         let end = curve.last()?[0];
         let mut best = Self::through(curve, &[])?;

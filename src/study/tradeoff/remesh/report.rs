@@ -170,7 +170,7 @@ impl Report {
             ),
             drift: Table::new(
                 "drift",
-                "Error of the compliance at the contacts, K^c, after so many updates",
+                "Error of the compliance at the contacts, K^c, by number of updates",
                 &FACTORS,
                 &DRIFT,
             )

@@ -75,7 +75,7 @@ impl Report {
     /// States whether any row violates its guarantee.
     pub(super) fn verdict(&self) -> String {
         match self.wrong().count() {
-            0 => "Every row keeps what it promises.".to_owned(),
+            0 => "No row violates its guarantee.".to_owned(),
             1 => "One row violates its guarantee and is marked WRONG.".to_owned(),
             wrong => format!("{wrong} rows violate their guarantees and are marked WRONG."),
         }

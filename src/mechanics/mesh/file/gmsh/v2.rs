@@ -113,7 +113,7 @@ impl Block {
         Kind::usable(reader.int()?, at)
     }
 
-    /// Reads a count of items with so many ints.
+    /// Reads a count of items of a given number of integers.
     fn length(reader: &mut Reader, ints: usize) -> Result<usize, Fault> {
         let at = reader.cursor.at;
         let count = tag(reader)?;
