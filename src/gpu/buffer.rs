@@ -1,5 +1,7 @@
 //! Labelled storage buffers, checked against the limits of the device.
 
+use std::sync::{Arc, PoisonError, Weak};
+
 use bytemuck::NoUninit;
 
 use super::faults::check_limit;
@@ -9,8 +11,11 @@ use super::{Gpu, GpuError};
 #[derive(Debug, Clone)]
 pub struct StorageBuffer {
     label: String,
-    buffer: wgpu::Buffer,
+    buffer: Arc<wgpu::Buffer>,
 }
+
+/// Buffers of a device that are shared, by the hash of their contents.
+pub(super) type Shared = Vec<(blake3::Hash, Weak<wgpu::Buffer>)>;
 
 impl StorageBuffer {
     /// Creates a buffer of at least `bytes` zeros; sizes are rounded up to complete 32-bit words, at least one.
@@ -28,7 +33,7 @@ impl StorageBuffer {
         })?;
         Ok(Self {
             label: label.to_owned(),
-            buffer,
+            buffer: buffer.into(),
         })
     }
 
@@ -37,6 +42,22 @@ impl StorageBuffer {
         let buffer = Self::zeroed(gpu, label, size_of_val(data) as u64)?;
         buffer.write(gpu, 0, data)?;
         Ok(buffer)
+    }
+
+    /// Returns a buffer that contains `data` and is never written again: the one that this call made for the same contents on
+    /// this device, as long as it is in use.
+    pub fn shared(gpu: &Gpu, label: &str, data: &[u8]) -> Result<Self, GpuError> {
+        let hash = blake3::hash(data);
+        let mut shared = gpu.shared().lock().unwrap_or_else(PoisonError::into_inner);
+        shared.retain(|(_, buffer)| buffer.strong_count() > 0);
+        let known = shared.iter().find(|(known, _)| *known == hash);
+        if let Some(buffer) = known.and_then(|(_, buffer)| buffer.upgrade()) {
+            let label = label.to_owned();
+            return Ok(Self { label, buffer });
+        }
+        let made = Self::upload(gpu, label, data)?;
+        shared.push((hash, Arc::downgrade(&made.buffer)));
+        Ok(made)
     }
 
     /// Overwrites from `byte_offset`, a multiple of 4, before the next submission. Bytes up to the next word

@@ -2,10 +2,11 @@
 
 use std::cell::Cell;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use super::adapter::{self, AdapterChoice, AdapterReport};
+use super::buffer::Shared;
 use super::faults::check_limit;
 use super::traffic::{Counter, Traffic};
 use super::{Faults, GpuError, Recorder};
@@ -81,6 +82,7 @@ pub struct Gpu {
     queue: wgpu::Queue,
     faults: Faults,
     counter: Arc<Counter>,
+    shared: Arc<Mutex<Shared>>,
     wait_timeout: Duration,
 }
 
@@ -117,6 +119,7 @@ impl Gpu {
             queue,
             faults,
             counter: Arc::default(),
+            shared: Arc::default(),
             wait_timeout: WAIT_TIMEOUT,
         })
     }
@@ -137,6 +140,7 @@ impl Gpu {
             queue,
             faults: Faults::default(),
             counter: Arc::default(),
+            shared: Arc::default(),
             wait_timeout: WAIT_TIMEOUT,
         })
     }
@@ -169,6 +173,10 @@ impl Gpu {
     /// Submissions, waits and transfers since the device was opened, those of all clones together.
     pub fn traffic(&self) -> Traffic {
         self.counter.total()
+    }
+
+    pub(super) fn shared(&self) -> &Mutex<Shared> {
+        &self.shared
     }
 
     pub(super) fn counter(&self) -> &Counter {

@@ -80,7 +80,7 @@ pub enum Backend {
     /// A device and its queue, lent by the host.
     #[cfg(feature = "gpu")]
     Host(Box<(wgpu::Device, wgpu::Queue)>),
-    /// An open GPU.
+    /// An open GPU. Synthesizers on clones of one share volume and textures: several probes on one anatomy have one copy.
     Gpu(Box<Gpu>),
 }
 

@@ -53,6 +53,9 @@ const ALIGNED: usize = ParamBlock::CAPACITY;
 const MAX_FRAMES: usize = 16;
 const FRAMES_BYTES: u64 = 512 << 20;
 
+/// Size from which buffers filled from the tables are shared with other executors on the device, bytes.
+const SHARED_BYTES: u64 = 64 << 10;
+
 /// Number of pipelines kept, those of former settings included.
 const MAX_PIPELINES: usize = 64;
 
@@ -309,22 +312,27 @@ impl GpuExecutor {
                 1
             };
         let key = (buffer, part);
-        let fits = self
-            .buffers
-            .get(&key)
-            .is_some_and(|made| made.bytes() == bytes.next_multiple_of(4).max(4));
-        if !fits {
-            // Freed before it is made in another size.
-            self.buffers.remove(&key);
-            let made = StorageBuffer::zeroed(&self.gpu, buffer.name, bytes)?;
-            self.buffers.insert(key, made);
-        }
-        match buffer.contents {
-            Some(contents) if !fits || changed => {
-                self.buffers[&key].write(&self.gpu, 0, &contents(tables, self.bands[part]))
+        let made = self.buffers.get(&key);
+        let fits = made.is_some_and(|made| made.bytes() == bytes.next_multiple_of(4).max(4));
+        let contents = buffer.contents.filter(|_| !fits || changed);
+        let contents = contents.map(|contents| contents(tables, self.bands[part]));
+        match contents {
+            Some(mut contents) if bytes >= SHARED_BYTES => {
+                self.buffers.remove(&key);
+                contents.resize(bytes as usize, 0);
+                let shared = StorageBuffer::shared(&self.gpu, buffer.name, &contents)?;
+                self.buffers.insert(key, shared);
+                return Ok(());
             }
-            _ => Ok(()),
+            _ if fits => {}
+            _ => {
+                // Freed before it is made in another size.
+                self.buffers.remove(&key);
+                let made = StorageBuffer::zeroed(&self.gpu, buffer.name, bytes)?;
+                self.buffers.insert(key, made);
+            }
         }
+        contents.map_or(Ok(()), |contents| self.buffers[&key].write(&self.gpu, 0, &contents))
     }
 
     fn fit_uploads(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {

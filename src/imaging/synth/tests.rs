@@ -1,4 +1,5 @@
 use super::*;
+use crate::anatomy::phantom::{Phantom, PhantomOptions, make};
 use crate::mechanics::mesh::TetMesh;
 use crate::study::testing;
 
@@ -224,4 +225,36 @@ fn displaced(synth: &Synthesizer) -> Vec<[f64; 3]> {
     let mesh = synth.tables().mesh.as_ref().expect("a mesh");
     let nodes = mesh.nodes().iter();
     nodes.map(|&[x, y, z]| [x, y + 3.0 * (0.1 * x).sin(), z]).collect()
+}
+
+#[test]
+fn synthesizers_on_one_device_share_the_volume() {
+    let Some(gpu) = crate::gpu::testing::open() else { return };
+    let (mut anatomy, settings, state) = testing::scene();
+    let fine = PhantomOptions {
+        resolution_mm: Some(1.0),
+        seed: 1,
+    };
+    anatomy.volume = Arc::new(make(Phantom::TwoLayer, &fine).unwrap());
+    let volume_bytes = anatomy.volume.voxels().len() as u64;
+    let mut other = settings.clone();
+    other.probe.lines *= 2;
+    let synthesizer = |settings: &Settings| {
+        let before = gpu.traffic();
+        let backend = Backend::Gpu(Box::new(gpu.clone()));
+        let synth = Synthesizer::new(anatomy.clone(), settings.clone(), backend).unwrap();
+        (synth, (gpu.traffic() - before).bytes_up)
+    };
+    let (mut first, sent) = synthesizer(&settings);
+    assert!(sent >= volume_bytes, "{sent}");
+    let expected = first.render(&state).unwrap().clone();
+    let (mut second, sent) = synthesizer(&other);
+    assert!(sent < volume_bytes / 2, "{sent}");
+    assert!(second.render(&state).unwrap().pixels != expected.pixels);
+    assert!(*first.render(&state).unwrap() == expected);
+    // Nothing is kept of what nobody uses.
+    drop((first, second));
+    let (mut again, sent) = synthesizer(&settings);
+    assert!(sent >= volume_bytes, "{sent}");
+    assert!(*again.render(&state).unwrap() == expected);
 }
