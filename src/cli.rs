@@ -51,7 +51,8 @@ Examples:
   insonify render --labels liver.nii.gz            a label file alone: the body is completed, the probe placed
   insonify render --labels ct.nii.gz --target kidney -o kidney.png
   insonify scene > my.toml                         the default scene, commented, ready to edit
-  insonify render my.toml -o frames --frames 60    many frames: a folder of numbered pictures
+  insonify scene sweep > sweep.toml                a scene whose probe moves
+  insonify render sweep.toml -o frames             its frames: a folder of numbered pictures
   insonify plan my.toml                            the passes of a frame, and why each runs
   insonify inspect my.toml --at 320,240            what made one pixel
   insonify realism frame.png --against real/       how near frames are to real ones, measure by measure
@@ -59,7 +60,7 @@ Examples:
   insonify calibrate pivot tip.igs.mha             tip of a tracked needle; its shaft, the plane of a probe's image
   insonify register ct.nii.gz --surface touched.csv --fit fit.toml   anatomy fitted to a mannequin
   insonify texture liver.png --region 200,150,180,180 -o liver.nrrd   a solid texture from an image
-  insonify insert liver-biopsy -o out --frames     a needle insertion: forces, tissue deformation, frames
+  insonify insert liver-biopsy -o out --images     a needle insertion: forces, tissue deformation, frames
   insonify path liver-puncture --target vessel -o plan   needle paths that allow for the deformation
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify identify case.toml -o found             force parameters and moduli from a measured insertion

@@ -204,9 +204,11 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
     }
     let Some((key, known)) = suggest::unknown_field(message) else {
         let help = suggest::unknown_variant(message);
-        return Fault::new(InvalidFile::Syntax(message.trim_end().replace('\n', "; ")))
-            .in_text(source, span)
-            .with_help(help);
+        return Fault::new(InvalidFile::Syntax(
+            without_rust(message.trim_end()).replace('\n', "; "),
+        ))
+        .in_text(source, span)
+        .with_help(help);
     };
     let known: Vec<String> = known
         .iter()
@@ -218,6 +220,28 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
     Fault::new(InvalidFile::UnknownKey { key, known })
         .in_text(source, place)
         .with_help(help)
+}
+
+/// A message of serde without the terms of Rust.
+fn without_rust(message: &str) -> String {
+    let mut text = message
+        .replace("unknown variant", "unknown value")
+        .replace("invalid type:", "found");
+    for (rust, plain) in [
+        ("f32", "a number"),
+        ("f64", "a number"),
+        ("i32", "an integer"),
+        ("i64", "an integer"),
+        ("u32", "an integer of 0 or more"),
+        ("u64", "an integer of 0 or more"),
+        ("usize", "an integer of 0 or more"),
+    ] {
+        let rust = format!("expected {rust}");
+        if let Some(start) = text.strip_suffix(&rust) {
+            text = format!("{start}expected {plain}");
+        }
+    }
+    text
 }
 
 /// Format version of every file that this crate reads: 1.

@@ -59,7 +59,7 @@ pub struct Bench {
     #[arg(long, conflicts_with = "frames")]
     compare: bool,
     /// Folder for index.html, the tables and plots of --compare; created if missing
-    #[arg(short, long, value_name = "DIR", requires = "compare")]
+    #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
@@ -70,6 +70,13 @@ impl Bench {
         self.backend.check()?;
         if self.compare {
             return self.compare();
+        }
+        // Not by `requires`, which clap drops where --frames, in conflict with --compare, is given.
+        if self.output.is_some() {
+            return Err(Failure::usage(
+                "-o without --compare",
+                "only --compare writes a report; --json prints the times",
+            ));
         }
         let (scene, _) = self.input.scene(&self.backend)?;
         let count = scene.frames().min(self.frames);

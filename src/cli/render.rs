@@ -36,9 +36,10 @@ Examples:
                                                        arrays for NumPy, set.npy and set_label-value.npy: frames, rows, columns
 
 Layers are 16-bit pictures beside the frame, or beside an image sequence sequences like it: label-value (values of the label file, 0
-outside the sector; of a completed body 201 fat, 202 soft tissue, 204 skin and 205 muscle, or what a note says where the file has these),
+outside the sector; of a completed body 201 fat, 202 soft tissue, 204 skin, 205 and 212 muscle, structures of organs 206 to 211 and 213,
+or what a note says where the file has these; `structures = false` under [volume] keeps organs whole),
 label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue passed along the beam,
-0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB).
+0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB; 0 outside the sector, 65535 for 655.35 dB and more).
 Frames appear in a folder when all are complete, with insonify.json, which lists them; the next run into it replaces the files listed. Its
 pictures are compressed for speed: about 5 % larger than a single frame.png, layers up to three times.
 Companion files of a sequence's frames are in a folder of its name; parameters common to many sidecars are in parameters.json.";
@@ -243,7 +244,7 @@ impl Report {
                 path.display()
             ),
             n => format!(
-                "wrote {}: {n} frames of {width}x{height} pixels, rendered in {mean:.1} ms each, {frames_per_second:.0} frames a second in all",
+                "wrote {}: {n} frames of {width}x{height} pixels at {frames_per_second:.0} a second, several at a time; {mean:.1} ms each",
                 path.display()
             ),
         }

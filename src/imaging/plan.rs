@@ -226,30 +226,30 @@ impl fmt::Display for PlanReport {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(f, "Passes")?;
         for pass in &self.passes {
-            writeln!(f, "  {:<16} {}", pass.name, pass.reason)?;
+            writeln!(f, "  {:<21} {}", pass.name, pass.reason)?;
         }
-        writeln!(f, "Dispatches on a GPU")?;
+        writeln!(f, "Dispatches on a GPU: passes that it runs together, in order")?;
         for (number, passes) in (1..).zip(&self.dispatches) {
-            writeln!(f, "  {number:<16} {}", passes.join(", "))?;
+            writeln!(f, "  {number:<21} {}", passes.join(", "))?;
         }
         writeln!(f, "Without")?;
         for omitted in &self.without {
-            writeln!(f, "  {:<16} {}", omitted.name, omitted.reason)?;
+            writeln!(f, "  {:<21} {}", omitted.name, omitted.reason)?;
         }
         writeln!(f, "Resources")?;
         for planned in &self.resources {
             writeln!(
                 f,
-                "  {:<16} {:>12} bytes",
+                "  {:<21} {:>12} bytes",
                 format!("{:?}", planned.resource),
                 planned.bytes
             )?;
         }
-        write!(f, "  {:<16} {:>12} bytes", "total", self.bytes)?;
+        write!(f, "  {:<21} {:>12} bytes", "total", self.bytes)?;
         if let Some(picked) = &self.quality {
             writeln!(f, "\nPicked for {} = {}", picked.asked, picked.budget_ms)?;
             for setting in &picked.settings {
-                writeln!(f, "  {:<16} {}", setting.key, setting.value)?;
+                writeln!(f, "  {:<21} {}", setting.key, setting.value)?;
             }
             write!(f, "  {}", picked.why)?;
         }

@@ -134,10 +134,10 @@ fn unwritable_outputs_are_status_1() {
     let bench = Bench::new();
     bench
         .run("render scene.toml --backend cpu -o none/a.png")
-        .fails(1, &["none/a.png"]);
+        .fails(2, &["none/a.png"]);
     bench
         .run("render scene.toml --backend cpu -o none/a.mha")
-        .fails(1, &["none/a.mha"]);
+        .fails(2, &["none/a.mha"]);
     bench
         .run("render scene.toml --backend cpu --frames 2 -o scene.toml/out")
         .fails(2, &["scene.toml/out", "must be a folder"]);
@@ -146,7 +146,7 @@ fn unwritable_outputs_are_status_1() {
         .fails(2, &["scene.toml", "must be a folder"]);
     bench
         .run("phantom two-layer -o none/a.nrrd --resolution-mm 3")
-        .fails(1, &["none/a.nrrd"]);
+        .fails(2, &["none/a.nrrd"]);
     assert_eq!(bench.files("."), ["scene.toml"]);
 }
 

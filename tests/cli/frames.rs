@@ -38,7 +38,7 @@ fn one_frame_is_a_picture_and_one_object() {
     assert!(report["passes"][0]["ms"].is_number());
     assert_eq!(report["warnings"], json!([]));
     assert!(
-        report["notes"].to_string().contains("the phantom's own pose"),
+        report["notes"].to_string().contains("the default pose of this phantom"),
         "{report}"
     );
     let (size, pixels) = grey(&bench.path("frame.png"));
@@ -402,7 +402,7 @@ fn doubtful_poses_and_choices_are_questioned() {
         "{still:?}"
     );
     let nowhere = bench.run("render scene.toml --backend cpu -o nowhere/frame.png");
-    nowhere.fails(1, &["nowhere/frame.png: its folder does not exist"]);
+    nowhere.fails(2, &["nowhere/frame.png: its folder does not exist"]);
     let film = bench.run("render moving.toml --backend cpu -o film.mp4 --frames 2");
     film.fails(2, &["film.mp4", ".mha"]);
 }

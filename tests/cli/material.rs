@@ -201,7 +201,7 @@ fn wrong_arguments_are_status_2() {
     bench
         .run("material c.toml --json --rheometer d")
         .fails(2, &["--rheometer"]);
-    bench.run("material c.toml -o none/c.svg").fails(1, &["none/c.svg"]);
+    bench.run("material c.toml -o none/c.svg").fails(2, &["none/c.svg"]);
     bench
         .run("tradeoff history --order 2")
         .fails(2, &["--order", "0 (a spring)"]);

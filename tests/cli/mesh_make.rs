@@ -139,7 +139,7 @@ fn an_output_that_cannot_be_written_is_status_1_and_told_first() {
     let bench = Bench::new();
     block(&bench);
     let run = bench.run("mesh make block.nrrd --nodes 100 --no-complete -o nowhere/a.vtu");
-    run.fails(1, &["nowhere"]);
+    run.fails(2, &["nowhere"]);
     std::fs::create_dir(bench.path("folder.vtu")).expect("a folder");
     let run = bench.run("mesh make block.nrrd --nodes 100 --no-complete -o folder.vtu");
     run.fails(2, &["folder.vtu", "regular file"]);

@@ -299,7 +299,7 @@ fn wrong_arguments_are_status_2() {
     bench.run("solve none.toml").fails(2, &["none.toml"]);
     bench.run("solve p.toml -o out.vtk").fails(2, &["out.vtk", ".vtu"]);
     bench.run("solve p.toml --example").fails(2, &["--example"]);
-    bench.run("solve p.toml -o none/out.vtu").fails(1, &["none/out.vtu"]);
+    bench.run("solve p.toml -o none/out.vtu").fails(2, &["none/out.vtu"]);
     assert_eq!(bench.files("."), ["m.msh", "p.toml", "scene.toml"]);
 }
 

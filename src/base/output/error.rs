@@ -106,15 +106,15 @@ impl OutputError {
 
     /// Whether the machine is at fault rather than the request.
     pub fn is_machine(&self) -> bool {
-        matches!(
-            self,
-            Self::Write { .. }
-                | Self::Folder { .. }
-                | Self::NoFolder { .. }
-                | Self::Plot { .. }
-                | Self::Json(_)
-                | Self::Kept { .. }
-        )
+        use io::ErrorKind::{IsADirectory, NotADirectory, NotFound, PermissionDenied, ReadOnlyFilesystem};
+        match self {
+            Self::Write { cause, .. } | Self::Folder { cause, .. } => !matches!(
+                cause.kind(),
+                IsADirectory | NotADirectory | NotFound | PermissionDenied | ReadOnlyFilesystem
+            ),
+            Self::Plot { .. } | Self::Json(_) | Self::Kept { .. } => true,
+            _ => false,
+        }
     }
 }
 

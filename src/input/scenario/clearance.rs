@@ -216,7 +216,7 @@ pub(super) fn tell(scene: &Scene, tip: &Trajectory, notes: &mut Vec<String>, war
         (None, Some((label, away))) => {
             let name = body.name(label);
             notes.push(format!(
-                "the bone nearest to the planned path is {name}, {away:.0} mm away"
+                "the planned path passes {name}, the nearest bone, at {away:.0} mm"
             ));
         }
         (None, None) => notes.push(format!("the planned path has no bone within {LOOKED_MM:.0} mm")),

@@ -51,7 +51,7 @@ impl SceneFile {
         let base = match phantom {
             Some(phantom) if table.target.is_none() && table.plane.is_none() => {
                 let pose = Pose::from_matrix(&phantom::default_pose(phantom)).map_err(invalid)?;
-                notes.push("the probe is at the phantom's own pose".to_owned());
+                notes.push("the scene states no pose: the probe is at the default pose of this phantom".to_owned());
                 pose
             }
             _ => self.placed(body, probe, notes, warnings)?,

@@ -169,12 +169,20 @@ impl fmt::Display for BackendReport {
             row(f, "frame by GPU timestamps", time)?;
         }
         if let Some(own) = &self.exchange {
-            row(f, "before submission", &own.before_submission)?;
+            let before = &own.before_submission;
+            writeln!(
+                f,
+                "  {:<26} {:>10.3} {:>10.3}",
+                "on the CPU, before it", before.median_ms, before.p95_ms
+            )?;
             writeln!(
                 f,
                 "  a frame: {} dispatches; uploads {:.1}, submissions {:.1}, waits {:.1}; {:.0} kB up, {:.0} kB down",
                 own.dispatches, own.uploads, own.submissions, own.waits, own.up_kb, own.down_kb
             )?;
+        }
+        if self.exchange.is_some() && !self.passes.is_empty() {
+            writeln!(f, "  passes one by one (in a frame they are fused)")?;
         }
         for pass in &self.passes {
             writeln!(
@@ -190,11 +198,11 @@ impl fmt::Display for BackendReport {
             )?;
         }
         let BatchRates { fps, png_fps } = self.batch;
-        writeln!(f, "  {:<48} {fps:>10.1}", "batch")?;
+        writeln!(f, "  {:<48} {fps:>10.1}", "batch of independent frames")?;
         if let Some(fps) = png_fps {
-            writeln!(f, "  {:<48} {fps:>10.1}", "batch, written as PNG")?;
+            writeln!(f, "  {:<48} {fps:>10.1}", "such a batch, written as PNG")?;
         }
-        writeln!(f, "  effects taken away")?;
+        writeln!(f, "  effects removed one after another")?;
         for rung in &self.ladder {
             let name = match rung.without {
                 None => "all effects".to_owned(),

@@ -168,7 +168,7 @@ fn what_a_guide_cannot_do_is_refused() {
             "needle.frame",
             "`frame` without `needle.motion`",
         ),
-        (by_guide(POSE, "pid"), "", "unknown variant `pid`"),
+        (by_guide(POSE, "pid"), "", "unknown value `pid`"),
     ];
     for (text, key, words) in cases {
         let error = resolved(&text).map(drop).expect_err(words);
