@@ -285,7 +285,7 @@ impl PointsArgs {
         let follows = self.follow || self.pixels.is_none();
         if follows && (is_csv(file) || config.as_ref().is_none_or(|config| config.wires().is_empty())) {
             return Err(Failure::usage(
-                "the wires have to be found in the images, but images or wires are missing",
+                "no pixels are given, and they cannot be found: images or wires are missing",
                 "give --pixels, or a sequence with images and the phantom's definition in --plus-config",
             ));
         }

@@ -507,7 +507,7 @@ mod tests {
             Err(OutputError::Contents { .. })
         ));
         let away = SequenceWriter::create(&folder.path().join("no/a.mha"), 1, 1);
-        assert!(away.is_err_and(|error| error.is_machine()));
+        assert!(away.is_err_and(|error| !error.is_machine()));
         let mut writer = SequenceWriter::create(&folder.path().join("a.mha"), 1, 1).unwrap();
         let transforms = [("Probe = x\nTo", Matrix4::identity(), true)];
         let info = FrameInfo {

@@ -130,7 +130,7 @@ fn no_adapter_is_status_1_only_if_one_was_asked_for() {
 }
 
 #[test]
-fn unwritable_outputs_are_status_1() {
+fn outputs_without_a_folder_are_status_2() {
     let bench = Bench::new();
     bench
         .run("render scene.toml --backend cpu -o none/a.png")

@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use faer::linalg::solvers::Solve;
 use faer::{Mat, MatRef};
+use insonify::base::lossy::{Lossy, with};
+use insonify::base::real::Real;
 use insonify::gpu::{Gpu, GpuError};
 use insonify::mechanics::remesh_gpu::{DeviceStore, follow, tiles};
 use insonify::mechanics::tissue::remesh::levels::{Levels, Store, Which};
@@ -13,14 +15,14 @@ use insonify::mechanics::tissue::remesh::{
 };
 use insonify::mechanics::tissue::symmetric::Symmetric;
 
+use super::case::BIASES;
 use super::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_move, part, rounding, single};
 use crate::support::gpu::{gpu_or_skip, gpu_without_features};
 
-/// Rounding unit of f32.
-const UNIT: f64 = 0.5 * f32::EPSILON as f64;
+/// Largest relative error of a sum or product: WGSL rounds to either neighbour of the exact result.
+const UNIT: f64 = f32::EPSILON as f64;
 
-/// gamma_n of Higham, Accuracy and Stability of Numerical Algorithms, section 3.1. WGSL rounds sums and products correctly and
-/// may fuse them, which only helps.
+/// gamma_n of Higham, Accuracy and Stability of Numerical Algorithms, section 3.1. Fused sums and products only help.
 fn gamma(terms: usize) -> f64 {
     let n = terms as f64 * UNIT;
     n / (1.0 - n)
@@ -163,6 +165,42 @@ fn updates_of_every_shape_follow_the_cpu() {
             assert_eq!(found[(i, j)], found[(j, i)], "{case}: one value for both triangles");
         }
     }
+}
+
+/// The update of the shader, in the least accurate arithmetic that WGSL allows.
+#[test]
+fn bounds_of_updates_hold_for_the_least_accurate_arithmetic() {
+    let sum = |terms: &mut dyn Iterator<Item = Lossy>| terms.fold(Lossy::default(), |sum, term| sum + term);
+    let mut worst = [0.0f64; BIASES.len()];
+    for (worst, bias) in worst.iter_mut().zip(BIASES) {
+        *worst = with(bias, || {
+            let mut worst = 0.0f64;
+            for (size, rank) in [(1, 1), (65, 17), (96, 48)] {
+                let base = symmetric(size, 1);
+                let columns = choose(size, rank);
+                let y = Mat::from_fn(size, rank, |i, k| f64::from(base.get(i, columns[k])));
+                let c = noisy(rank, 1.0);
+                let c = Mat::from_fn(rank, rank, |i, j| f64::from(c[(i, j)] as f32));
+                let exact = Exact::of(&base, &y, &c);
+                let lossy = |matrix: &Mat<f64>, i, j| Lossy::from(matrix[(i, j)] as f32);
+                let z = |i, k| sum(&mut (0..rank).map(|l| lossy(&y, i, l) * lossy(&c, l, k)));
+                let z: Vec<Vec<Lossy>> = (0..size).map(|i| (0..rank).map(|k| z(i, k)).collect()).collect();
+                for (i, j) in (0..size).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+                    let update = sum(&mut (0..rank).map(|k| lossy(&y, i, k) * z[j][k]));
+                    let found = (Lossy::from(base.get(i, j)) - update).wide();
+                    let share = (found - exact.value[(i, j)]).abs() / exact.bound[(i, j)];
+                    assert!(
+                        share <= 1.0,
+                        "{bias:?}, {size} rows, rank {rank}: ({i}, {j}) is at {share} of the bound"
+                    );
+                    worst = worst.max(share);
+                }
+            }
+            worst
+        });
+    }
+    // Rounded to nearest it would be at half of it at most.
+    assert!(worst.iter().any(|share| *share > 0.5), "{worst:?}");
 }
 
 /// A symmetric matrix of noise in f64, as large as `scale`.

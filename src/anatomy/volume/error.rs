@@ -137,7 +137,8 @@ impl VolumeError {
     /// that is missing, forbidden or not a file.
     pub fn is_machine(&self) -> bool {
         match self {
-            Self::Write(_) | Self::Memory(_) => true,
+            Self::Write(error) => error.is_machine(),
+            Self::Memory(_) => true,
             Self::Csv(error) => error.is_machine(),
             Self::Read { cause, .. } | Self::Data { cause, .. } => read::is_machine(cause),
             _ => false,

@@ -132,7 +132,7 @@ mod tests {
                 "{refused}"
             );
         }
-        assert!(checked("none/a.vtu", &[], true).unwrap_err().is_machine());
+        assert!(!checked("none/a.vtu", &[], true).unwrap_err().is_machine());
         let twice = check(&[&at("b.csv"), &at("./b.csv")], &[], false);
         assert!(matches!(twice, Err(OutputError::Twice { .. })), "{twice:?}");
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 6);

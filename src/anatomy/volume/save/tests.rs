@@ -100,7 +100,7 @@ fn other_endings_long_axes_and_missing_folders_are_refused() {
         "{other}"
     );
     let away = save(&sample(&[0, 1]), &folder.path().join("no/a.mha")).unwrap_err();
-    assert!(away.is_machine(), "{away}");
+    assert!(!away.is_machine(), "{away}");
     let labels = vec![Label {
         value: 0,
         name: None,

@@ -81,7 +81,7 @@ impl MeshFileError {
     /// disk fails.
     pub fn is_machine(&self) -> bool {
         match self {
-            MeshFileError::Write(_) => true,
+            MeshFileError::Write(error) => error.is_machine(),
             MeshFileError::Read { source, .. } => read::is_machine(source),
             _ => false,
         }
