@@ -19,8 +19,9 @@ use super::case::BIASES;
 use super::remesh_support::{contacts, error, free_nodes, gold, mesh, noise, nth_move, part, rounding, single};
 use crate::support::gpu::{gpu_or_skip, gpu_without_features};
 
-/// Largest relative error of a sum or product: WGSL rounds to either neighbour of the exact result.
-const UNIT: f64 = f32::EPSILON as f64;
+/// Rounding unit of f32. WGSL allows either neighbour of an exact sum or product, twice as much; bounds of worst cases leave room for
+/// that ([`bounds_of_updates_hold_for_the_least_accurate_arithmetic`]).
+const UNIT: f64 = 0.5 * f32::EPSILON as f64;
 
 /// gamma_n of Higham, Accuracy and Stability of Numerical Algorithms, section 3.1. Fused sums and products only help.
 fn gamma(terms: usize) -> f64 {
@@ -199,8 +200,8 @@ fn bounds_of_updates_hold_for_the_least_accurate_arithmetic() {
             worst
         });
     }
-    // Rounded to nearest it would be at half of it at most.
-    assert!(worst.iter().any(|share| *share > 0.5), "{worst:?}");
+    // Errors in one direction add up, to a third of the bound.
+    assert!(worst.iter().any(|share| *share > 0.3), "{worst:?}");
 }
 
 /// A symmetric matrix of noise in f64, as large as `scale`.
