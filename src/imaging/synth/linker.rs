@@ -337,70 +337,73 @@ fn wrapper(fused: &Fused, calls: &[Call], shifts: &str) -> String {
                 let _ = writeln!(text, "        {}(vec3<u32>(id.xy, z));\n    }}", call.name);
             }
         }
-        _ => {
-            let _ = writeln!(
-                text,
-                "@compute @workgroup_size({THREADS})\nfn {ENTRY}({BY_WORKGROUP}) {{"
-            );
-            let _ = writeln!(
-                text,
-                "    batch_frame = id.z;\n{shifts}    var line = id.y + {MAX_LINES}u * id.x;"
-            );
-            let mut place = 0;
-            for sequence in fused {
-                let e = extent(place);
-                let lines = if sequence.by_line {
-                    format!("{e}.y")
-                } else {
-                    format!("{e}.y * {e}.z")
-                };
-                let _ = writeln!(text, "    if line < {lines} {{");
-                let end = place + sequence.passes.len();
-                while place < end {
-                    if calls[place].after_barrier {
-                        let _ = writeln!(text, "        storageBarrier();\n        workgroupBarrier();");
-                    }
-                    let name = &calls[place].name;
-                    if !sequence.by_line {
-                        let e = extent(place);
-                        let _ = writeln!(
-                            text,
-                            "        {name}(thread, vec3<u32>(0u, line % {e}.y, line / {e}.y));"
-                        );
-                        place += 1;
-                    } else if !calls[place].by_invocation {
-                        let _ = writeln!(text, "        {name}(thread, vec3<u32>(0u, line, 0u));");
-                        place += 1;
-                    } else {
-                        // Up to the next barrier, an invocation goes through all passes at a sample.
-                        let run = place..end;
-                        let run =
-                            run.take_while(|&at| calls[at].by_invocation && (at == place || !calls[at].after_barrier));
-                        let run: Vec<usize> = run.collect();
-                        let widest = run.iter().map(|&at| format!("{}.x", extent(at)));
-                        let widest = widest.reduce(|a, b| format!("max({a}, {b})")).unwrap_or_default();
-                        let _ = writeln!(
-                            text,
-                            "        for (var x = thread; x < 64u * {widest}; x += {THREADS}u) {{"
-                        );
-                        for &at in &run {
-                            let (e, name) = (extent(at), &calls[at].name);
-                            let _ = writeln!(
-                                text,
-                                "            for (var z = 0u; z < {e}.z; z++) {{\n                \
-                                 {name}(vec3<u32>(x, line, z));\n            }}"
-                            );
-                        }
-                        let _ = writeln!(text, "        }}");
-                        place += run.len();
-                    }
-                }
-                let _ = writeln!(text, "        return;\n    }}\n    line -= {lines};");
-            }
-        }
+        _ => by_lines(&mut text, fused, calls, shifts),
     }
     text.push_str("}\n");
     text
+}
+
+/// The part of the entry point for sequences that have a scanline to each workgroup.
+fn by_lines(text: &mut String, fused: &Fused, calls: &[Call], shifts: &str) {
+    let extent = |place: usize| format!("batch_blocks[0].extents[{place}]");
+    let _ = writeln!(
+        text,
+        "@compute @workgroup_size({THREADS})\nfn {ENTRY}({BY_WORKGROUP}) {{"
+    );
+    let _ = writeln!(
+        text,
+        "    batch_frame = id.z;\n{shifts}    var line = id.y + {MAX_LINES}u * id.x;"
+    );
+    let mut place = 0;
+    for sequence in fused {
+        let e = extent(place);
+        let lines = if sequence.by_line {
+            format!("{e}.y")
+        } else {
+            format!("{e}.y * {e}.z")
+        };
+        let _ = writeln!(text, "    if line < {lines} {{");
+        let end = place + sequence.passes.len();
+        while place < end {
+            if calls[place].after_barrier {
+                let _ = writeln!(text, "        storageBarrier();\n        workgroupBarrier();");
+            }
+            let name = &calls[place].name;
+            if !sequence.by_line {
+                let e = extent(place);
+                let _ = writeln!(
+                    text,
+                    "        {name}(thread, vec3<u32>(0u, line % {e}.y, line / {e}.y));"
+                );
+                place += 1;
+            } else if !calls[place].by_invocation {
+                let _ = writeln!(text, "        {name}(thread, vec3<u32>(0u, line, 0u));");
+                place += 1;
+            } else {
+                // Up to the next barrier, an invocation goes through all passes at a sample.
+                let run = place..end;
+                let run = run.take_while(|&at| calls[at].by_invocation && (at == place || !calls[at].after_barrier));
+                let run: Vec<usize> = run.collect();
+                let widest = run.iter().map(|&at| format!("{}.x", extent(at)));
+                let widest = widest.reduce(|a, b| format!("max({a}, {b})")).unwrap_or_default();
+                let _ = writeln!(
+                    text,
+                    "        for (var x = thread; x < 64u * {widest}; x += {THREADS}u) {{"
+                );
+                for &at in &run {
+                    let (e, name) = (extent(at), &calls[at].name);
+                    let _ = writeln!(
+                        text,
+                        "            for (var z = 0u; z < {e}.z; z++) {{\n                \
+                         {name}(vec3<u32>(x, line, z));\n            }}"
+                    );
+                }
+                let _ = writeln!(text, "        }}");
+                place += run.len();
+            }
+        }
+        let _ = writeln!(text, "        return;\n    }}\n    line -= {lines};");
+    }
 }
 
 /// Workgroups of a dispatch for one frame, given the extents of its passes; those of the frames lie along z.
