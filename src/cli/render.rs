@@ -244,7 +244,7 @@ impl Report {
                 path.display()
             ),
             n => format!(
-                "wrote {}: {n} frames of {width}x{height} pixels at {frames_per_second:.0} a second, several at a time; {mean:.1} ms each",
+                "wrote {}: {n} frames of {width}x{height} pixels, {frames_per_second:.0} a second in all; a frame takes {mean:.1} ms",
                 path.display()
             ),
         }

@@ -24,7 +24,7 @@ const USEFUL_BINDING_BYTES: u64 = 512 << 20;
 /// Device requirements beyond wgpu's default limits; zero means the default.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Needs {
-    /// Largest storage buffer that a pass binds, bytes (default limit 128 MiB).
+    /// Largest storage buffer that a pass binds, bytes (default limit 128 MiB, or up to 512 MiB where the adapter has it).
     pub storage_binding_bytes: u64,
     /// Largest buffer, bytes (default limit 256 MiB).
     pub buffer_bytes: u64,

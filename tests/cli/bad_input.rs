@@ -36,6 +36,9 @@ fn wrong_arguments_are_status_2() {
         .run("phantom two-layer -o a.xyz --resolution-mm 4")
         .fails(2, &["a.xyz", ".nrrd"]);
     bench.run("bench scene.toml -o report").fails(2, &["--compare"]);
+    bench
+        .run("bench scene.toml --frames 2 -o report")
+        .fails(2, &["--compare"]);
     bench.run("bench --compare --frames 3").fails(2, &["--frames"]);
     bench
         .run("bench --compare --backend cpu-f64")

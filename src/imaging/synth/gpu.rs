@@ -194,13 +194,13 @@ impl GpuExecutor {
                 return Ok(self.frames);
             }
             let before = std::mem::replace(&mut self.frames, frames);
-            match self.fit_frames(plan, tables, &[]) {
-                Err(SynthError::Gpu(GpuError::OutOfMemory { .. })) => {
-                    self.frames = before;
-                    self.fit_frames(plan, tables, &[])?;
-                    return Ok(before);
+            if let Err(error) = self.fit_frames(plan, tables, &[]) {
+                self.frames = before;
+                if !matches!(error, SynthError::Gpu(GpuError::OutOfMemory { .. })) {
+                    return Err(error);
                 }
-                fitted => fitted?,
+                self.fit_frames(plan, tables, &[])?;
+                return Ok(before);
             }
         }
         Ok(frames)
