@@ -6,6 +6,8 @@
 
 pub(crate) mod noise;
 
+use crate::base::simd::map;
+
 /// Folds a 64-bit seed to the two 32-bit words that the hashes take.
 pub fn seed_words(seed: u64) -> [u32; 2] {
     [seed as u32, (seed >> 32) as u32]
@@ -23,7 +25,7 @@ pub fn pcg_mix(mut v: [u32; 3]) -> [u32; 3] {
     v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
     v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
     v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
-    v = v.map(|x| x ^ x >> 16);
+    v = map(v, |x| x ^ x >> 16);
     v[0] = v[0].wrapping_add(v[1].wrapping_mul(v[2]));
     v[1] = v[1].wrapping_add(v[2].wrapping_mul(v[0]));
     v[2] = v[2].wrapping_add(v[0].wrapping_mul(v[1]));
@@ -33,7 +35,7 @@ pub fn pcg_mix(mut v: [u32; 3]) -> [u32; 3] {
 /// Hashes three integers to three well-mixed words.
 #[inline(always)]
 pub fn pcg3d(v: [u32; 3]) -> [u32; 3] {
-    pcg_mix(v.map(pcg_step))
+    pcg_mix(map(v, pcg_step))
 }
 
 /// Combines a lattice coordinate on one axis with the seed: the input of [`hash3`] to [`pcg3d`].

@@ -27,6 +27,22 @@ pub(crate) fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
     Arch::new().dispatch(kernel)
 }
 
+/// Array of a function of the index. Unlike `std::array::from_fn` it is always inlined, as everything in a kernel must be.
+#[inline(always)]
+pub(crate) fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
+    let mut values = [value(0); N];
+    for at in 1..N {
+        values[at] = value(at);
+    }
+    values
+}
+
+/// Array of a function of each element. Unlike `map` of the standard library it is always inlined.
+#[inline(always)]
+pub(crate) fn map<T: Copy, U: Copy, const N: usize>(elements: [T; N], function: impl Fn(T) -> U) -> [U; N] {
+    array(|at| function(elements[at]))
+}
+
 /// A scalar with vector registers: one interface to pulp's per-type functions.
 pub trait Lanes: Copy + 'static {
     /// Vector register of this scalar.

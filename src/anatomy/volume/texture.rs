@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::VolumeError;
 use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, array, map, vectorised};
 
 /// A periodic volume of amplitude multipliers with mean square 1. The centre of voxel (0, 0, 0) lies at the origin.
 #[derive(Clone, Debug, PartialEq)]
@@ -134,7 +134,7 @@ fn trilinear<T: Real, const N: usize>(data: &[f32], size: [u32; 3], index: &[[T;
         }
     }
     let mix = |a: T, b: T, t: T| a + t * (b - a);
-    std::array::from_fn(|i| {
+    array(|i| {
         let edge = |corner: usize| mix(voxels[corner][i], voxels[corner + 1][i], share[0][i]);
         let slab = |corner: usize| mix(edge(corner), edge(corner + 2), share[1][i]);
         mix(slab(0), slab(4), share[2][i])
@@ -286,18 +286,21 @@ impl<T: Real> Kernel for Apply<'_, T> {
     #[inline(always)]
     fn run(self) {
         let AtlasEntry { to_voxel, size, offset } = self.atlas.entries[self.entry];
-        let rows = to_voxel.map(|row| row.map(|number| T::of(f64::from(number))));
+        let rows = map(to_voxel, |row| map(row, |number| T::of(f64::from(number))));
         let data = &self.atlas.data[offset as usize..];
-        for (positions, amplitudes) in self.positions.chunks(BLOCK).zip(self.amplitudes.chunks_mut(BLOCK)) {
+        for start in (0..self.positions.len()).step_by(BLOCK) {
+            let end = self.positions.len().min(start + BLOCK);
+            let (positions, amplitudes) = (&self.positions[start..end], &mut self.amplitudes[start..end]);
             let mut index = [[T::zero(); BLOCK]; 3];
-            for (row, index) in rows.iter().zip(&mut index) {
-                for (index, position) in index.iter_mut().zip(positions) {
-                    *index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2];
+            for axis in 0..3 {
+                let [x, y, z, _] = rows[axis];
+                for (at, position) in positions.iter().enumerate() {
+                    index[axis][at] = x * position[0] + y * position[1] + z * position[2];
                 }
             }
-            let multipliers = trilinear(data, size, &index);
-            for (amplitude, multiplier) in amplitudes.iter_mut().zip(multipliers) {
-                *amplitude *= T::one() + self.strength * (multiplier - T::one());
+            let multipliers: [T; BLOCK] = trilinear(data, size, &index);
+            for (at, amplitude) in amplitudes.iter_mut().enumerate() {
+                *amplitude *= T::one() + self.strength * (multipliers[at] - T::one());
             }
         }
     }

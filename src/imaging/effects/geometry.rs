@@ -12,6 +12,7 @@ use super::common::{plane_step, rows};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Stage, Verdict};
 use crate::base::real::Real;
+use crate::base::simd::map;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
@@ -89,7 +90,7 @@ pub fn scanline<T: Real>(ray: [T; 4], z: T, sample_mm: T, matrix: &[[T; 4]; 3], 
     for (i, position) in positions.iter_mut().enumerate() {
         let s = (T::from_signed(i as i32) + half) * sample_mm;
         let (x, y) = (ray[0] + ray[2] * s, ray[1] + ray[3] * s);
-        let [px, py, pz] = matrix.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3]);
+        let [px, py, pz] = map(*matrix, |row| row[0] * x + row[1] * y + row[2] * z + row[3]);
         *position = [px, py, pz, T::zero()];
     }
 }

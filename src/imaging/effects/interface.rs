@@ -24,7 +24,7 @@ use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::seed_words;
 use crate::base::range::parameters;
 use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, map, vectorised};
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
@@ -301,8 +301,8 @@ impl<'a, T: Real> Surfaces<'a, T> {
     /// Reflection coefficient between two labels.
     #[inline(always)]
     pub fn coefficient(&self, [near, far]: [u8; 2]) -> T {
-        let [a, b] = [near, far].map(|label| self.impedance[usize::from(label)]);
-        let [c, d] = [near, far].map(|label| self.capsule[usize::from(label)]);
+        let [a, b] = map([near, far], |label| self.impedance[usize::from(label)]);
+        let [c, d] = map([near, far], |label| self.capsule[usize::from(label)]);
         let step = if a + b > T::zero() {
             (a - b).abs() / (a + b)
         } else {
@@ -322,7 +322,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
         if reflected == T::zero() {
             return None;
         }
-        let [above, below] = positions.map(|[x, y, z, _]| [x, y, z]);
+        let [above, below] = map(positions, |[x, y, z, _]| [x, y, z]);
         let size = T::of(0.5) * self.mirror * reflected;
         let size = size * self.cosine(labels, [above, below]).powf(self.directivity);
         let [re, im] = self.roughness(below);
@@ -332,7 +332,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
     /// Complex multiplier of the echo of a surface at a reference position, mm.
     #[inline(always)]
     pub fn roughness(&self, position: [T; 3]) -> [T; 2] {
-        let ([re], [im]) = scatterers(&position.map(|x| [x * T::of(1.0 / ROUGHNESS_MM)]), self.seed);
+        let ([re], [im]) = scatterers(&map(position, |x| [x * T::of(1.0 / ROUGHNESS_MM)]), self.seed);
         [self.steady + self.diffuse * re, self.diffuse * im]
     }
 
@@ -343,7 +343,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
         let Some(gradient) = self.gradient(labels, after) else {
             return T::zero();
         };
-        let [from, to] = [before, after].map(|position| self.reader.index(position));
+        let [from, to] = map([before, after], |position| self.reader.index(position));
         let rows = self.reader.rows();
         let mut along = T::zero();
         let (mut steep, mut long) = (T::zero(), T::zero());
@@ -368,7 +368,7 @@ impl<'a, T: Real> Surfaces<'a, T> {
     pub fn gradient(&self, [near, far]: [u8; 2], position: [T; 3]) -> Option<[T; 3]> {
         const TAPS: usize = 2 * REACH as usize;
         let half = T::of(0.5);
-        let (shifted, mirrored) = self.reader.within(self.reader.index(position).map(|x| x + half))?;
+        let (shifted, mirrored) = self.reader.within(map(self.reader.index(position), |x| x + half))?;
         let mut base = [0i32; 3];
         // Lanes past the taps have zero weight.
         let (mut weights, mut slopes) = ([[T::zero(); LANES]; 3], [[T::zero(); LANES]; 3]);
@@ -396,8 +396,9 @@ impl<'a, T: Real> Surfaces<'a, T> {
         }
         // 1 for the second label, -1 for the first: all at once, as each step fills vector registers.
         let mut signs = [[T::zero(); LANES]; TAPS * TAPS];
-        for (sign, label) in signs.as_flattened_mut().iter_mut().zip(labels.as_flattened()) {
-            *sign = T::from_signed(i32::from(i8::from(*label == far) - i8::from(*label == near)));
+        let (all_signs, labels) = (signs.as_flattened_mut(), labels.as_flattened());
+        for at in 0..LANES * TAPS * TAPS {
+            all_signs[at] = T::from_signed(i32::from(i8::from(labels[at] == far) - i8::from(labels[at] == near)));
         }
         let mut sums = [[T::zero(); LANES]; 3];
         for (at, signs) in signs.iter().enumerate() {
@@ -407,16 +408,16 @@ impl<'a, T: Real> Surfaces<'a, T> {
                 slopes[1][j] * weights[2][k],
                 weights[1][j] * slopes[2][k],
             ];
-            for (sums, factor) in sums.iter_mut().zip(factors) {
-                for (sum, sign) in sums.iter_mut().zip(signs) {
-                    *sum += factor * *sign;
+            for axis in 0..3 {
+                for lane in 0..LANES {
+                    sums[axis][lane] += factors[axis] * signs[lane];
                 }
             }
         }
         let mut gradient = [T::zero(); 3];
-        for (axis, (sums, along)) in sums.iter().zip([&slopes[0], &weights[0], &weights[0]]).enumerate() {
-            for (weight, sum) in along.iter().zip(sums) {
-                gradient[axis] += *weight * *sum;
+        for (axis, along) in [&slopes[0], &weights[0], &weights[0]].into_iter().enumerate() {
+            for lane in 0..LANES {
+                gradient[axis] += along[lane] * sums[axis][lane];
             }
             gradient[axis] /= T::from_signed(self.stride[axis]);
             if mirrored[axis] {

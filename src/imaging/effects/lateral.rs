@@ -93,15 +93,17 @@ impl LateralKernel {
         if start + BLOCK <= self.samples {
             for other in across {
                 let weights = block(self.row(other + self.reach - line, start));
-                for (sum, values) in sums.iter_mut().zip(scanline(other)) {
-                    add(sum, weights, block(&values[start..]));
+                let values = scanline(other);
+                for field in 0..N {
+                    add(&mut sums[field], weights, block(&values[field][start..]));
                 }
             }
         } else {
             for other in across {
                 let weights = self.row(other + self.reach - line, start);
-                for (sum, values) in sums.iter_mut().zip(scanline(other)) {
-                    add(sum, weights, &values[start..]);
+                let values = scanline(other);
+                for field in 0..N {
+                    add(&mut sums[field], weights, &values[field][start..]);
                 }
             }
         }
@@ -154,8 +156,8 @@ impl LateralKernel {
 /// Adds the products of weights and values.
 #[inline(always)]
 fn add<T: Real>(sums: &mut [T; BLOCK], weights: &[T], values: &[T]) {
-    for ((sum, weight), value) in sums.iter_mut().zip(weights).zip(values) {
-        *sum += *weight * *value;
+    for i in 0..BLOCK.min(weights.len()).min(values.len()) {
+        sums[i] += weights[i] * values[i];
     }
 }
 

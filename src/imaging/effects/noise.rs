@@ -13,7 +13,7 @@ use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::{hash3, pcg3d, seed_words};
 use crate::base::range::parameters;
 use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, map, vectorised};
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
@@ -159,8 +159,8 @@ pub fn deviate(column: i32, row: i32, frame: u32, seed: [u32; 2]) -> i32 {
     let second = pcg3d(first);
     // The upper halves of both triples: twelve bytes.
     let pair = |word: u32| (word >> 24) + (word >> 16 & 0xff);
-    let sum: u32 = first.iter().chain(&second).map(|&word| pair(word)).sum();
-    sum as i32 - SUM_MEAN
+    let ([a, b, c], [d, e, f]) = (map(first, pair), map(second, pair));
+    (a + b + c + d + e + f) as i32 - SUM_MEAN
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ use super::{Effect, Parameters, Stage, Verdict};
 use crate::base::random::{hash3, pcg3d, seed_words};
 use crate::base::range::parameters;
 use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, array, map, vectorised};
 use crate::imaging::synth::SynthError;
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::{Inputs, Settings, Tables};
@@ -254,7 +254,7 @@ impl<T: Real> Kernel for Scanlines<'_, T> {
                 let clutter = &self.clutter[at..at + length];
                 let amplitudes = &mut amplitudes[start..start + length];
                 for i in 0..length {
-                    let drawn = power([0, 1].map(|part| before[part][i] + after[part][i]));
+                    let drawn = power(map([0, 1], |part: usize| before[part][i] + after[part][i]));
                     let heard = T::of(f64::from(clutter[i])) + self.noise * T::from_signed(drawn);
                     let echo = amplitudes[i];
                     let sum = echo * echo + if labels[i] == 0 { T::zero() } else { heard };
@@ -274,7 +274,7 @@ fn smoothed(line: i32, start: i32, length: usize, numbers: &Params) -> [[i32; BL
         let own = white(line, start - 1 + i as i32, numbers);
         (parts[0][i], parts[1][i]) = (own[0], own[1]);
     }
-    parts.map(|part| std::array::from_fn(|i| part[i] + 2 * part[i + 1] + part[i + 2]))
+    map(parts, |part| array(|i| part[i] + 2 * part[i + 1] + part[i + 2]))
 }
 
 /// Both parts of the signal before smoothing, -765 to 765 each.
@@ -283,8 +283,8 @@ fn white(line: i32, sample: i32, numbers: &Params) -> [i32; 2] {
     let first = hash3([line, sample, numbers.frame as i32], numbers.seed);
     // The upper halves of both triples: six bytes each.
     let part = |words: [u32; 3]| {
-        let sum: u32 = words.iter().map(|&word| (word >> 24) + (word >> 16 & 0xff)).sum();
-        sum as i32 - SUM_MEAN
+        let [a, b, c] = map(words, |word| (word >> 24) + (word >> 16 & 0xff));
+        (a + b + c) as i32 - SUM_MEAN
     };
     [part(first), part(pcg3d(first))]
 }

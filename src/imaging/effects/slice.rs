@@ -17,7 +17,7 @@ use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, reference};
 use super::{Effect, Setting, Stage, Verdict};
 use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, array, map, vectorised};
 use crate::imaging::synth::store::Store;
 use crate::imaging::synth::tables::Tables;
 
@@ -170,8 +170,11 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     fn run(self) {
         let Self { reader, echo, .. } = self;
         let mut cell = Cell::default();
-        let blocks = self.positions.chunks(BLOCK).zip(self.labels.chunks_mut(BLOCK));
-        for ((positions, labels), amplitudes) in blocks.zip(self.amplitudes.chunks_mut(BLOCK)) {
+        for start in (0..self.labels.len()).step_by(BLOCK) {
+            let end = self.labels.len().min(start + BLOCK);
+            let positions = &self.positions[start..end];
+            let labels = &mut self.labels[start..end];
+            let amplitudes = &mut self.amplitudes[start..end];
             let mut shifted = [[T::zero(); BLOCK]; 3];
             let mut base = [[0; BLOCK]; 3];
             let mut is_inside = [true; BLOCK];
@@ -196,8 +199,8 @@ impl<T: Real> Kernel for Scanline<'_, T> {
                     reader.beyond(at, &mut cell)
                 };
             }
-            for (amplitude, label) in amplitudes.iter_mut().zip(labels.iter()) {
-                *amplitude = echo[usize::from(*label)];
+            for i in 0..labels.len() {
+                amplitudes[i] = echo[usize::from(labels[i])];
             }
         }
     }
@@ -277,8 +280,9 @@ impl<'a, T: Real> LabelReader<'a, T> {
     /// Continuous voxel index of a world position.
     #[inline(always)]
     pub fn index(&self, position: [T; 3]) -> [T; 3] {
-        self.world_to_index
-            .map(|row| row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3])
+        map(self.world_to_index, |row| {
+            row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3]
+        })
     }
 
     /// Label index outside the volume, at `shifted` (voxels, from the corner of the first): that of the mirrored position; 0
@@ -288,7 +292,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
         let Some((shifted, _)) = self.within(shifted) else {
             return 0;
         };
-        self.inside(shifted, shifted.map(|x| floor(x - T::of(0.5))), cell)
+        self.inside(shifted, map(shifted, |x| floor(x - T::of(0.5))), cell)
     }
 
     /// Label index in the volume at `shifted` (voxels, from the corner of the first), in the cell from voxel `base` on. `cell`
@@ -312,8 +316,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         if !self.mirrored {
             return None;
         }
-        let face = shifted.map(|x| x.max(T::zero()));
-        let face = std::array::from_fn(|axis| face[axis].min(T::from_signed(self.size[axis] as i32 - 1)));
+        let last = |axis: usize| T::from_signed(self.size[axis] as i32 - 1);
+        let face = array(|axis| shifted[axis].max(T::zero()).min(last(axis)));
         if self.nearest(face) == 0 {
             return None;
         }
@@ -337,7 +341,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
 
     #[inline(always)]
     fn nearest(&self, shifted: [T; 3]) -> u8 {
-        let [i, j, k] = shifted.map(|x| x.truncate() as usize);
+        let [i, j, k] = map(shifted, |x| x.truncate() as usize);
         self.voxels[i + self.size[0] * (j + self.size[1] * k)]
     }
 
@@ -380,11 +384,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
             corner | usize::from(fraction[axis] > T::of(0.5)) << axis
         });
         let mut shares = [T::zero(); 8];
-        for (members, shares) in cell.members[..cell.count.div_ceil(TOGETHER)]
-            .iter()
-            .zip(shares.chunks_mut(TOGETHER))
-        {
-            shares.copy_from_slice(&together(members, &weights));
+        for group in 0..cell.count.div_ceil(TOGETHER) {
+            shares[group * TOGETHER..][..TOGETHER].copy_from_slice(&together(&cell.members[group], &weights));
         }
         let (mut best, mut best_share) = (0, -T::one());
         for at in 0..8 {
@@ -404,13 +405,17 @@ impl<'a, T: Real> LabelReader<'a, T> {
     /// Reads the 64 voxels around a cell.
     #[inline(always)]
     fn widen(&self, cell: &mut Cell<T>) {
-        for (label, kind) in cell.labels.iter().zip(&mut cell.kind) {
-            let known = cell.kinds[..cell.count].iter().position(|kind| kind == label);
-            *kind = known.unwrap_or(cell.count) as u8;
-            if known.is_none() {
-                cell.kinds[cell.count] = *label;
+        for corner in 0..8 {
+            let label = cell.labels[corner];
+            let mut known = 0;
+            while known < cell.count && cell.kinds[known] != label {
+                known += 1;
+            }
+            if known == cell.count {
+                cell.kinds[known] = label;
                 cell.count += 1;
             }
+            cell.kind[corner] = known as u8;
         }
         let columns = self.offsets::<4>(0, cell.base[0] - 1, 1);
         let rows = self.offsets::<4>(1, cell.base[1] - 1, 1);
@@ -419,12 +424,12 @@ impl<'a, T: Real> LabelReader<'a, T> {
         for (at, row) in around.iter_mut().enumerate() {
             *row = self.row(&columns, rows[at % 4] + slabs[at / 4]);
         }
-        let groups = cell.count.div_ceil(TOGETHER);
-        for (members, kinds) in cell.members[..groups].iter_mut().zip(cell.kinds.chunks_exact(TOGETHER)) {
-            for (members, label) in members.as_flattened_mut().iter_mut().zip(around.as_flattened()) {
-                for (member, kind) in members.iter_mut().zip(kinds) {
-                    *member = if label == kind { T::one() } else { T::zero() };
-                }
+        let around = around.as_flattened();
+        for group in 0..cell.count.div_ceil(TOGETHER) {
+            let kinds: [u8; TOGETHER] = array(|at| cell.kinds[group * TOGETHER + at]);
+            let members = cell.members[group].as_flattened_mut();
+            for voxel in 0..64 {
+                members[voxel] = map(kinds, |kind| if around[voxel] == kind { T::one() } else { T::zero() });
             }
         }
     }
@@ -432,13 +437,9 @@ impl<'a, T: Real> LabelReader<'a, T> {
     /// Offsets of every `stride`-th voxel along an axis from `first` on, each clamped to the volume.
     #[inline(always)]
     pub fn offsets<const N: usize>(&self, axis: usize, first: i32, stride: i32) -> [usize; N] {
-        let pitch: usize = self.size[..axis].iter().product();
+        let pitch = [1, self.size[0], self.size[0] * self.size[1]][axis];
         let last = self.size[axis] - 1;
-        let mut offsets = [0; N];
-        for (at, offset) in offsets.iter_mut().enumerate() {
-            *offset = ((first + at as i32 * stride).max(0) as usize).min(last) * pitch;
-        }
-        offsets
+        array(|at| ((first + at as i32 * stride).max(0) as usize).min(last) * pitch)
     }
 
     /// Labels at offsets along the first axis, given the sum of the offsets along the others.
@@ -448,8 +449,8 @@ impl<'a, T: Real> LabelReader<'a, T> {
         if columns[1] == columns[0] + 1 && columns[N - 1] == columns[0] + N - 1 {
             row.copy_from_slice(&self.voxels[columns[0] + offset..][..N]);
         } else {
-            for (label, column) in row.iter_mut().zip(columns) {
-                *label = self.voxels[column + offset];
+            for at in 0..N {
+                row[at] = self.voxels[columns[at] + offset];
             }
         }
         row
@@ -462,18 +463,16 @@ fn together<T: Real>(members: &[[[T; TOGETHER]; 4]; 16], [x, y, z]: &[[T; 4]; 3]
     let mut sums = [[T::zero(); TOGETHER]; 4];
     for (at, members) in members.iter().enumerate() {
         let weight = y[at % 4] * z[at / 4];
-        for (sums, members) in sums.iter_mut().zip(members) {
-            for (sum, member) in sums.iter_mut().zip(members) {
-                *sum += weight * *member;
+        for column in 0..4 {
+            for label in 0..TOGETHER {
+                sums[column][label] += weight * members[column][label];
             }
         }
     }
-    let mut shares = [T::zero(); TOGETHER];
-    for (label, share) in shares.iter_mut().enumerate() {
+    array(|label| {
         let [a, b, c, d] = [sums[0][label], sums[1][label], sums[2][label], sums[3][label]];
-        *share = x[0] * a + x[1] * b + (x[2] * c + x[3] * d);
-    }
-    shares
+        x[0] * a + x[1] * b + (x[2] * c + x[3] * d)
+    })
 }
 
 /// Label with the largest sum of trilinear weights; corner bits 0, 1, 2 step along x, y, z.
@@ -486,7 +485,7 @@ pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
             T::one() - fraction[axis]
         }
     };
-    let weights: [T; 8] = std::array::from_fn(|c| weight(c, 0) * weight(c, 1) * weight(c, 2));
+    let weights: [T; 8] = array(|c| weight(c, 0) * weight(c, 1) * weight(c, 2));
     let (mut best, mut best_share) = (labels[0], T::zero());
     for candidate in labels {
         let mut share = T::zero();
@@ -506,7 +505,7 @@ pub fn majority<T: Real>(labels: [u8; 8], fraction: [T; 3]) -> u8 {
 /// have exact sums in any precision.
 #[inline(always)]
 pub fn spline<T: Real>(t: T) -> [T; 4] {
-    let [one, three] = [1.0, 3.0].map(T::of);
+    let (one, three) = (T::one(), T::of(3.0));
     let u = one - t;
     let inner = |t: T, u: T| one + three * t * (one + t * u);
     [u * u * u, inner(u, t), inner(t, u), t * t * t]

@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 use super::compliance::{check_dofs, check_shape};
 use crate::base::real::Real;
-use crate::base::simd::{Lanes, Simd, WithSimd, dispatch};
+use crate::base::simd::{Lanes, Simd, WithSimd, array, dispatch};
 use crate::mechanics::tissue::error::LinearError;
 
 /// Rows of a panel. Measured from 64 to 256 at 9,834 rows: 128 and 256 are equally fast, 64 is up to a tenth slower,
@@ -308,8 +308,8 @@ impl<T: Scalar> WithSimd for Left<'_, T> {
             .zip(self.x.as_chunks::<WIDTH>().0)
             .zip(self.y.as_chunks_mut::<WIDTH>().0)
         {
-            let columns: [_; WIDTH] = std::array::from_fn(|j| T::vectors::<S>(&columns[j].0));
-            let x: [_; WIDTH] = std::array::from_fn(|j| T::splat(simd, x[j]));
+            let columns: [_; WIDTH] = array(|j| T::vectors::<S>(&columns[j].0));
+            let x: [_; WIDTH] = array(|j| T::splat(simd, x[j]));
             let mut sums = [T::splat(simd, T::of(0.0)); WIDTH];
             for i in 0..own.len() {
                 for j in 0..WIDTH {

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{SMatrix, SVector};
 use rustfft::FftPlanner;
-use rustfft::num_complex::Complex64;
+use rustfft::num_complex::Complex32;
 
 use super::picture::Picture;
 use super::sector::{BLACK, dark_limit};
@@ -151,14 +151,16 @@ impl Patch {
         let hann = |n: usize, of: usize| 0.5 - 0.5 * (TAU * n as f64 / (of as f64 - 1.0)).cos();
         let at = |x: usize, y: usize| (self.values[y * width + x] - middle) * hann(x, width) * hann(y, height);
         let mut planner = FftPlanner::new();
-        let mut rows: Vec<Complex64> = (0..width * height).map(|n| at(n % width, n / width).into()).collect();
+        let mut rows: Vec<Complex32> = (0..width * height)
+            .map(|n| (at(n % width, n / width) as f32).into())
+            .collect();
         planner.plan_fft_forward(width).process(&mut rows);
-        let mut columns: Vec<Complex64> = (0..width * height)
+        let mut columns: Vec<Complex32> = (0..width * height)
             .map(|n| rows[n % height * width + n / height])
             .collect();
         planner.plan_fft_forward(height).process(&mut columns);
         let power: Vec<f64> = (0..width * height)
-            .map(|n| columns[n % width * height + n / width].norm_sqr())
+            .map(|n| f64::from(columns[n % width * height + n / width].norm_sqr()))
             .collect();
         let frequency = |n: usize, of: usize| n.min(of - n) as f64 / of as f64;
         let inside = |f: f64| f > BAND[0] && f < BAND[1];

@@ -5,7 +5,7 @@ use std::fmt;
 
 use image::GrayImage;
 use rustfft::FftPlanner;
-use rustfft::num_complex::Complex64;
+use rustfft::num_complex::Complex32;
 
 use super::{Figures, LAGS, Made};
 use crate::anatomy::volume::texture::synthesis::correlations;
@@ -181,17 +181,15 @@ impl Made {
 fn power(lines: &[Vec<f32>], step_mm: f64) -> Vec<[f64; 2]> {
     let n = lines.first().map_or(0, Vec::len);
     let hann = |at: usize| 0.5 - 0.5 * (TAU * at as f64 / n as f64).cos();
-    let windowed = |line: &Vec<f32>| -> Vec<Complex64> {
+    let windowed = |line: &Vec<f32>| -> Vec<Complex32> {
         let values = line.iter().enumerate();
-        values
-            .map(|(at, value)| (hann(at) * f64::from(*value)).into())
-            .collect()
+        values.map(|(at, value)| (hann(at) as f32 * value).into()).collect()
     };
-    let mut spectra: Vec<Complex64> = lines.iter().flat_map(windowed).collect();
+    let mut spectra: Vec<Complex32> = lines.iter().flat_map(windowed).collect();
     FftPlanner::new().plan_fft_forward(n).process(&mut spectra);
     let mean = |frequency: usize| {
         let powers = spectra.iter().skip(frequency).step_by(n);
-        let sum: f64 = powers.map(|value| value.norm_sqr() / n as f64).sum();
+        let sum: f64 = powers.map(|value| f64::from(value.norm_sqr()) / n as f64).sum();
         [frequency as f64 / (n as f64 * step_mm), sum / lines.len() as f64]
     };
     (1..=n / 2).map(mean).collect()

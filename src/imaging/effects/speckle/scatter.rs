@@ -6,7 +6,7 @@ use super::BLOCK;
 use super::tables::MAX_PLANES;
 use crate::base::random::seed_words;
 use crate::base::real::Real;
-use crate::base::simd::{Kernel, vectorised};
+use crate::base::simd::{Kernel, map, vectorised};
 use crate::imaging::effects::common::scatterers;
 use crate::imaging::effects::pass::View;
 use crate::imaging::synth::store::Store;
@@ -127,7 +127,7 @@ impl<T: Real> Kernel for FineScanline<'_, T> {
                     at[axis][i - start] = a[i][axis] + part * (b[i][axis] - a[i][axis]);
                 }
             }
-            let mut steps = step.map(|step| [step; BLOCK]);
+            let mut steps = map(step, |step| [step; BLOCK]);
             if let Some((carries, elements)) = deformed {
                 for (i, &slot) in elements[start..end]
                     .iter()
