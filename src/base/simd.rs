@@ -27,7 +27,7 @@ pub(crate) fn dispatch<K: WithSimd>(kernel: K) -> K::Output {
     Arch::new().dispatch(kernel)
 }
 
-/// Array of a function of the index. Unlike `std::array::from_fn` it is always inlined, as everything in a kernel must be.
+/// Array whose elements are a function of their index. Unlike `std::array::from_fn` it is always inlined, as everything in a kernel must be.
 #[inline(always)]
 pub(crate) fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; N] {
     let mut values = [value(0); N];
@@ -37,7 +37,7 @@ pub(crate) fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; 
     values
 }
 
-/// Array of a function of each element. Unlike `map` of the standard library it is always inlined.
+/// Elements of an array, each transformed. Unlike `map` of the standard library it is always inlined.
 #[inline(always)]
 pub(crate) fn map<T: Copy, U: Copy, const N: usize>(elements: [T; N], function: impl Fn(T) -> U) -> [U; N] {
     array(|at| function(elements[at]))
