@@ -1,10 +1,12 @@
-//! The user's cache folder, and bytes kept there between runs of the command.
+//! Bytes kept in memory for the next synthesizer and, by the command, in the user's cache folder for the next run.
 
+use std::collections::VecDeque;
 use std::env;
 use std::fs;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::output::atomic;
@@ -16,10 +18,39 @@ const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 /// Size that the files of [`cached`] have together at most, bytes; the ones unused for longest go first.
 const MAX_BYTES: u64 = 512 << 20;
 
+/// Size that results of [`cached`] in memory have together at most, bytes; those made or used least recently go first.
+const MAX_BYTES_IN_MEMORY: usize = 64 << 20;
+
 /// Length of the checksum in front of each file's bytes.
 const SUM: usize = blake3::OUT_LEN;
 
 static IS_ON: AtomicBool = AtomicBool::new(false);
+
+static IN_MEMORY: Mutex<Recent> = Mutex::new(Recent(VecDeque::new()));
+
+/// Results by key, the least recently used first.
+struct Recent(VecDeque<(String, Vec<u8>)>);
+
+impl Recent {
+    fn get(&mut self, key: &str) -> Option<Vec<u8>> {
+        let at = self.0.iter().position(|(other, _)| other == key)?;
+        let entry = self.0.remove(at)?;
+        let bytes = entry.1.clone();
+        self.0.push_back(entry);
+        Some(bytes)
+    }
+
+    fn put(&mut self, key: &str, bytes: &[u8]) {
+        if bytes.len() > MAX_BYTES_IN_MEMORY / 2 || self.0.iter().any(|(other, _)| other == key) {
+            return;
+        }
+        self.0.push_back((key.to_owned(), bytes.to_vec()));
+        let mut held: usize = self.0.iter().map(|(_, bytes)| bytes.len()).sum();
+        while held > MAX_BYTES_IN_MEMORY {
+            held -= self.0.pop_front().map_or(held, |(_, bytes)| bytes.len());
+        }
+    }
+}
 
 /// The user's cache folder: `$INSONIFY_CACHE`, or `insonify` in the cache folder of the system; `None` where the system
 /// has no place for it.
@@ -38,14 +69,28 @@ pub fn folder() -> Option<PathBuf> {
     of(FOLDER_VARIABLE).or_else(usual)
 }
 
-/// Lets [`cached`] keep files: the command does, a program that embeds the library finds none in its user's folders.
+/// Lets [`cached`] write files: the command does, a program that embeds the library finds none in its user's folders.
 pub fn switch_on() {
     IS_ON.store(true, Ordering::Relaxed);
 }
 
-/// Returns what `make` returns for a key, read from the user's cache if this very program has made it before. `length` is its
-/// number of bytes. Where the cache cannot be read or written, it is made each time.
+/// Returns what `make` returns for a key, from memory or from the user's cache if this very program has made it before. `length` is its
+/// number of bytes. Where the cache cannot be read or written, only memory is used.
 pub fn cached(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
+    #[cfg(test)]
+    if tests::IS_OFF.get() {
+        return make();
+    }
+    let recent = || IN_MEMORY.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(bytes) = recent().get(key) {
+        return bytes;
+    }
+    let bytes = from_file(key, length, make);
+    recent().put(key, &bytes);
+    bytes
+}
+
+fn from_file(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
     let folder = folder().filter(|_| IS_ON.load(Ordering::Relaxed));
     let Some(path) = folder.and_then(|folder| path(&folder.join("made"), key)) else {
         return make();
@@ -111,8 +156,43 @@ fn put(path: &Path, bytes: &[u8]) -> Option<()> {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
+
+    thread_local! {
+        pub(super) static IS_OFF: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+    }
+
+    /// What `make` returns when nothing comes from the cache, on this many threads.
+    pub fn made_on<T: Send>(threads: usize, make: impl FnOnce() -> T + Send) -> T {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| {
+            IS_OFF.set(true);
+            make()
+        })
+    }
+
+    #[test]
+    fn results_are_made_once_and_large_or_old_ones_make_room() {
+        let mut made = 0;
+        for _ in 0..2 {
+            let bytes = cached("made once", 3, || {
+                made += 1;
+                vec![7; 3]
+            });
+            assert_eq!(bytes, [7; 3]);
+        }
+        assert_eq!(made, 1);
+        let mut recent = Recent(VecDeque::new());
+        recent.put("huge", &vec![0; MAX_BYTES_IN_MEMORY / 2 + 1]);
+        assert_eq!(recent.get("huge"), None);
+        let third = vec![0; MAX_BYTES_IN_MEMORY / 3];
+        ["a", "b", "c"].into_iter().for_each(|key| recent.put(key, &third));
+        assert!(recent.get("a").is_some());
+        recent.put("d", &third);
+        let kept = ["a", "b", "c", "d"].map(|key| recent.get(key).is_some());
+        assert_eq!(kept, [true, false, true, true]);
+    }
 
     #[test]
     fn only_sound_files_of_this_program_are_used() {

@@ -50,6 +50,7 @@ fn one_frame_is_a_picture_and_one_object() {
 #[test]
 fn the_cache_changes_no_picture_even_if_its_files_are_broken() {
     let bench = Bench::new();
+    std::fs::create_dir(bench.path("cache")).expect("a folder");
     let frame = |name: &str| {
         bench.run(&format!("render scene.toml --backend cpu -o {name}")).text();
         std::fs::read(bench.path(name)).expect("a frame")

@@ -69,15 +69,23 @@ impl Bench {
         names
     }
 
-    /// The command with space-separated arguments, ready to run.
+    /// The command with space-separated arguments, ready to run. Its cache lies in the folder of the test, but what it makes lies in a folder for
+    /// all tests.
     pub fn command(&self, arguments: &str) -> Command {
+        let cache = self.path("cache");
+        #[cfg(unix)]
+        if !cache.exists() {
+            let made = concat!(env!("CARGO_TARGET_TMPDIR"), "/made");
+            std::fs::create_dir_all(made).expect("a folder");
+            std::fs::create_dir(&cache).expect("a folder");
+            std::os::unix::fs::symlink(made, cache.join("made")).expect("a link");
+        }
         let mut command = Command::new(env!("CARGO_BIN_EXE_insonify"));
         command
             .args(arguments.split_whitespace())
             .current_dir(self.folder.path())
             .env("NODEVICE_SELECT", "1")
-            // The cache lies in the folder of the test.
-            .env("INSONIFY_CACHE", self.folder.path().join("cache"))
+            .env("INSONIFY_CACHE", cache)
             .env_remove("INSONIFY_ADAPTER");
         command
     }

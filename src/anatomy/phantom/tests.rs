@@ -4,6 +4,7 @@ use std::sync::OnceLock;
 use nalgebra::Point3;
 
 use super::*;
+use crate::base::cache::tests::made_on;
 
 /// A phantom with names and bounds of its contents.
 type Case<T> = (Phantom, &'static [T]);
@@ -53,11 +54,7 @@ fn value(kind: Phantom, name: &str) -> u8 {
 #[test]
 fn the_same_seed_gives_the_same_bytes_at_any_thread_count() {
     for kind in KINDS {
-        let threads = |count: usize| {
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
-            pool.install(|| made(kind, 3.0, 7))
-        };
-        let (one, three) = (threads(1), threads(3));
+        let (one, three) = (made_on(1, || made(kind, 3.0, 7)), made_on(3, || made(kind, 3.0, 7)));
         assert_eq!(one.voxels(), three.voxels(), "{kind:?}");
         assert_eq!(one.labels(), three.labels());
         if !EXACT.contains(&kind) {

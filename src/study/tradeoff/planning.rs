@@ -95,11 +95,12 @@ fn paths(effort: Effort, progress: &mut dyn FnMut(&str, f64)) -> Result<Table, S
         .against(format!("the target, in tissue of {finest} nodes"))
         .seeking(goal);
     let reference = liver(finest, &[])?;
-    let ways = [10.0, 20.0, 40.0].map(|mm| (format!("2-D, {mm} mm thick"), None, Some(mm)));
+    let sections = effort.pick(&[20.0][..], &[10.0, 20.0, 40.0]).iter();
+    let sections = sections.map(|mm| (format!("2-D, {mm} mm thick"), None, Some(*mm)));
     let meshes = [250, finest].map(|nodes| (format!("3-D, {nodes} nodes"), Some(nodes), None));
-    let work = (ways.len() + meshes.len()) as f64;
+    let work = (sections.len() + meshes.len()) as f64;
     let mut unplanned = None;
-    for (name, nodes, section_mm) in ways.into_iter().chain(meshes) {
+    for (name, nodes, section_mm) in sections.chain(meshes) {
         progress(&name, table.rows.len() as f64 / work);
         let scenario = nodes.map_or_else(|| Ok(reference.clone()), |nodes| liver(nodes, &[]))?;
         let options = PathOptions {

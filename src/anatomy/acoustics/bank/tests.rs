@@ -2,6 +2,7 @@ use std::collections::HashMap;
 use std::sync::OnceLock;
 
 use super::*;
+use crate::base::cache::tests::made_on;
 
 /// All textures of the bank, generated once for all tests.
 fn bank() -> &'static HashMap<&'static str, SolidTexture> {
@@ -84,10 +85,7 @@ fn the_seam_has_no_larger_step_than_the_inside() {
 
 #[test]
 fn the_same_seed_gives_the_same_bytes_at_any_thread_count_and_another_does_not() {
-    let with_threads = |threads, name, seed| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| make(name, seed).unwrap())
-    };
+    let with_threads = |threads, name, seed| made_on(threads, || make(name, seed).unwrap());
     for name in ["muscle", "fat", "liver"] {
         let alone = with_threads(1, name, 1);
         assert!(alone == with_threads(3, name, 1), "{name}");

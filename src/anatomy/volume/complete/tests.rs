@@ -4,6 +4,7 @@ use std::io::Read;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::*;
+use crate::base::cache::tests::made_on;
 
 fn label(value: i64, name: Option<&str>) -> Label {
     Label {
@@ -327,11 +328,8 @@ fn a_body_around_few_organs_is_questioned() {
 #[test]
 fn the_thread_count_does_not_matter() {
     let volume = trunk([3.0; 3]);
-    let threads = |count: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(count).build().unwrap();
-        pool.install(|| run(&volume)).volume
-    };
-    assert_eq!(threads(1).voxels(), threads(3).voxels());
+    let voxels = |threads| made_on(threads, || run(&volume)).volume.voxels().to_vec();
+    assert_eq!(voxels(1), voxels(3));
 }
 
 /// Reads a `.nii.gz` of bytes or 16-bit integers, well formed, without names.
