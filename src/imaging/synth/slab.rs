@@ -16,8 +16,11 @@ use crate::mechanics::mesh::element::{self, Carry, Frame, MAX_REACH};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh, check_positions};
 use crate::tracking::probe::BeamGrid;
 
-/// Number of elements that one task handles.
+/// Number of elements that one task prepares.
 const CHUNK: usize = 512;
+
+/// Number of elements that one task tests against the slab.
+const TESTED: usize = 4096;
 
 /// Bound on the rounding error of the position of a sample, in epsilons of the largest coordinate.
 const POINT_EPSILONS: f64 = 16.0;
@@ -27,6 +30,9 @@ const POINT_EPSILONS: f64 = 16.0;
 pub struct Crossing<T> {
     /// Number of each in the mesh.
     pub elements: Vec<u32>,
+    /// The same by task, each at the start of [`TESTED`] places.
+    found: Vec<u32>,
+    counts: Vec<usize>,
     /// Maps to barycentric coordinates, with the first scanline and the one behind the last in spare places.
     pub frames: Vec<Frame<T>>,
     /// Maps to the reference state.
@@ -42,6 +48,8 @@ impl<T: Real> Crossing<T> {
     fn new(capacity: usize) -> Self {
         Self {
             elements: Vec::with_capacity(capacity),
+            found: vec![0; capacity],
+            counts: vec![0; capacity.div_ceil(TESTED)],
             frames: Vec::with_capacity(capacity),
             carries: Vec::with_capacity(capacity),
             lines: Vec::with_capacity(capacity),
@@ -91,9 +99,20 @@ impl<T: Real> Crossing<T> {
         reference: &[[f64; 3]],
     ) {
         let corners_of = |element: u32| mesh.elements()[element as usize].map(|node| node as usize);
+        let tasks = (self.found.par_chunks_mut(TESTED), &mut self.counts[..]);
+        tasks.into_par_iter().enumerate().for_each(|(task, (found, count))| {
+            *count = 0;
+            for element in (task * TESTED) as u32..(task * TESTED + found.len()) as u32 {
+                if view.meets(&corners_of(element).map(|node| in_probe[node])) {
+                    found[*count] = element;
+                    *count += 1;
+                }
+            }
+        });
         self.elements.clear();
-        let meets = |&element: &u32| view.meets(&corners_of(element).map(|node| in_probe[node]));
-        self.elements.extend((0..mesh.elements().len() as u32).filter(meets));
+        for (found, &count) in self.found.chunks(TESTED).zip(&self.counts) {
+            self.elements.extend_from_slice(&found[..count]);
+        }
         self.frames.resize(self.elements.len(), Default::default());
         self.carries.resize(self.elements.len(), Default::default());
         self.lines.resize(self.elements.len(), Default::default());

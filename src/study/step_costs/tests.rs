@@ -1,4 +1,5 @@
 use super::*;
+use crate::study::testing::insertions;
 
 fn option(value: &str, extra_ms: f64, error: f64) -> SettingOption {
     SettingOption {
@@ -105,18 +106,16 @@ fn a_beam_has_elements_a_probe_has_candidates_and_no_piece_is_longer_than_the_ne
 /// Every setting has the options of its table, with times relative to the steps of the usual needle on the small block.
 #[test]
 fn studies_of_insertions_give_costs_of_every_key() {
-    let options = |nodes, parts| InsertionOptions {
-        nodes,
+    let small = insertions();
+    let options = InsertionOptions {
+        nodes: 600,
         depth_mm: 10.0,
-        bevel_depth_mm: 12.0,
         passes: 1,
-        parts,
+        parts: vec![Part::Mesh],
         ..InsertionOptions::default()
     };
-    let small = vec![Part::Levels, Part::Thinning, Part::Links, Part::Elements];
-    let small = study(&options(300, small), &mut |_, _| {}).unwrap();
-    let meshes = study(&options(600, vec![Part::Mesh]), &mut |_, _| {}).unwrap();
-    let costs = StepCosts::of(&small, &meshes);
+    let meshes = study(&options, &mut |_, _| {}).unwrap();
+    let costs = StepCosts::of(small, &meshes);
     assert!(
         (200..=300).contains(&costs.few) && costs.base_ms.iter().all(|ms| *ms > 0.0),
         "{costs:?}"
@@ -157,11 +156,11 @@ fn studies_of_insertions_give_costs_of_every_key() {
             .unwrap()
             .extra_ms
     };
-    let level = |name: &str| value(&small, "levels", &[name, "without"]);
+    let level = |name: &str| value(small, "levels", &[name, "without"]);
     assert_eq!(extra(&costs.levels[0], "\"I\""), level("I") - level("exact condensed"));
-    let usual = value(&small, "links", &["10"]);
+    let usual = value(small, "links", &["10"]);
     assert_eq!(costs.base_ms[0], usual);
-    assert_eq!(extra(&costs.elements, "5"), value(&small, "elements", &["5"]) - usual);
+    assert_eq!(extra(&costs.elements, "5"), value(small, "elements", &["5"]) - usual);
     let finest = meshes.tables[0].rows.last().unwrap().choices[0].clone();
     assert_eq!(extra(&costs.nodes, &finest), value(&meshes, "mesh", &[&finest]) - usual);
 }

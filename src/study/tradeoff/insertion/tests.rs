@@ -1,5 +1,6 @@
 use super::*;
 use crate::study::StudyError;
+use crate::study::testing::insertions;
 use crate::study::tradeoff::Row;
 
 fn small(part: Part) -> InsertionOptions {
@@ -14,12 +15,8 @@ fn small(part: Part) -> InsertionOptions {
 }
 
 fn of(part: Part) -> Study {
-    studied(&small(part))
-}
-
-fn studied(options: &InsertionOptions) -> Study {
     let mut told = Vec::new();
-    let study = study(options, &mut |_, share| told.push(share)).unwrap();
+    let study = study(&small(part), &mut |_, share| told.push(share)).unwrap();
     assert!(told.is_sorted() && told.last() == Some(&1.0), "{told:?}");
     let wrong = study.tables.iter().flat_map(|table| &table.rows);
     let wrong: Vec<&Row> = wrong.filter(|row| row.flag.is_some()).collect();
@@ -104,24 +101,33 @@ fn thinning_is_a_trade() {
 /// Shorter links and beam elements converge to the finest, both with the same bending stiffness and end position.
 #[test]
 fn shorter_links_and_elements_come_nearer_and_bend_the_same() {
-    let [beam, links] = [Part::Elements, Part::Links].map(|part| {
-        studied(&InsertionOptions {
-            bevel_depth_mm: 20.0,
-            ..small(part)
-        })
-    });
-    let tip = |link: &str| value(&links, &[link], "tip_mm").unwrap();
+    let study = insertions();
+    let table = |key: &str| study.tables.iter().find(|table| table.key == key).unwrap();
+    let (beam, links) = (table("elements"), table("links"));
+    let value = |table: &Table, length: &str, key: &str| {
+        let row = table.rows.iter().find(|row| row.choices == [length]).unwrap();
+        table.value(row, key)
+    };
+    let tip = |length: &str| value(links, length, "tip_mm").unwrap();
     assert!(
         tip("20") > 2.0 * tip("5") && tip("10") > 2.0 * tip("2.5"),
         "{}",
         links.text()
     );
-    assert_eq!(value(&links, &["1.25"], "tip_mm"), None);
-    let tip = |element: &str| value(&beam, &[element], "tip_mm").unwrap();
+    assert_eq!(value(links, "1.25", "tip_mm"), None);
+    let tip = |length: &str| value(beam, length, "tip_mm").unwrap();
     assert!(tip("20") > tip("10") && tip("20") > tip("5"), "{}", beam.text());
-    assert_eq!(value(&beam, &["2.5"], "tip_mm"), None);
-    let [a, b] = [&beam, &links].map(|study| value(study, &["2.5"], "deflection_mm").unwrap());
+    assert_eq!(value(beam, "2.5", "tip_mm"), None);
+    let [a, b] = [beam, links].map(|table| value(table, "2.5", "deflection_mm").unwrap());
     assert!((a - b).abs() < 0.1 * b, "{a} mm of a beam, {b} mm of links");
+    assert_eq!(study.plots().len(), study.figures.len(), "every figure has points");
+    let wrong: Vec<&Row> = study
+        .tables
+        .iter()
+        .flat_map(|table| &table.rows)
+        .filter(|row| row.flag.is_some())
+        .collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
 }
 
 /// Finer meshes converge to the finest, which is the only one not compared.
