@@ -10,8 +10,8 @@ use std::io;
 use insonify::gpu::adapter;
 use insonify::study::bench::compare::SCENE;
 use insonify::{
-    AdapterChoice, Backend, Deformed, FrameState, Moment, Observer, Record, Requests, ScenarioFile, SceneFile, Step,
-    Synthesizer, run_scenario,
+    AdapterChoice, Backend, FrameState, Observer, Record, Requests, ScenarioFile, SceneFile, Step, Synthesizer,
+    run_scenario,
 };
 use nalgebra::Matrix4;
 
@@ -97,14 +97,6 @@ impl Observer for Kept {
     fn step(&mut self, step: &Step<'_>) -> Result<(), Self::Error> {
         self.record.step(step, &mut io::sink())?;
         self.watch.after(step.number);
-        Ok(())
-    }
-
-    fn frame(&mut self, _: &Moment<'_>) -> Result<(), Self::Error> {
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), Self::Error> {
         Ok(())
     }
 }

@@ -7,7 +7,7 @@ use std::error::Error;
 use std::path::{Path, PathBuf};
 
 use insonify::{
-    Backend, Deformed, EventKind, FrameState, Moment, Observer, Requests, SCENARIOS, ScenarioFile, Step, Synthesizer,
+    Backend, EventKind, FrameState, Moment, Observer, Requests, SCENARIOS, ScenarioFile, Step, Synthesizer,
     run_scenario, write_png,
 };
 
@@ -46,10 +46,6 @@ impl Observer for Moments {
             self.kept.push(now.clone());
         }
         self.last = Some(now);
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), Self::Error> {
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! Bytes kept in memory for the next synthesizer and, by the command, in the user's cache folder for the next run.
+//! Cache of generated data: in memory across synthesizers and, for the command, in the user's cache folder across runs.
 
 use std::collections::VecDeque;
 use std::env;

@@ -1,4 +1,4 @@
-//! Kit of all reports: tables, pages, plots, numbers, statistics and the choice among variants.
+//! Building blocks of reports: tables, pages, plots, numbers, statistics and the choice among variants.
 //!
 //! | module | contents |
 //! |---|---|

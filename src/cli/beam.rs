@@ -50,7 +50,7 @@ Examples:
   insonify beam compare moved.toml                 measured against computed: tip, shape, RCM, COM
   insonify beam fit points.csv                     materials from measured stretch and stress
   insonify beam table                              Table I of Wang et al. 2023 beside this program's values
-  insonify tradeoff beam                           what elements, friction and the choice of model do to the tip
+  insonify tradeoff beam                           effect of element length, friction and material model on the tip
   insonify schema beam                             every key, as a JSON schema
 
 x runs along the needle from the entry (x = 0) into the tissue, u across it. RCM, the remote centre of motion: where the
@@ -59,7 +59,7 @@ depths below the entry, mm. JSON: tip_mm, rcm_mm, com_mm (null if none), residua
 largest moment), iterations, shape (list of x mm, u mm, slope, reaction N/mm).
 Source: Y. Wang et al., \"Flexible Needle Bending Model for Spinal Injection Procedures\", IEEE Robotics and Automation
 Letters 8 (2023) 1343-1350.
-Exit status: 0 solved; 2 the case or a file is wrong, or the needle has no shape; 1 the machine failed.";
+Exit status: 0 solved; 2 the case or a file is wrong, or no equilibrium shape is found; 1 a failure of the machine.";
 
 /// Bends a needle in hyperelastic tissue by moving its base
 #[derive(Args)]

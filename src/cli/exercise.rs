@@ -22,7 +22,7 @@ Examples:
   insonify score run                                                       its metrics
   insonify exercise study tasks/task-*.toml --people 8 -o study            three groups of eight on all tasks, compared";
 
-/// Makes training tasks, and lets simulated hands perform them
+/// Generates training tasks, and simulates operators of different skill performing them
 #[derive(Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Exercise {
@@ -176,12 +176,8 @@ fn relative(file: &Path, folder: &Path) -> Option<String> {
 
 /// Text of a scenario and the folder of the files that it names.
 pub(super) fn source(path: &Path) -> Result<(String, PathBuf), Failure> {
-    let name = path.to_str().unwrap_or_default();
-    let ready = scenario::EXAMPLES
-        .iter()
-        .find(|(known, _)| *known == name && !path.is_file());
-    if let Some((_, text)) = ready {
-        return Ok(((*text).to_owned(), PathBuf::new()));
+    if let Some((_, text)) = scenario::bundled(path) {
+        return Ok((text.to_owned(), PathBuf::new()));
     }
     // The reader reports errors of the file.
     ScenarioFile::read(path)?;

@@ -14,11 +14,11 @@ use super::terminal;
 
 const TEACHING: &str = "\
 The case file names a scenario (mesh or volume, fixed nodes, line of the needle), the force over the depth of the tip, and displacements of the
-tissue: of `insonify motion`, or of nodes or markers. Found are, for each layer on the line, Young's modulus and the three parameters of the force
+tissue: from `insonify motion`, or of nodes or markers. The result is, for each layer on the line, Young's modulus and the three parameters of the force
 along the shaft: f_p within w of the tip, f_s behind.
 
 Examples:
-  insonify identify --example > case.toml            every key; the measurement is made by
+  insonify identify --example > case.toml            an example case with every key; the next three commands make its measurement
   insonify insert two-layer-insertion -o run           its force, run/steps.csv
   insonify rf two-layer-insertion -o rf.igs.mha        its echoes
   insonify motion rf.igs.mha -o u.csv                  motion of the tissue in them
@@ -29,7 +29,7 @@ Examples:
 Writes DIR/index.html (parameters, errors, certainty, figures), DIR/plots, and scenarios. The method, its accuracy and its limits: docs/identification.md.
 Source: E. Dehghan et al., \"Needle-tissue interaction modeling using ultrasound-based motion estimation: Phantom study\", Computer Aided
 Surgery 13 (2008) 265-280.
-Exit status: 0 done; 2 the case or a file is wrong; 1 the machine failed.";
+Exit status: 0 success; 2 the case or a file is wrong; 1 a failure of the machine.";
 
 /// Identifies force parameters and Young's moduli of tissue layers from one measured needle insertion
 #[derive(Args)]

@@ -25,7 +25,7 @@ use super::variants::ranged;
 use writer::{FILES, Writer};
 
 const EXAMPLES: &str = "\
-The scenario file names a scene (what is imaged, and how the probe lies or moves) and says what moves through it:
+A scenario file names a scene (the anatomy and the pose or motion of the probe) and describes the needle, its motion and the tissue:
   version = 1
   scene = \"prostate-trus\"
   [[tissue.material]]
@@ -63,7 +63,7 @@ Writes out/index.html (images, plots, events), out/plots, out/summary.json and o
 counts and flags. base_* is in the needle's base frame, whose z axis points into the body, world_* in the world (LPS). Forces on the hand
 are what the needle does to it: along z negative while it is pushed in. docs/insertion.md explains each column, event and key of the summary.
 Files of the previous run, listed in out/insonify.json, are replaced only when the run is complete; other files are kept.
-Exit status: 0 done; 2 the scenario or a file is wrong; 1 the machine failed.";
+Exit status: 0 success; 2 the scenario or a file is wrong; 1 a failure of the machine.";
 
 /// Moves a needle through tissue: forces, deformation and, on request, the ultrasound frames that follow
 #[derive(Args)]
@@ -93,7 +93,7 @@ pub struct Insert {
     images: Option<Images>,
     #[command(flatten)]
     extras: Extras,
-    /// Let a simulated hand perform the insertion: its errors of aim, depth, entry, image plane and tremor (docs/metrics.md)
+    /// Simulate an operator with errors in aim, depth, entry point and image plane, and with tremor (docs/metrics.md)
     #[arg(long, value_name = "NAME", value_parser = hands())]
     hand: Option<String>,
     /// With --hand: seed of its errors
@@ -223,15 +223,14 @@ impl Insert {
         if let Some(target) = &self.target {
             return Ok(ScenarioFile::for_labels(path, target));
         }
-        let name = path.to_str().unwrap_or_default();
-        let ready = scenario::EXAMPLES
-            .iter()
-            .find(|(known, _)| *known == name && !path.is_file());
-        Ok(match ready {
+        Ok(match scenario::bundled(path) {
             Some((name, text)) => ScenarioFile::parse(text, name)?,
             None if path.extension().is_none() && !path.exists() => {
                 let known: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
-                let found = format!("{name}: neither a file nor a scenario that comes with the program");
+                let found = format!(
+                    "{}: neither a file nor a scenario that comes with the program",
+                    path.display()
+                );
                 return Err(Failure::usage(
                     found,
                     format!("name a file, or one of {}", known.join(", ")),

@@ -42,13 +42,13 @@ Examples:
   insonify manipulator forward slides.csv --json
   insonify manipulator inverse poses.csv --scenario my.toml
   insonify manipulator inverse my.toml --json              a planned path in the coordinates of the slides
-  insonify manipulator follow my.toml -o motion            commands, what the drive makes of them, lost motion
+  insonify manipulator follow my.toml -o motion            commanded motion, actual motion and lost motion of the slides
   insonify manipulator workspace my.toml -o reach.png      what the tip can reach, over the first image
   insonify insert my.toml -o out --images                  the insertion itself
 
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation
 simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.
-Exit status: 0 done; 2 a file is wrong, or a pose out of reach; 1 the machine failed.";
+Exit status: 0 success; 2 a file is wrong, or a pose out of reach; 1 a failure of the machine.";
 
 /// Computes the motion of a needle guide mounted on the probe: kinematics, drive, reach
 #[derive(Args)]
@@ -217,7 +217,7 @@ fn guided(path: &Path, control: Option<Control>) -> Result<(Guided, Vec<f64>), F
     Ok((guided, times))
 }
 
-// `insonify manipulator follow`: what the drive makes of the commands.
+// `insonify manipulator follow`: actual motion of the slides under the commands.
 
 /// Simulates the drive: commands, postures, lost motion and the error of the tip, without tissue
 #[derive(Args)]

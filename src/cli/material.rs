@@ -33,12 +33,12 @@ Examples:
   insonify schema material                         every key, as a JSON schema
 
 The history is linear between its times and may jump at the start, where the material was at rest. In between, steps are
-halved until the answer settles to 1e-7 of its largest value, as far as a rule affords; the table says how far it did.
+halved until the result changes by less than 1e-7 of its largest value, or the rule reaches its limit; the table states the change reached.
 Gruenwald and Letnikov's rule takes equally spaced times only.
 A stress that is infinite, at a jump of strain in a spring-pot, is null in JSON.
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation
 simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.
-Exit status: 0 done; 2 the case or a file is wrong; 1 the machine failed.";
+Exit status: 0 success; 2 the case or a file is wrong; 1 a failure of the machine.";
 
 /// Tests a material: strain from a history of stress, or stress from strain, with memory and stiffening
 #[derive(Args)]
@@ -139,7 +139,7 @@ Examples:
   insonify material fit moduli.csv creep.csv --json -o plots
   insonify material fit creep.csv --order 0.1 --memory rate
   insonify material creep.toml --rheometer tests; insonify material fit tests/dynamic-moduli.csv tests/creep.csv --memory rate
-Exit status: 0 done; 2 a file is wrong, or does not determine the parameters; 1 the machine failed.";
+Exit status: 0 success; 2 a file is wrong, or does not determine the parameters; 1 a failure of the machine.";
 
 /// Fits order, modulus, knee and stiffening to measured moduli and creep
 #[derive(Args)]

@@ -66,7 +66,7 @@ pub struct PathArgs {
     /// Distance of the tip from the target at which it counts as reached, mm
     #[arg(long, value_name = "MM", default_value_t = 0.1)]
     tolerance_mm: f64,
-    /// Tissue: the scenario's own, or what the image plane cuts of it
+    /// Tissue model: the scenario's three-dimensional one, or its section by the image plane in plane strain
     #[arg(long, value_enum, default_value = "scenario")]
     model: ModelName,
     /// With --model 2d: thickness of the section, mm

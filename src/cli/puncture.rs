@@ -23,7 +23,7 @@ Examples:
   insonify puncture --order 0 --stiffening 0 linear tissue
   insonify puncture --fit measured.csv       modulus, knee and stiffening that fit a measured force, and the puncture with them
 
-The modulus and its stiffening, the thickness and all forces are choices, made for the shape of the force measured in porcine
+Modulus, stiffening, thickness and all forces are assumed, chosen to reproduce the shape of the force curve measured in porcine
 liver; only the knee and the order are the measured ones.
 Source: Y. Kobayashi et al., \"Development of an integrated needle insertion system with image guidance and deformation
 simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.";

@@ -37,7 +37,7 @@ Examples:
 
 Layers are 16-bit pictures beside the frame, or beside an image sequence sequences like it: label-value (values of the label file, 0
 outside the sector; of a completed body 201 fat, 202 soft tissue, 204 skin, 205 and 212 muscle, structures of organs 206 to 211 and 213,
-or what a note says where the file has these; `structures = false` under [volume] keeps organs whole),
+or the values stated in a note if the file already uses these; `structures = false` under [volume] leaves organs undivided),
 label-index (places in the sidecar's table of labels), sector (1 inside), displacement (0.01 mm), depth (tissue passed along the beam,
 0.1 mm), needle (share of the scan plane's thickness, 1/255), loss (two-way, 0.01 dB; 0 outside the sector, 65535 for 655.35 dB and more).
 Frames appear in a folder when all are complete, with insonify.json, which lists them; the next run into it replaces the files listed. Its

@@ -19,7 +19,7 @@ use crate::imaging::rf::truth::{self, Followed};
 use crate::imaging::rf::{Acquisition, SPEED_M_S};
 use crate::imaging::sequence::{FrameInfo, SequenceWriter};
 use crate::imaging::synth::{Backend, FrameState};
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::input::scenario::run::{Moment, Observer, Requests, Step, run};
 use crate::input::scenario::{self, ScenarioFile};
 use crate::input::scene::{self, Scene, SceneFile};
 use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
@@ -344,14 +344,10 @@ impl Source {
             let scene = SceneFile::parse(scene::DEFAULT, "the default scene")?.resolve(Path::new(""))?;
             return Ok(Self::Scene(Box::new(scene)));
         };
-        let name = path.to_str().unwrap_or_default();
-        let ready = scenario::EXAMPLES
-            .iter()
-            .find(|(known, _)| *known == name && !path.is_file());
         let base = path.parent().unwrap_or(Path::new(""));
         let table: Option<toml::Table> = std::fs::read_to_string(path).ok().and_then(|text| text.parse().ok());
         let is_scenario = table.is_some_and(|table| table.contains_key("scene"));
-        let source = match ready {
+        let source = match scenario::bundled(path) {
             Some((name, text)) => Self::Scenario(Box::new(ScenarioFile::parse(text, name)?.resolve(base, |_| {})?)),
             None if is_scenario => Self::Scenario(Box::new(ScenarioFile::read(path)?.resolve(base, |_| {})?)),
             None => Self::Scene(Box::new(SceneFile::read(path)?.resolve(base)?)),
@@ -546,10 +542,6 @@ impl Observer for Frames<'_> {
     fn frame(&mut self, moment: &Moment<'_>) -> Result<(), Failure> {
         self.recorder.push(self.scene, moment.state, moment.time_s)?;
         self.bar.inc(1);
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), Failure> {
         Ok(())
     }
 }

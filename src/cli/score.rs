@@ -36,7 +36,7 @@ pub struct ScoreArgs {
     /// Compare groups: a table of sessions
     #[arg(long, value_name = "SESSIONS.csv", conflicts_with = "runs")]
     groups: Option<PathBuf>,
-    /// Write a page with tables and plots; of one run
+    /// Write a page with tables and plots (for a single run only)
     #[arg(short, long, value_name = "PAGE.html")]
     output: Option<PathBuf>,
     #[command(flatten)]

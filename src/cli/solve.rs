@@ -39,7 +39,7 @@ of times and factors of all loads and displacements, in steps; [solver] says how
   insonify solve --example=viscoelastic > creep.toml
   insonify solve creep.toml --history creep.csv    displacements of report_nodes and forces of each fix, a row a step
 Strain and stress in OUT.vtu are symmetric tensors of each element (xx, yy, zz, xy, yz, xz), shear strain half of the angle.
-Exit status: 0 solved; 2 the case or a file is wrong; 1 the machine failed.";
+Exit status: 0 solved; 2 the case or a file is wrong; 1 a failure of the machine.";
 
 /// Solves a static case: how tissue deforms under forces and prescribed displacements
 #[derive(Args)]

@@ -17,7 +17,7 @@ a criterion from theory; what is measured is shown beside it:
   figure   the measured value nearest to its limit
   limit    the largest figure that meets the criterion
   margin   limit over figure; below 1x the case fails. `exact`: the figure is zero, as required
-  verdict  holds or FAILS. NaN and infinity fail; a case that must be refused fails if it is not, or for another reason
+  verdict  holds or FAILS. NaN and infinity fail; an input that must be rejected fails its case if it is accepted, or rejected for another reason
 
 Examples:
   insonify stability                         every case at the counts that its criterion names: minutes

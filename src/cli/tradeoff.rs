@@ -35,7 +35,7 @@ Examples:
   insonify tradeoff remesh --help          one study, with settings of its own
 
 report/index.html is self-contained; report.md, results.json and results.csv hold the same results in other formats.
-Exit status: 0 done; 1 a study could not be made (the others are there); 2 wrong arguments.";
+Exit status: 0 success; 1 a study failed (the results of the others are written); 2 invalid arguments.";
 
 /// Measures accuracy against time: tables, plots, Pareto-optimal choices marked, and recommendations
 #[derive(Args)]

@@ -1,4 +1,4 @@
-//! Errors of wgpu as values, and those that reach handlers and callbacks.
+//! Conversion of wgpu errors to values, including those reported asynchronously to handlers and callbacks.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 

@@ -1,4 +1,4 @@
-//! Fusion of passes: those that a GPU runs in one dispatch.
+//! Fusion of passes into shared GPU dispatches.
 //!
 //! A pass follows another in the same invocation, or in the same workgroup behind a barrier, where it uses what the other wrote at its own
 //! sample or on its own scanline ([`Use`]). Passes that need nothing of each other run side by side in workgroups of their own.
@@ -55,8 +55,8 @@ fn between(a: &Bound, b: &Bound) -> Option<Reach> {
         .max()
 }
 
-/// Whether a pass uses what another wrote elsewhere on its scanline, or the other way round.
-pub fn meet_on_line(a: &Bound, b: &Bound) -> bool {
+/// Whether either of two passes reads values that the other writes elsewhere on the same scanline.
+pub fn depend_along_scanline(a: &Bound, b: &Bound) -> bool {
     between(a, b).is_some_and(|reach| reach > Reach::Own)
 }
 

@@ -62,7 +62,9 @@ pub trait Needle: Send + Debug {
     fn radius_mm(&self) -> f64;
 
     /// Returns whether forces bend the needle. A rigid one does not yield when it is [linearised](Self::linearise).
-    fn is_flexible(&self) -> bool;
+    fn is_flexible(&self) -> bool {
+        false
+    }
 
     /// Writes the centre line for a base (base frame to world) and the loads on the shaft. `line` holds the shape of the
     /// previous call: a model may make one iteration from there, with its stiffness under the loads `about`, towards the
@@ -89,7 +91,11 @@ pub trait Needle: Send + Debug {
         rows: &[Row],
         drift: &mut [f64],
         out: &mut [f64],
-    ) -> usize;
+    ) -> usize {
+        let _ = (line, loads, rows, out);
+        drift.fill(0.0);
+        0
+    }
 }
 
 /// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel et

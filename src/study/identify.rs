@@ -318,7 +318,7 @@ impl<'a> Search<'a> {
                 .any(|(log, start)| (log - start).abs() > 0.98 * limit);
             if far {
                 self.notes.push(format!(
-                    "a modulus ends {FARTHEST} times away from its start: the search has no minimum there"
+                    "a modulus reached the limit of the search, a factor of {FARTHEST} from its starting value: no minimum was found"
                 ));
             }
         }

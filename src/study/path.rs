@@ -152,7 +152,7 @@ pub fn plan(
     progress: impl Fn(usize, usize) + Sync,
 ) -> Result<PathPlan, StudyError> {
     options.check()?;
-    scenario.fits_any_path()?;
+    scenario.check_path_independent()?;
     let (name, target) = goal(scenario, &options.target)?;
     candidates::permitted(scenario, &name, &target)?;
     let section = options

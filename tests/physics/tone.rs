@@ -2,7 +2,7 @@
 
 use insonify::imaging::effects::receiver::Receiver;
 use insonify::imaging::effects::shadow::Shadow;
-use insonify::imaging::effects::tone::auto_gain::{HEARD, PRIOR, SILENT, USUAL_DB};
+use insonify::imaging::effects::tone::auto_gain::{FULL_WEIGHT, PRIOR, USUAL_DB, ZERO_WEIGHT};
 use insonify::imaging::effects::tone::{MID_GREY, NOISE_GREY, Tone};
 use insonify::imaging::synth::Backend;
 use insonify::tracking::probe::ProbeShape;
@@ -157,7 +157,7 @@ fn greys(anatomy: &insonify::imaging::synth::tables::Anatomy, receiver: Option<R
 fn automatic_gain_takes_out_its_share_whatever_the_gain() {
     for (db, gain_db) in [(-14.0, 6.0), (-5.0, -3.0), (0.0, 6.0), (0.0, 0.0), (12.0, -3.0)] {
         let level = 10f64.powf((db - USUAL_DB) / 20.0);
-        let weight = ((level - SILENT) / (HEARD - SILENT)).clamp(0.0, 1.0);
+        let weight = ((level - ZERO_WEIGHT) / (FULL_WEIGHT - ZERO_WEIGHT)).clamp(0.0, 1.0);
         let level = (weight * level + PRIOR) / (weight + PRIOR);
         let expected = 255.0 * (MID_GREY + (db + gain_db - 15.0 * level.log10()) / 60.0);
         for (name, backend) in precisions() {

@@ -1,4 +1,4 @@
-//! Writing on other threads, while the caller computes what is written next.
+//! Background writing of output files on other threads.
 
 use std::panic::resume_unwind;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};

@@ -33,7 +33,7 @@ Examples:
 
 Algorithm 1 of Wang et al. 2023. JSON: a list of volume, displacement_mm, slope, control_distance_mm, inserted_mm, tip_mm, rcm_mm, com_mm
 (null if not defined), markers_rms_mm and markers (container, stage), rest_slope, rest_rms_mm.
-Exit status: 0 measured; 2 markers or needle are not found, or a file is wrong; 1 the machine failed.";
+Exit status: 0 measured; 2 markers or needle are not found, or a file is wrong; 1 a failure of the machine.";
 
 /// Measures base motion and shape of a needle in CT by markers, and writes cases
 #[derive(Args)]

@@ -10,7 +10,7 @@ use std::fmt::Write;
 use crate::gpu::Access;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::effects::pass::{Grid, ParamBlock};
-use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, meet_on_line};
+use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, depend_along_scanline};
 
 /// Name of the entry point of a linked shader.
 pub const ENTRY: &str = "fused";
@@ -66,7 +66,8 @@ pub fn link(passes: &[Bound], fused: &Fused) -> Linked {
             // Passes by workgroup share workgroup memory, too.
             call.after_barrier = sequence.by_line
                 && unordered.iter().any(|&(before, other)| {
-                    !(call.by_invocation || calls[before].by_invocation) || meet_on_line(&passes[other], &passes[at])
+                    !(call.by_invocation || calls[before].by_invocation)
+                        || depend_along_scanline(&passes[other], &passes[at])
                 });
             if call.after_barrier {
                 unordered.clear();

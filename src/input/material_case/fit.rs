@@ -81,7 +81,7 @@ pub struct Fit {
 
 impl Fit {
     /// Fits measurements. Creep is evaluated with the given order, else with that from the moduli, else with that of the strain in the test of
-    /// the least stress, `gamma ~ t^k`. Equation 2 assumes that the stiffness of now divides the whole past (`load-integral`); for `rate` the
+    /// the least stress, `gamma ~ t^k`. Equation 2 assumes that the current stiffness divides the integral of the entire load history (`load-integral`); for `rate` the
     /// parameters are corrected until simulated creep, evaluated in the same way, gives what the measurements give.
     ///
     /// # Errors

@@ -1,4 +1,4 @@
-//! State of a run at a moment at which the mesh is due: stress, and needle, seeds and probe as poly-data.
+//! State of a run at an export time of the deformed mesh: stress, and needle, seeds and probe as poly-data.
 
 use std::f64::consts::TAU;
 

@@ -144,7 +144,7 @@ impl ScenarioFile {
     /// [`InputError`] with the key; also if the scenario has no `[manipulator]`.
     pub fn resolve_guided(&self, base_dir: &Path) -> Result<(Scene, Guided), InputError> {
         let needle = self.needle_settings()?;
-        self.mover()?;
+        self.motion_key()?;
         let (scene, ..) = self.scene_with(&needle, base_dir)?;
         let path = scene.needle_path().map(|path| path.tip());
         let guided = path.map_or(Ok(None), |path| self.guided(path, scene.probe_path()))?;
@@ -185,11 +185,11 @@ impl ScenarioFile {
             (Some(first), Some(last)) => [first.time_s, last.time_s],
             _ => [tip.start_s(), tip.end_s()],
         };
-        let mover = self.mover()?;
+        let motion_key = self.motion_key()?;
         if span[1] - span[0] > LONGEST_S {
             let found = format!("a motion of {} s", span[1] - span[0]);
             return Err(self.wrong_keys(
-                mover,
+                motion_key,
                 found,
                 "at most 1000 s for a guide, which is controlled every millisecond",
             ));
@@ -206,7 +206,7 @@ impl ScenarioFile {
                 let posture = needle.and_then(|needle| spec.guide.reaching(&needle));
                 posture.map_err(|error| {
                     let text = format!("at {time:.3} s the guide would have to hold {error}");
-                    self.fault(mover, TrackingError::new(text))
+                    self.fault(motion_key, TrackingError::new(text))
                 })
             })
             .collect();

@@ -201,7 +201,7 @@ impl ScenarioFile {
     }
 
     /// Returns the key that moves the needle, and checks that there is exactly one.
-    pub(super) fn mover(&self) -> Result<&'static str, InputError> {
+    pub(super) fn motion_key(&self) -> Result<&'static str, InputError> {
         let table = self.needle_table()?;
         let planned = self.plan.as_ref().is_some_and(|plan| !plan.needle.is_empty());
         let movers = [
@@ -211,13 +211,13 @@ impl ScenarioFile {
             ("manipulator.keyframes", self.is_guided()),
         ];
         let given: Vec<&str> = movers.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
-        let mover = match given[..] {
+        let motion_key = match given[..] {
             [] => {
                 let expected = "`target`, `[[needle.motion.keyframes]]`, `needle.motion.csv`, `needle.motion.sequence` or \
                                 `[[plan.needle]]`";
                 return Err(self.wrong_keys("needle", "a needle that does not move", expected));
             }
-            [mover] => mover,
+            [motion_key] => motion_key,
             [first, second, ..] => {
                 let found = format!("both `{first}` and `{second}`");
                 return Err(self.wrong_keys(second, found, "one of them: each moves the needle"));
@@ -234,7 +234,7 @@ impl ScenarioFile {
             let found = "both `plan.needle` and `needle.deposit_s`";
             return Err(self.wrong_keys("needle.deposit_s", found, "`seeds_mm` of the needles of the plan"));
         }
-        Ok(mover)
+        Ok(motion_key)
     }
 
     /// Whether the keyframes of the manipulator move the needle.

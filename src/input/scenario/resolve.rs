@@ -304,7 +304,7 @@ impl ScenarioFile {
         let stiffening = self.stiffening()?;
         let needle = self.needle_settings()?;
         self.in_ranges("tissue", &self.tissue)?;
-        self.mover()?;
+        self.motion_key()?;
         let mut targets = self.targets()?;
         let (mut scene, Moving { deposits, guides, .. }, aim) = self.scene_with(&needle, base_dir)?;
         let file = aim.as_ref().map_or_else(|| self.clone(), |aim| self.boxed(aim));

@@ -52,7 +52,7 @@ pub struct Moment<'a> {
     pub state: &'a FrameState,
 }
 
-/// A moment at which the mesh is due.
+/// Export of the deformed mesh at one time.
 #[derive(Clone, Copy, Debug)]
 pub struct Deformed<'a> {
     /// Number of the mesh, counted from 0.

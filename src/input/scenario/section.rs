@@ -30,7 +30,7 @@ impl Scenario {
     ///
     /// # Errors
     /// [`InputError`] for masses and springs.
-    pub(crate) fn fits_any_path(&self) -> Result<(), InputError> {
+    pub(crate) fn check_path_independent(&self) -> Result<(), InputError> {
         match self.cylinder {
             Some(_) => {
                 let found = "masses and springs, whose cylinder lies along one path";

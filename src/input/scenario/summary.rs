@@ -392,10 +392,7 @@ impl<'a> Tally<'a> {
                 EventKind::Crushed,
                 "elements beside the contacts were inverted: tissue is crushed there",
             ),
-            (
-                EventKind::DeviceLost,
-                "the GPU failed, and the CPU went on with remeshing",
-            ),
+            (EventKind::DeviceLost, "the GPU failed; remeshing continued on the CPU"),
             (
                 EventKind::NotRemeshed,
                 "the mesh did not follow the tip, as no node could be moved there without spoiling an element; the needle is held by the \

@@ -223,7 +223,7 @@ fn mesh_warnings(quality: &Quality) -> Vec<String> {
     if let [[first, other], ..] = quality.coincident_nodes[..] {
         let pairs = quality.coincident_nodes.len();
         odd.push(format!(
-            "nodes {first} and {other} lie in one place ({pairs} such pairs): nothing joins them"
+            "nodes {first} and {other} coincide but are separate nodes, not merged ({pairs} such pairs)"
         ));
     }
     if let [_, second, ..] = quality.parts[..] {

@@ -256,7 +256,7 @@ impl Finite {
         outcome.tip_mm = tip;
         outcome.tip_at_rest_mm = self.tip.at_rest(&self.needle);
         outcome.tip_deflection_mm = (tip - self.unloaded.tip()).norm();
-        outcome.inserted_mm = (end - first).max(self.tip.depth_if_bare(&self.needle));
+        outcome.inserted_mm = (end - first).max(self.tip.depth_without_node_mm(&self.needle));
         outcome.contacts = contacts.nodes.len();
         outcome.stuck = contacts
             .nodes

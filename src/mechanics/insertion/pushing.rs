@@ -95,7 +95,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     pub fn away(structure: Structure<D, N>) -> Self {
         let supports = structure.solver().supports();
         Pushing {
-            line: Line::nowhere(),
+            line: Line::empty(),
             layers: Vec::new(),
             at: At::default(),
             loads: vec![0.0; supports.all()],
@@ -119,7 +119,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 
     /// Removes the needle from all tissue, until it is aimed again.
     pub fn withdraw(&mut self) {
-        (self.line, self.at) = (Line::nowhere(), At::default());
+        (self.line, self.at) = (Line::empty(), At::default());
         self.layers.clear();
     }
 

@@ -1,4 +1,4 @@
-//! Mass-spring model of tissue in a cylinder around the path of the needle: the light alternative to finite elements of Zhu
+//! Mass-spring model of tissue in a cylinder around the needle path: the faster alternative to finite elements, after Zhu
 //! et al. 2007 (section 2.2).
 //!
 //! Before the needle breaks the skin there is no mesh but an [`Anatomy`], which gives the regions. The elements of the
@@ -11,7 +11,7 @@
 //! Nodes on the shaft form a stack; its last node is held at the tip until it is penetrated: when the far face of the
 //! element in front of the tip is within `lambda` circumferences of the tip. Then the corner of that face nearest to the
 //! needle is moved to the tip and becomes the tip node. Withdrawing the needle empties the tip, and nodes that come off the
-//! needle return home, last first. The tip pushes its node with at most the tissue's `cutting_n` (`puncture_n` where a
+//! needle return to their rest positions, last first. The tip pushes its node with at most the tissue's `cutting_n` (`puncture_n` where a
 //! surface is met): a node that needs more slides back along the shaft under that force. With a large `cutting_n`, the rule
 //! of Zhu et al. alone decides.
 //!
@@ -77,7 +77,7 @@ pub struct MassSpring {
     /// Elements of the mesh, then of the cap before the skin.
     imaged: Arc<[[u32; 4]]>,
     least_dihedral_deg: f64,
-    /// Length of the shortest edge at home, mm.
+    /// Length of the shortest edge at the original positions, mm.
     spacing_mm: f64,
 }
 
@@ -117,16 +117,16 @@ impl MassSpring {
     /// Nodes of the cap before the skin, mm.
     fn cap(&self) -> impl Iterator<Item = [f64; 3]> + '_ {
         let before = self.frame.rotation * Vector3::z() * self.parameters.radius_mm;
-        let skin = &self.network.home[..self.skin_nodes];
+        let skin = &self.network.original[..self.skin_nodes];
         skin.iter().map(move |node| (node - before).into())
     }
 
-    /// Returns the least angle between two faces of an element at home, degrees.
+    /// Returns the least angle between two faces of an element at the original positions, degrees.
     pub fn least_dihedral_deg(&self) -> f64 {
         self.least_dihedral_deg
     }
 
-    /// Returns the longest stable substep while every node is at home, s.
+    /// Returns the longest stable substep with every node at its rest position, s.
     pub fn explicit_limit_s(&self) -> f64 {
         self.network.limit_s
     }
@@ -136,9 +136,9 @@ impl MassSpring {
         self.network.energy()
     }
 
-    /// Returns whether tissue moves, or may: at rest without a needle, it costs nothing.
-    pub fn is_awake(&self) -> bool {
-        self.body.awake
+    /// Returns whether the tissue moves or may move; steps of resting tissue without a needle are skipped.
+    pub fn is_active(&self) -> bool {
+        self.body.active
     }
 
     /// Returns the pose of the base before the first step: a needle that begins in the body has been pushed in along its
@@ -161,7 +161,7 @@ impl MassSpring {
 
     /// Returns the number of substeps, and whether it is as large as required.
     fn parts(&self, from: &Isometry3<f64>, to: &Isometry3<f64>, dt_s: f64) -> (usize, bool) {
-        let for_stability = match self.body.awake {
+        let for_stability = match self.body.active {
             true => (dt_s / self.network.limit_s).ceil(),
             false => 1.0,
         };
@@ -184,7 +184,7 @@ impl MassSpring {
             .bone_contact
             .map_or(instruments.base, |met| met.stopped(&instruments.base, length));
         self.needle.place(&measured, None, &[], &[], &mut self.measured);
-        let inside = self.body.awake && !self.contacts.stack.is_empty();
+        let inside = self.body.active && !self.contacts.stack.is_empty();
         let found = inside
             .then(|| self.network.locate(&tip.coords, self.body.element))
             .flatten();
@@ -317,7 +317,7 @@ impl Model for MassSpring {
             elements: Arc::clone(&self.imaged),
             first: self
                 .network
-                .home
+                .original
                 .iter()
                 .map(|&node| node.into())
                 .chain(self.cap())

@@ -1,4 +1,4 @@
-//! Validation of what models are set up from and stepped with.
+//! Validation of the setup and of the step inputs of insertion models.
 
 use nalgebra::Isometry3;
 

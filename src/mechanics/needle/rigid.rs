@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use super::chain::Chain;
-use super::{Bevel, CentreLine, Entry, Load, Needle, Row, Shaft};
+use super::{Bevel, CentreLine, Entry, Load, Needle, Shaft};
 use crate::base::range::{OutOfRange, Ranges, parameters};
 
 /// A straight needle, with or without a bevel.
@@ -37,17 +37,8 @@ impl Needle for Rigid {
         self.radius_mm
     }
 
-    fn is_flexible(&self) -> bool {
-        false
-    }
-
     fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
         self.chain.place(base, line, |_, _| Vector3::zeros());
-    }
-
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut [f64]) -> usize {
-        drift.fill(0.0);
-        0
     }
 }
 
@@ -120,10 +111,6 @@ impl Needle for Constrained {
         self.shaft.radius_mm
     }
 
-    fn is_flexible(&self) -> bool {
-        false
-    }
-
     fn place(&mut self, base: &Isometry3<f64>, entry: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
         let (hub, length) = (Point3::from(base.translation.vector), self.shaft.length_mm);
         let measured = Unit::new_normalize(base.rotation * Vector3::z());
@@ -139,11 +126,6 @@ impl Needle for Constrained {
             _ => line.set([(0.0, hub), (length, hub + measured.scale(length))]),
         }
     }
-
-    fn linearise(&mut self, _: &CentreLine, _: &[Load], _: &[Row], drift: &mut [f64], _: &mut [f64]) -> usize {
-        drift.fill(0.0);
-        0
-    }
 }
 
 /// Length below which a part of the shaft has no direction, mm.
@@ -154,6 +136,7 @@ mod tests {
     use nalgebra::{Translation3, UnitQuaternion};
 
     use super::*;
+    use crate::mechanics::needle::Row;
 
     fn slanted() -> Isometry3<f64> {
         let turn = UnitQuaternion::from_euler_angles(0.4, -1.1, 2.3);

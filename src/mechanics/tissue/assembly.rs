@@ -16,7 +16,6 @@ use super::element::{DegenerateElement, NodeBlock, Shape};
 use super::factor::Symmetric;
 use super::material::Material;
 use crate::mechanics::mesh::TetMesh;
-pub(super) use pattern::corners_by_node;
 use pattern::{PAIRS, Pattern};
 
 /// Parts of a stiffness matrix that do not depend on node positions.

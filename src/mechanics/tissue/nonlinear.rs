@@ -9,7 +9,7 @@
 //! - Euler steps of Kobayashi et al., K_t(U) dU = dF. With their scalar tangent they are exact only where strain grows
 //!   in proportion; with the consistent tangent, or with the balance of forces corrected at each increment, they
 //!   converge to the body's state as increments shrink.
-//! - Modified Newton-Raphson of Kobayashi et al.: iterations with a kept factor of the scalar tangent, also across
+//! - Modified Newton-Raphson of Kobayashi et al.: iterations with a reused factor of the scalar tangent, also across
 //!   increments, until they converge too slowly.
 //! - Newton-Raphson with the consistent tangent, the derivative of E(e_r) included, which converges quadratically: the
 //!   reference for the others.
@@ -57,7 +57,7 @@ pub enum NonlinearError {
     Thickness { found: f64 },
     /// The largest unbalanced force, relative to the largest force, is above the tolerance.
     #[error(
-        "forces do not balance after {iterations} iterations: what is left is {residual:.1e} of the largest force, expected at \
+        "forces do not balance after {iterations} iterations: the residual is {residual:.1e} of the largest force, expected at \
          most {tolerance:.0e}; take smaller increments, or more iterations"
     )]
     NotConverged {

@@ -221,7 +221,7 @@ pub struct Measured {
     pub shape_mm: Vec<[f64; 2]>,
 }
 
-/// Whether the container lies in two volumes alike: its markers of the one placed rigidly on those of the other are not nearer to them than chance
+/// Whether the container has the same pose in two volumes: aligning its markers rigidly reduces their distances by no more than chance
 /// allows (F test, 95 %).
 fn lies_still(rest: &Scan, moved: &Scan) -> bool {
     let pairs = rest.container_mm.iter().zip(&moved.container_mm);
@@ -239,7 +239,7 @@ fn lies_still(rest: &Scan, moved: &Scan) -> bool {
     (apart(&Isometry3::identity()) - apart(&pose)) / 6.0 <= SIGNIFICANT * left
 }
 
-/// Compares a moved needle with itself at rest. Where the container lies in both volumes alike, its place at rest counts for both, so that the
+/// Compares a moved needle with itself at rest. Where the container has the same pose in both volumes, its place at rest counts for both, so that the
 /// errors of its markers cancel in the motion of the base.
 ///
 /// # Errors

@@ -9,7 +9,7 @@ use super::data::Data;
 use super::{Identification, Identified, identify};
 use crate::input::identification::CaseFile;
 use crate::input::scenario::ScenarioFile;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::input::scenario::run::{Deformed, Observer, Requests, Step, run};
 use crate::mechanics::insertion::StepError;
 
 /// The two-layer phantom in a coarse mesh.
@@ -71,10 +71,6 @@ impl Observer for Recorder {
         let tip = step.base * Point3::new(0.0, 0.0, 150.0);
         self.depth = tip.z + 45.0;
         writeln!(self.force, "{},{}", self.depth, -step.outcome.on_hand.force_n.z).unwrap();
-        Ok(())
-    }
-
-    fn frame(&mut self, _: &Moment<'_>) -> Result<(), StepError> {
         Ok(())
     }
 

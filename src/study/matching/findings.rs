@@ -208,7 +208,7 @@ impl Bench<'_> {
         if real.depths.len() < self.bands() {
             let (found, all) = (real.depths.len(), self.bands());
             notes.push(format!(
-                "uniform windows at {found} of {all} depths: between and beyond them the gain goes on as it is there"
+                "uniform windows at {found} of {all} depths: the gain is interpolated between them and constant beyond"
             ));
         }
         if residual > SETTLED {

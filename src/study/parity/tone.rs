@@ -2,7 +2,9 @@
 //! mapped. Automatic gain is a ratio of two sums over a depth band of terms that increase with amplitude, so its ends are mapped in the
 //! same way.
 
-use crate::imaging::effects::tone::auto_gain::{AutoGain, BANDS, HEARD, MAX, PRIOR, SILENT, at, gains, middle, range};
+use crate::imaging::effects::tone::auto_gain::{
+    AutoGain, BANDS, FULL_WEIGHT, MAX, PRIOR, ZERO_WEIGHT, at, gains, middle, range,
+};
 use crate::imaging::effects::tone::{MID_GREY, Tone};
 
 use super::rounding::{DIVIDE, ULP, log2, pow};
@@ -61,7 +63,8 @@ fn band_ends(own: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
                 let side = 2.0 * end as f64 - 1.0;
                 // Difference, at most 0.3 where not clamped (1), its constant stored (1/2), both times 5; then the factor stored and the
                 // product, at most 1 (2).
-                let own_weight = ((echo - SILENT) / (HEARD - SILENT) + side * 5.0 * ULP).clamp(0.0, 1.0);
+                let own_weight =
+                    ((echo - ZERO_WEIGHT) / (FULL_WEIGHT - ZERO_WEIGHT) + side * 5.0 * ULP).clamp(0.0, 1.0);
                 weight[end] += own_weight;
                 value[end] += own_weight * echo.min(MAX) * (1.0 + side * ULP);
             }

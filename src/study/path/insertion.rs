@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use crate::input::scenario::Scenario;
 use crate::input::scenario::carried::Carried;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::input::scenario::run::{Deformed, Observer, Requests, Step, run};
 use crate::mechanics::insertion::{EventKind, StepError};
 use crate::study::StudyError;
 use crate::tracking::needle::NeedlePath;
@@ -223,10 +223,6 @@ impl Observer for Watch<'_> {
             trial.bone = true;
             return Err(Stop::Reached);
         }
-        Ok(())
-    }
-
-    fn frame(&mut self, _: &Moment<'_>) -> Result<(), Stop> {
         Ok(())
     }
 

@@ -1,4 +1,4 @@
-//! Fixtures of the hard cases: tissue blocks, needles, anatomies, synthesisers, and watches over runs.
+//! Fixtures of the hard cases: tissue blocks, needles, anatomies, synthesisers, and run monitors.
 
 use std::sync::Arc;
 

@@ -1,4 +1,4 @@
-//! Motion from radio-frequency echoes: what length of windows, upsampling and prior estimates are worth. Echoes are those of a uniform medium
+//! Motion from radio-frequency echoes: error and cost by window length, upsampling and use of prior estimates. Echoes are those of a uniform medium
 //! whose motion is known.
 
 mod insertion;

@@ -5,8 +5,8 @@
 //! (Zones of depth and the mean of what is tissue in them: US patent 5,579,768, 1996; masks of what is tissue: R. Moshavegh et al., Proc. SPIE
 //! 9419 (2015) 941904.)
 //!
-//! The level is a weighted mean of amplitudes: the weight is 0 below [`SILENT`], so that fluid and shadows do not count and are not amplified,
-//! rises to 1 at [`HEARD`], and amplitudes above [`MAX`] are clamped. A prior of usual tissue replaces missing echoes, so that the gain never
+//! The level is a weighted mean of amplitudes: the weight is 0 below [`ZERO_WEIGHT`], so that fluid and shadows do not count and are not amplified,
+//! rises to 1 at [`FULL_WEIGHT`], and amplitudes above [`MAX`] are clamped. A prior of usual tissue replaces missing echoes, so that the gain never
 //! exceeds 12.6 dB. Weight times amplitude is a continuous function of the amplitude with a slope of at most 2.5, and the divisor is never near
 //! 0: a small error of the echoes causes a small one of the gain, which a percentile of a histogram does not guarantee.
 //!
@@ -29,9 +29,9 @@ pub const BANDS: usize = 16;
 /// phantom behind a body wall, which attenuates more than the average tissue that is compensated for.
 pub const USUAL_DB: f64 = -5.0;
 /// Amplitude up to which echoes do not count, relative to usual tissue: -20 dB.
-pub const SILENT: f64 = 0.1;
+pub const ZERO_WEIGHT: f64 = 0.1;
 /// Amplitude from which echoes count fully, relative to usual tissue.
-pub const HEARD: f64 = 0.3;
+pub const FULL_WEIGHT: f64 = 0.3;
 /// Amplitude to which larger ones are clamped, relative to usual tissue: 24 dB.
 pub const MAX: f64 = 16.0;
 /// Weight of the prior of usual tissue, relative to the number of samples of the band.
@@ -121,8 +121,8 @@ impl<T: Real> Kernel for Sums<'_, T> {
 
     #[inline(always)]
     fn run(self) -> [T; 2] {
-        let (silent, most) = (T::of(SILENT), T::of(MAX));
-        let rise = T::of(1.0 / (HEARD - SILENT));
+        let (zero, most) = (T::of(ZERO_WEIGHT), T::of(MAX));
+        let rise = T::of(1.0 / (FULL_WEIGHT - ZERO_WEIGHT));
         let mut sums = [T::zero(); 2];
         for start in self.range.clone().step_by(BLOCK) {
             let block = start..(start + BLOCK).min(self.range.end);
@@ -132,7 +132,7 @@ impl<T: Real> Kernel for Sums<'_, T> {
                 let line = &line[block.clone()];
                 for i in 0..gain.len() {
                     let echo = line[i] * gain[i] * self.scale;
-                    let weight = ((echo - silent) * rise).max(T::zero()).min(T::one());
+                    let weight = ((echo - zero) * rise).max(T::zero()).min(T::one());
                     columns[0][i] += weight;
                     columns[1][i] += weight * echo.min(most);
                 }

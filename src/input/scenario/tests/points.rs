@@ -7,7 +7,7 @@ use super::{BLOCK, resolved};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::points::{Displaced, Extremes, Points};
 use crate::input::scenario::record::Record;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::input::scenario::run::{Deformed, Observer, Requests, Step, run};
 use crate::mechanics::insertion::{EventKind, Model, StepError, Tissue};
 
 /// The block with an oblique probe that turns on the way, and two points.
@@ -101,10 +101,6 @@ impl Observer for Kept {
         self.regions
             .extend(met.filter_map(|event| Some((event.region?, depth))));
         self.record.step(step, &mut self.steps).expect("memory");
-        Ok(())
-    }
-
-    fn frame(&mut self, _: &Moment<'_>) -> Result<(), StepError> {
         Ok(())
     }
 

@@ -1,4 +1,4 @@
-//! The body as the needle finds it: regions with their interactions, and the channels cut by the tip.
+//! Anatomy along the needle: regions with their needle interactions, and the channels cut by the tip.
 
 use std::sync::Arc;
 

@@ -145,7 +145,7 @@ impl Contacts {
     }
 
     /// Drops the loads of released nodes, once the needle lies without them.
-    pub fn forget_faded(&mut self) {
+    pub fn drop_faded_releases(&mut self) {
         let first = self.forces.len() - self.released.len();
         if self.forces[first..].iter().all(|force| force.norm() < FADED_N) {
             self.forces.truncate(first);

@@ -45,7 +45,7 @@ impl Finite {
                 self.leave();
             }
         }
-        self.name_contacts();
+        self.register_contacts();
         let follows = !is_empty && !self.tip.outside && !self.tip.force.is_on_bone();
         let Some(element) = self.tip.element.filter(|_| follows) else {
             self.tip.force.stop_cutting();
@@ -154,7 +154,7 @@ impl Finite {
         self.tip.outside = true;
         self.tip.force.stop_cutting();
         let has_entry = self.needle.entry.is_some();
-        if self.contacts.nodes.is_empty() && has_entry && self.tip.depth_if_bare(&self.needle) <= 0.0 {
+        if self.contacts.nodes.is_empty() && has_entry && self.tip.depth_without_node_mm(&self.needle) <= 0.0 {
             self.leave();
         }
     }
@@ -347,10 +347,10 @@ impl Finite {
         self.contacts.add(node, reference, arc, state, Some(region));
         self.tip.refused = None;
         self.tip.corners.retain(|other| *other != node);
-        self.name_contacts();
+        self.register_contacts();
     }
 
-    pub(super) fn name_contacts(&mut self) {
-        self.tissue.name_contacts(&self.contacts.nodes, &self.tip.corners);
+    pub(super) fn register_contacts(&mut self) {
+        self.tissue.register_contacts(&self.contacts.nodes, &self.tip.corners);
     }
 }

@@ -188,7 +188,7 @@ impl Finite {
         let log = &mut self.log;
         (log.steps, log.time_s, log.base, log.seeds) = (state.steps, state.time_s, state.base, state.seeds);
         self.body.channel = state.channel;
-        self.name_contacts();
+        self.register_contacts();
         self.recompute();
         Ok(())
     }

@@ -86,7 +86,7 @@ impl Finite {
         let base = self.tip.stopped(base);
         self.settle_within(&base, most);
         // Only now: a reverted attempt restores its loads.
-        self.contacts.forget_faded();
+        self.contacts.drop_faded_releases();
         self.take_forces();
     }
 
@@ -199,7 +199,7 @@ impl Finite {
     }
 
     pub(super) fn take_tip(&mut self) {
-        self.tip.take_place(&mut self.contacts, &mut self.tissue, &self.body);
+        self.tip.add_to_system(&mut self.contacts, &mut self.tissue, &self.body);
     }
 
     /// Takes the compliance of the tissue, and makes room for the forces.

@@ -183,7 +183,7 @@ impl Tip {
     }
 
     /// Enters the tissue at a new place of the tip into the system.
-    pub fn take_place(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &Body) {
+    pub fn add_to_system(&mut self, contacts: &mut Contacts, tissue: &mut Tissue, body: &Body) {
         let Some(place) = self.found.take() else { return };
         let last = contacts.nodes.last();
         let node = last.map_or(NONE, |last| last.node);
@@ -265,7 +265,7 @@ impl Tip {
                 self.corners.push(node);
             }
         }
-        tissue.name_contacts(&contacts.nodes, &self.corners);
+        tissue.register_contacts(&contacts.nodes, &self.corners);
     }
 
     /// Returns the row of a place whose corners are in the system, except fixed ones.
@@ -416,7 +416,7 @@ impl Tip {
     }
 
     /// Returns the depth of a tip that entered without a node, mm: fixed tissue stays where it is.
-    pub fn depth_if_bare(&self, needle: &PlacedNeedle) -> f64 {
+    pub fn depth_without_node_mm(&self, needle: &PlacedNeedle) -> f64 {
         let tangent = needle.tip().tangent;
         let entry = needle.entry.as_ref().filter(|_| self.bare);
         entry.map_or(0.0, |entry| tangent.dot(&(needle.line.tip() - entry.point_mm)).max(0.0))

@@ -71,7 +71,7 @@ impl Tissue {
             remeshes: 0,
             crushed: 0,
         };
-        tissue.name_contacts(&[], &[]);
+        tissue.register_contacts(&[], &[]);
         tissue
     }
 
@@ -86,7 +86,7 @@ impl Tissue {
     }
 
     /// Passes the contacts to the remesher: those of the probe, those of the needle, corners at the tip.
-    pub fn name_contacts(&mut self, needle: &[Contact], corners: &[u32]) {
+    pub fn register_contacts(&mut self, needle: &[Contact], corners: &[u32]) {
         self.dofs.clear();
         let mesh = self.adaptation.mesh();
         let nodes = system_nodes(self.probe.as_ref(), needle, corners);

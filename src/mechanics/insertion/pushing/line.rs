@@ -117,7 +117,7 @@ pub fn crossings<const D: usize, const N: usize>(
 
 impl<const D: usize> Line<D> {
     /// Returns a line through nothing.
-    pub fn nowhere() -> Self {
+    pub fn empty() -> Self {
         Line {
             entry: [0.0; D],
             direction: [0.0; D],

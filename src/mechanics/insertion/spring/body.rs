@@ -40,7 +40,7 @@ pub(super) struct Body {
     pub refused: bool,
     pub bone_contact: Option<BoneContact>,
     /// Whether anything may move: tissue at rest costs nothing.
-    pub awake: bool,
+    pub active: bool,
     pub seeds: Vec<Point3<f64>>,
 }
 

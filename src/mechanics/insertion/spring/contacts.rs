@@ -11,8 +11,8 @@
 //!
 //! For a flexible needle, the lateral forces f on it and the deflections that they cause are consistent at the end of the
 //! step: with r the distances by which the nodes would miss the shaft under the previous forces, C the needle's flexibility
-//! and D the diagonal of h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as the other way
-//! round.
+//! and D the diagonal of h^2 / m, (C + D) f = r + C f_before. So a soft needle in stiff tissue is as stable as a
+//! stiff needle in soft tissue.
 
 use nalgebra::{Unit, Vector3};
 

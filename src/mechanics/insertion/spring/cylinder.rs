@@ -2,6 +2,7 @@
 
 use crate::base::range::{Ranges, parameters};
 use crate::mechanics::insertion::InvalidSetup;
+use crate::mechanics::lists::Lists;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::quality::Quality;
 
@@ -188,38 +189,6 @@ fn upright(corners: [u32; 4], nodes: &[[f64; 3]]) -> [u32; 4] {
     match (b - a).dot(&(c - a).cross(&(d - a))) < 0.0 {
         true => [corners[0], corners[1], corners[3], corners[2]],
         false => corners,
-    }
-}
-
-/// Lists of different lengths in one allocation.
-#[derive(Clone, Debug)]
-pub(super) struct Lists {
-    starts: Vec<u32>,
-    items: Vec<u32>,
-}
-
-impl Lists {
-    /// Groups `pairs` (list, item) into `count` lists; items keep their order.
-    fn new(count: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Lists {
-        let mut starts = vec![0; count + 1];
-        for (list, _) in pairs.clone() {
-            starts[list as usize + 1] += 1;
-        }
-        for list in 0..count {
-            starts[list + 1] += starts[list];
-        }
-        let mut next = starts.clone();
-        let mut items = vec![0; starts[count] as usize];
-        for (list, item) in pairs {
-            items[next[list as usize] as usize] = item;
-            next[list as usize] += 1;
-        }
-        Lists { starts, items }
-    }
-
-    pub fn of(&self, list: u32) -> &[u32] {
-        let list = list as usize;
-        &self.items[self.starts[list] as usize..self.starts[list + 1] as usize]
     }
 }
 

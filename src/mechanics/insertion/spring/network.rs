@@ -30,7 +30,7 @@ const TONNE_PER_MM3: f64 = 1e-12;
 /// Share of the bound on the step that is used, as a margin for rounding.
 const SAFETY: f64 = 0.95;
 
-/// Share of an element's volume at home below which a move is refused.
+/// Share of an element's original volume below which a move is refused.
 const FLATTEST: f64 = 0.02;
 /// Number of elements that a search for a point passes before all of them are tried.
 const LONGEST_SEARCH: usize = 64;
@@ -55,7 +55,7 @@ pub(super) struct Network {
     /// Rate of damping by mass, 1/s.
     damping: f64,
     /// Rest positions before any node is moved, mm.
-    pub home: Vec<Vector3<f64>>,
+    pub original: Vec<Vector3<f64>>,
     /// Current rest positions, mm.
     pub reference: Vec<Vector3<f64>>,
     /// Displacements, mm.
@@ -72,7 +72,7 @@ pub(super) struct Network {
     spring: Vec<Vector3<f64>>,
     /// Bound of each node's rows of M^-1 K, 1/s^2.
     bound: Vec<f64>,
-    /// Longest stable step while every node is at home, s. The mass of a node that is moved nearer to another is increased
+    /// Longest stable step with every node at its original position, s. The mass of a node that is moved nearer to another is increased
     /// as a step of this length requires (see [`Network::moving_mass`]).
     pub limit_s: f64,
 }
@@ -92,7 +92,7 @@ impl Network {
             density: parameters.density_kg_per_m3 * TONNE_PER_MM3,
             spring_damping: parameters.spring_damping_s,
             damping: parameters.damping_per_s,
-            home: own.clone(),
+            original: own.clone(),
             reference: own.clone(),
             own,
             displacement: zero.clone(),
@@ -111,10 +111,10 @@ impl Network {
 
     /// Moves the entire cylinder to another frame, at rest.
     pub fn place(&mut self, frame: &Isometry3<f64>) {
-        for (home, own) in self.home.iter_mut().zip(&self.own) {
-            *home = (frame * Point3::from(*own)).coords;
+        for (original, own) in self.original.iter_mut().zip(&self.own) {
+            *original = (frame * Point3::from(*own)).coords;
         }
-        self.reference.copy_from_slice(&self.home);
+        self.reference.copy_from_slice(&self.original);
         self.rest();
         self.measure_all();
         self.limit_s = self.stable_step();
@@ -285,7 +285,7 @@ impl Network {
             .topology
             .edges
             .iter()
-            .map(|[a, b]| (self.home[*a as usize] - self.home[*b as usize]).norm());
+            .map(|[a, b]| (self.original[*a as usize] - self.original[*b as usize]).norm());
         lengths.fold(f64::INFINITY, f64::min)
     }
 
@@ -360,8 +360,8 @@ impl Network {
         let velocity = geometry::mix(coordinates, &corners.map(|corner| self.velocity[corner as usize]));
         self.reference[node as usize] = to;
         let sound = self.around(node).iter().all(|&element| {
-            let home = self.elements[element as usize].map(|corner| self.home[corner as usize]);
-            geometry::volume(&self.at_rest(element)) >= FLATTEST * geometry::volume(&home)
+            let original = self.elements[element as usize].map(|corner| self.original[corner as usize]);
+            geometry::volume(&self.at_rest(element)) >= FLATTEST * geometry::volume(&original)
         });
         if !sound {
             self.reference[node as usize] = before;
@@ -373,22 +373,22 @@ impl Network {
         true
     }
 
-    /// Returns a node to its home position, with the displacement of the tissue there. The nodes moved after it must be
-    /// home.
-    pub fn send_home(&mut self, node: u32) {
-        let home = self.home[node as usize];
-        if self.reference[node as usize] == home {
+    /// Returns a node to its original position, with the displacement of the tissue there. The nodes moved after it must be
+    /// back already.
+    pub fn restore(&mut self, node: u32) {
+        let original = self.original[node as usize];
+        if self.reference[node as usize] == original {
             return;
         }
         let around = self.around(node).iter().copied();
-        if let Some((element, coordinates)) = self.nearest(&home, around, Self::at_rest) {
+        if let Some((element, coordinates)) = self.nearest(&original, around, Self::at_rest) {
             let corners = self.elements[element as usize];
             self.displacement[node as usize] =
                 geometry::mix(&coordinates, &corners.map(|corner| self.displacement[corner as usize]));
             self.velocity[node as usize] =
                 geometry::mix(&coordinates, &corners.map(|corner| self.velocity[corner as usize]));
         }
-        self.reference[node as usize] = home;
+        self.reference[node as usize] = original;
         self.measure_about(node);
     }
 }

@@ -44,14 +44,14 @@ impl MassSpring {
             to.vector(&contact.side);
         });
         words.pose(&self.frame);
-        let moved: Vec<usize> = (0..self.network.home.len())
-            .filter(|&node| self.network.reference[node] != self.network.home[node])
+        let moved: Vec<usize> = (0..self.network.original.len())
+            .filter(|&node| self.network.reference[node] != self.network.original[node])
             .collect();
         words.list(&moved, |to, &node| {
             to.integer(node as u64);
             to.vector(&self.network.reference[node]);
         });
-        if self.body.awake {
+        if self.body.active {
             words.list(&self.network.displacement, |to, vector| to.vector(vector));
             words.list(&self.network.velocity, |to, vector| to.vector(vector));
         }
@@ -74,7 +74,7 @@ impl MassSpring {
     }
 
     fn read(&mut self, words: &[u64]) -> Result<(), String> {
-        let count = self.network.home.len();
+        let count = self.network.original.len();
         let from = &mut Reader(words);
         let body = get_body(from, self.network.elements.len())?;
         let outcome = get_outcome(from)?;
@@ -92,7 +92,7 @@ impl MassSpring {
         let frame = from.pose()?;
         let moved = from.list(|from| Ok((from.below(count, "a node")?, from.vector()?)))?;
         let mut fields = [const { Vec::<Vector3<f64>>::new() }; 2];
-        if body.awake {
+        if body.active {
             for field in &mut fields {
                 *field = from.list(Reader::vector)?;
                 if field.len() != count {
@@ -107,7 +107,7 @@ impl MassSpring {
             self.network.reference[node as usize] = reference;
         }
         self.network.measure_all();
-        if body.awake {
+        if body.active {
             self.network.displacement.copy_from_slice(&fields[0]);
             self.network.velocity.copy_from_slice(&fields[1]);
         }
@@ -144,7 +144,7 @@ fn put_body(to: &mut Words, body: &Body) {
         to.real(bone_contact.bone.stiffness_n_per_mm);
         to.real(bone_contact.bone.penetration_mm);
     });
-    to.flag(body.awake);
+    to.flag(body.active);
     to.list(&body.seeds, |to, seed| to.vector(&seed.coords));
 }
 
@@ -189,7 +189,7 @@ fn get_body(from: &mut Reader, elements: usize) -> Result<Body, String> {
                 },
             })
         })?,
-        awake: from.flag()?,
+        active: from.flag()?,
         seeds: from.list(Reader::point)?,
     })
 }

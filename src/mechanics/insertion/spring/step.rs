@@ -17,7 +17,7 @@ const REST: [f64; 2] = [1e-9, 1e-7];
 impl MassSpring {
     /// Moves the needle's base from `hand_before` to `hand` and the tissue by a time `h`.
     pub(super) fn part(&mut self, hand_before: &Isometry3<f64>, hand: &Isometry3<f64>, h: f64) {
-        if self.body.awake {
+        if self.body.active {
             self.contacts.remember(&self.network);
             self.network.find_forces();
             self.network.advance(h);
@@ -117,7 +117,7 @@ impl MassSpring {
         }
         let length = self.body.line.length_mm();
         while let Some(last) = self.contacts.stack.pop_if(|last| last.arc > length + SAME_ARC_MM) {
-            self.network.send_home(last.node);
+            self.network.restore(last.node);
             self.outcome.remeshes += 1;
         }
         if self.contacts.stack.is_empty() {
@@ -154,13 +154,13 @@ impl MassSpring {
 
     /// Puts tissue to rest that has no needle in it and hardly moves any more.
     pub(super) fn settle(&mut self) {
-        if !self.body.awake || self.body.entry.is_some() {
+        if !self.body.active || self.body.entry.is_some() {
             return;
         }
         let below = |vectors: &[Vector3<f64>], limit: f64| vectors.iter().all(|vector| vector.amax() < limit);
         if below(&self.network.displacement, REST[0]) && below(&self.network.velocity, REST[1]) {
             self.network.rest();
-            self.body.awake = false;
+            self.body.active = false;
         }
     }
 }

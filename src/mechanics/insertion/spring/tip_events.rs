@@ -82,7 +82,7 @@ impl MassSpring {
             point_mm: *at,
             direction: self.tip().tangent,
         });
-        self.body.awake = true;
+        self.body.active = true;
         self.body.breaking = true;
         self.body.region = Some(region);
         self.body.crossed = at.coords;

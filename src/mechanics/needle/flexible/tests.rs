@@ -1,4 +1,4 @@
-//! Needles of springs and of a beam: what both do, and the closed forms of each.
+//! Tests of flexible needles: properties common to the spring and beam models, and closed-form solutions of each.
 
 mod beam;
 mod springs;

@@ -1,5 +1,6 @@
 //! Sparsity pattern of a stiffness matrix, and the entries that each element adds to.
 
+use crate::mechanics::lists::Lists;
 use crate::mechanics::tissue::error::LinearError;
 use faer::sparse::SymbolicSparseColMat;
 
@@ -44,14 +45,14 @@ impl Pattern {
             return Err(LinearError::TooLarge { limit });
         }
         let nodes = dofs.nodes();
-        let (firsts, corners) = corners_by_node(elements, nodes);
+        let corners = Lists::corners(elements, nodes);
         let mut starts = Vec::with_capacity(nodes + 1);
         let mut rows = Vec::with_capacity(8 * nodes);
         let mut places = vec![[0; 10]; elements.len()];
         // Last column in which each node occurred, and its block there.
         let mut met = vec![(NONE, 0); nodes];
         for column in 0..nodes as u32 {
-            let around = &corners[firsts[column as usize] as usize..firsts[column as usize + 1] as usize];
+            let around = corners.of(column);
             let start = rows.len();
             starts.push(start as u32);
             rows.push(column);
@@ -146,24 +147,4 @@ impl Pattern {
             (span[0] as usize..span[1] as usize).map(move |at| (column, self.rows[at] as usize, at))
         })
     }
-}
-
-/// Returns the start of each node's corners, with a final end, and the list of corners; a corner is four times its
-/// element plus its place there.
-pub fn corners_by_node(elements: &[[u32; 4]], nodes: usize) -> (Vec<u32>, Vec<u32>) {
-    let mut firsts = vec![0u32; nodes + 1];
-    for &node in elements.iter().flatten() {
-        firsts[node as usize + 1] += 1;
-    }
-    for node in 0..nodes {
-        firsts[node + 1] += firsts[node];
-    }
-    let mut next = firsts.clone();
-    let mut corners = vec![0; 4 * elements.len()];
-    for (corner, &node) in elements.iter().flatten().enumerate() {
-        let place = &mut next[node as usize];
-        corners[*place as usize] = corner as u32;
-        *place += 1;
-    }
-    (firsts, corners)
 }

@@ -1,4 +1,4 @@
-//! Anderson acceleration of iterations with a kept factor (D. G. Anderson, Journal of the ACM 12, 1965): the changes
+//! Anderson acceleration of iterations with a reused factor (D. G. Anderson, Journal of the ACM 12, 1965): the changes
 //! proposed in the last iterations, and their effects, correct the next proposal.
 
 /// Steps taken, and the changes of the proposal along them ("turns"), newest last.
@@ -32,7 +32,7 @@ impl Anderson {
     }
 
     /// Replaces a proposed change by the accelerated one, from at most `memory` earlier steps.
-    pub fn improve(&mut self, memory: usize, change: &mut [f64]) {
+    pub fn accelerate(&mut self, memory: usize, change: &mut [f64]) {
         if memory == 0 {
             return;
         }

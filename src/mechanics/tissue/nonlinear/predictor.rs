@@ -1,6 +1,6 @@
 //! Secant predictor for the next increment.
 
-/// First proposal of a kept factor in the previous increment, and its error.
+/// First proposal of a reused factor in the previous increment, and its error.
 ///
 /// The error is similar in similar increments: of a load that grows or wanes, of a plate or a needle that advances or
 /// retracts. The proposal is linear in the prescribed change, so the component of a new proposal along the previous one
@@ -39,7 +39,7 @@ impl Predictor {
 
     /// Adds the predicted error to the first proposal of an increment, with a contact of these weights or none. Returns
     /// whether anything was added.
-    pub fn improve(&mut self, change: &mut [f64], contact: &[(u32, f64)]) -> bool {
+    pub fn apply(&mut self, change: &mut [f64], contact: &[(u32, f64)]) -> bool {
         let share = if self.stage == Stage::Known && self.contact == contact {
             self.share(change)
         } else {
@@ -58,7 +58,7 @@ impl Predictor {
     }
 
     /// Records the total change of the increment whose first proposal was stored.
-    pub fn learn(&mut self, change: impl Iterator<Item = f64>) {
+    pub fn record(&mut self, change: impl Iterator<Item = f64>) {
         if self.stage == Stage::Proposed {
             let missed = change.zip(&self.proposal).map(|(change, proposal)| change - proposal);
             self.missed.clear();

@@ -1,4 +1,4 @@
-//! Decision when to replace a kept factor.
+//! Criterion for refactoring the tangent instead of reusing a factor.
 
 /// Iterations that take as long as a factorisation, both in single precision; 10 and 12 were measured at 9,300 degrees
 /// of freedom.
@@ -17,12 +17,12 @@ pub(super) struct RefactorisationPolicy {
 
 impl RefactorisationPolicy {
     /// Resets the count for a new factor.
-    pub fn renew(&mut self) {
+    pub fn reset(&mut self) {
         *self = Self::default();
     }
 
     /// Counts the iterations of an increment with the current factor.
-    pub fn took(&mut self, iterations: usize) {
+    pub fn record_iterations(&mut self, iterations: usize) {
         let usual = *self.usual.get_or_insert(iterations);
         self.excess += iterations.saturating_sub(usual);
     }
@@ -41,17 +41,17 @@ mod tests {
     fn a_factor_is_due_when_it_has_cost_as_much_as_a_new_one() {
         let mut policy = RefactorisationPolicy::default();
         for iterations in [3, 2, 3, 3] {
-            policy.took(iterations);
+            policy.record_iterations(iterations);
         }
         assert!(!policy.is_due());
         // Two more than usual each time.
         let until = (1..).find(|_| {
-            policy.took(5);
+            policy.record_iterations(5);
             policy.is_due()
         });
         assert_eq!(until, Some(PRICE.div_ceil(2)));
-        policy.renew();
-        policy.took(20);
+        policy.reset();
+        policy.record_iterations(20);
         assert!(!policy.is_due());
     }
 }

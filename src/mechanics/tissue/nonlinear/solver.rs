@@ -231,7 +231,7 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     fn forget(&mut self) {
         self.anderson.clear();
         self.predictor.clear();
-        self.policy.renew();
+        self.policy.reset();
     }
 
     fn advance(&mut self, target: &Target<'_>) -> Result<(), NonlinearError> {

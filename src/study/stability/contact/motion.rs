@@ -358,15 +358,15 @@ pub fn any_length(record: &mut Record<'_>) -> Result<(), Unexpected> {
             let (mut too_long, mut capped) = (Vec::new(), 0);
             for step in 0..=2 * steps {
                 let z = -2.0 + (STEPPED_DEPTH_MM + 2.0) * (steps - step.abs_diff(steps)) as f64 / steps as f64;
-                let awake = it.is_awake();
+                let active = it.is_active();
                 let outcome = it.step(&tip_at([ASIDE[0], ASIDE[1], z]), dt)?;
                 watch.see(outcome);
                 let bound = USUAL.friction_n_per_mm * (STEPPED_DEPTH_MM + 0.1) + USUAL.puncture_n;
                 excess = largest([excess, (outcome.on_hand.force_n.z.abs() - bound).max(0.0)]);
                 // Where the number of substeps is capped, less time passes in the tissue than in the step.
-                if awake && outcome.substeps >= parameters.most_substeps {
+                if active && outcome.substeps >= parameters.most_substeps {
                     capped += 1;
-                } else if awake {
+                } else if active {
                     too_long.push(dt / outcome.substeps as f64 / limit);
                 }
                 if step % 20 == 0 {

@@ -7,7 +7,7 @@ use crate::imaging::rf::scatterers::RfSynthesizer;
 use crate::imaging::rf::truth::{self, Followed};
 use crate::imaging::rf::{Acquisition, medium};
 use crate::input::scenario::ScenarioFile;
-use crate::input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run};
+use crate::input::scenario::run::{Moment, Observer, Requests, Step, run};
 use crate::study::error::StudyError;
 use crate::study::stability::Effort;
 use crate::study::tradeoff::{Axis, Factor, Figure, Table};
@@ -128,10 +128,6 @@ impl Observer for Watch<'_> {
         let truth: Vec<[f64; 2]> = self.followed.iter().map(moved).collect();
         self.course.push(NAME, moment.time_s, &found, &truth);
         self.course.push_places(moment.time_s, &found, &truth);
-        Ok(())
-    }
-
-    fn mesh(&mut self, _: &Deformed<'_>) -> Result<(), StudyError> {
         Ok(())
     }
 }

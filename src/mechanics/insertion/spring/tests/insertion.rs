@@ -36,10 +36,10 @@ fn in_and_out() {
     });
     assert_eq!(events.last(), Some(&EventKind::Out));
     assert_eq!((it.outcome.contacts, it.outcome.on_hand), (0, Wrench::default()));
-    assert_eq!(it.network.reference, it.network.home);
+    assert_eq!(it.network.reference, it.network.original);
     // Relaxing at no less than half the rate of damping, 1e-9 is reached in 0.3 s.
     (0..10).for_each(|_| assert!(it.step(&tip_at(0.3, 0.2, -5.0), 0.1).is_ok()));
-    assert!(!it.is_awake());
+    assert!(!it.is_active());
     assert_eq!(it.energy_nmm(), 0.0);
 }
 

@@ -303,12 +303,12 @@ fn drawn_out_it_shows_its_modulus() {
     }
     let mut it = Network::new(cylinder, &parameters);
     for node in 0..it.mass.len() {
-        it.displacement[node].z = 0.01 * it.home[node].z;
+        it.displacement[node].z = 0.01 * it.original[node].z;
     }
     let h = it.limit_s;
     (0..3000).for_each(|_| go(&mut it, h));
     let end = |z: f64| -> f64 {
-        let held = (0..it.mass.len()).filter(|&node| it.home[node].z == z);
+        let held = (0..it.mass.len()).filter(|&node| it.original[node].z == z);
         held.map(|node| it.force[node].z).sum()
     };
     let (force, other) = (end(0.0), end(80.0));
@@ -318,16 +318,16 @@ fn drawn_out_it_shows_its_modulus() {
     assert!((modulus_kpa / 10.0 - 1.0).abs() < 0.2, "{modulus_kpa}");
 }
 
-/// A node that is moved and sent home leaves masses and springs bit for bit, and moves no tissue.
+/// A node that is moved and restored leaves masses and springs bit for bit, and moves no tissue.
 #[test]
-fn moved_and_sent_home() {
+fn moved_and_restored() {
     let mut it = network(&coarse());
     for node in 0..it.mass.len() {
-        it.displacement[node] = it.home[node] * 0.01 + Vector3::repeat(0.1);
+        it.displacement[node] = it.original[node] * 0.01 + Vector3::repeat(0.1);
     }
     let before = it.clone();
     let total: f64 = it.mass.iter().sum();
-    let node = (0..it.mass.len() as u32).find(|&node| !it.fixed[node as usize] && it.home[node as usize].z > 20.0);
+    let node = (0..it.mass.len() as u32).find(|&node| !it.fixed[node as usize] && it.original[node as usize].z > 20.0);
     let node = node.unwrap();
     let element = it.around(node)[3];
     let place = it.elements[element as usize]
@@ -342,7 +342,7 @@ fn moved_and_sent_home() {
     assert!((it.mass.iter().sum::<f64>() / total - 1.0).abs() < 1e-12);
     // A linear field is reproduced exactly wherever the node is.
     it.find_forces();
-    it.send_home(node);
+    it.restore(node);
     assert_eq!(format!("{:?}", it.reference), format!("{:?}", before.reference));
     assert_eq!(it.mass, before.mass);
     assert!((it.displacement[node as usize] - before.displacement[node as usize]).norm() < 1e-13);

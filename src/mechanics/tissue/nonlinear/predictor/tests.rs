@@ -9,8 +9,8 @@ fn outcome(proposal: [f64; 3]) -> [f64; 3] {
 
 fn taught(proposal: [f64; 3], contact: &[(u32, f64)]) -> Predictor {
     let mut predictor = Predictor::default();
-    assert!(!predictor.improve(&mut proposal.clone(), contact));
-    predictor.learn(outcome(proposal).into_iter());
+    assert!(!predictor.apply(&mut proposal.clone(), contact));
+    predictor.record(outcome(proposal).into_iter());
     predictor
 }
 
@@ -20,7 +20,7 @@ fn increments_alike_end_where_they_are_foreseen() {
         let first = [2.0, -1.0, 0.5];
         let proposal = first.map(|x| share * x);
         let mut change = proposal;
-        assert!(taught(first, &[]).improve(&mut change, &[]));
+        assert!(taught(first, &[]).apply(&mut change, &[]));
         let expected = outcome(proposal);
         let off = change.iter().zip(expected).map(|(a, b)| (a - b).abs());
         assert!(off.fold(0.0, f64::max) < 1e-15, "{change:?}, expected {expected:?}");
@@ -41,12 +41,12 @@ fn other_increments_are_left_as_they_are() {
     ];
     for (proposal, contact) in cases {
         let mut change = proposal;
-        assert!(!taught(first, &here).improve(&mut change, contact), "{proposal:?}");
+        assert!(!taught(first, &here).apply(&mut change, contact), "{proposal:?}");
         assert_eq!(change, proposal);
     }
     let mut forgetful = taught(first, &here);
     forgetful.clear();
     // An increment without a proposal teaches nothing.
-    forgetful.learn([7.0, 7.0, 7.0].into_iter());
-    assert!(!forgetful.improve(&mut first.clone(), &here));
+    forgetful.record([7.0, 7.0, 7.0].into_iter());
+    assert!(!forgetful.apply(&mut first.clone(), &here));
 }

@@ -12,7 +12,7 @@ use crate::mechanics::tissue::error::LinearError;
 /// Linear equations to solve, and the accuracy required.
 #[derive(Clone, Copy, Debug)]
 pub enum Equations {
-    /// The equations of the kept factor, solved by it alone.
+    /// The equations of the reused factor, solved by it alone.
     Kept,
     /// The equations of a tangent at the given state, solved iteratively.
     Tangent {
@@ -144,7 +144,7 @@ impl<const D: usize> Linear<D> {
         self.gmres.solve(rest, closeness, apply, |x| factor.solve_in_place(x));
     }
 
-    /// Returns the response of the free displacements to a unit contact force; it is cached with a kept factor.
+    /// Returns the response of the free displacements to a unit contact force; it is cached with a reused factor.
     pub fn contact_response<const N: usize>(
         &mut self,
         body: &Body<D, N>,

@@ -74,9 +74,9 @@ impl<const D: usize, const N: usize> Solver<D, N> {
             let mut predicted = false;
             if learns && self.progress.iterations == 1 {
                 let contact = target.contact.map_or(&[][..], |contact| &contact.weights);
-                predicted = self.predictor.improve(&mut self.change, contact);
+                predicted = self.predictor.apply(&mut self.change, contact);
             } else if !pending {
-                self.anderson.improve(memory, &mut self.change);
+                self.anderson.accelerate(memory, &mut self.change);
             }
             self.change(target);
             let mut next = self.residual(target);
@@ -128,11 +128,11 @@ impl<const D: usize, const N: usize> Solver<D, N> {
     /// Records a balanced increment for use in the next.
     fn learn(&mut self) {
         if self.progress.iterations > 0 {
-            self.policy.took(self.progress.iterations);
+            self.policy.record_iterations(self.progress.iterations);
             let (now, before) = (&self.state, &self.start);
             let now = now.displacement.iter().chain([&now.contact]);
             let before = before.displacement.iter().chain([&before.contact]);
-            self.predictor.learn(now.zip(before).map(|(now, before)| now - before));
+            self.predictor.record(now.zip(before).map(|(now, before)| now - before));
         }
     }
 

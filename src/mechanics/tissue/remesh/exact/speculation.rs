@@ -1,4 +1,4 @@
-//! Early work for an expected change.
+//! Precomputation for an expected mesh change.
 //!
 //! The degrees of freedom P around a change are known before its size. With P in S, where its rows and columns of C are
 //! zero, G[S, P] can be read and C G[S, P] computed column by column: half the work of an update.
