@@ -9,8 +9,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use insonify::{
-    Anatomy, Backend, Effects, FrameState, ImageSize, Label, LabelVolume, Pose, Probe, ProbeShape, Settings,
-    SolidTexture, Synthesizer, Tissue, TissueTable, builtin_tissue, write_png,
+    Anatomy, Backend, Effects, FrameState, Label, LabelVolume, Pose, Probe, ProbeShape, Settings, SolidTexture,
+    Synthesizer, Tissue, TissueTable, builtin_tissue, write_png,
 };
 use nalgebra::{Matrix4, Point3, Vector3};
 
@@ -68,20 +68,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         textures: BTreeMap::from([("lobules".to_owned(), Arc::new(lobules))]),
         mesh: None,
     };
-    let settings = Settings {
-        seed: 1,
-        probe: Probe::new(ProbeShape::Linear { width_mm: 44.0 }, 45.0)?,
-        image: ImageSize {
-            width: 480,
-            height: 480,
-            margin: 0.02,
-            fill: 0,
-            placed: None,
-        },
-        effects: Effects::usual(),
-        has_needle: false,
-        layers: Vec::new(),
-    };
+    let probe = Probe::new(ProbeShape::Linear { width_mm: 44.0 }, 45.0)?;
+    let mut settings = Settings::new(probe, [480; 2], Effects::usual());
+    settings.seed = 1;
+    settings.image.margin = 0.02;
     let pose = Pose::from_direction(Point3::new(25.0, 0.0, 10.0), Vector3::y(), None)?;
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu)?;
     let frame = synth.render(&FrameState::at(*pose.probe_to_world()))?;

@@ -7,7 +7,7 @@ use crate::anatomy::acoustics::{Preset, TissueTable};
 use crate::anatomy::phantom::{Phantom, PhantomOptions, default_pose, make};
 use crate::imaging::effects::{Effects, blur::Blur, noise::Noise};
 use crate::imaging::synth::FrameState;
-use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::study::tradeoff::Study;
 use crate::study::tradeoff::insertion::{InsertionOptions, Part, study};
 use crate::tracking::probe::{Probe, ProbeShape};
@@ -53,17 +53,7 @@ pub fn scene() -> (Anatomy, Settings, FrameState) {
     effects.noise = Some(Noise::default());
     let settings = Settings {
         seed: 1,
-        probe,
-        image: ImageSize {
-            width: 32,
-            height: 24,
-            margin: 0.0,
-            fill: 0,
-            placed: None,
-        },
-        effects,
-        has_needle: false,
-        layers: Vec::new(),
+        ..Settings::new(probe, [32, 24], effects)
     };
     (anatomy, settings, FrameState::at(default_pose(Phantom::TwoLayer)))
 }

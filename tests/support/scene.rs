@@ -58,20 +58,10 @@ pub fn settings(probe: Probe, effects: Effects) -> Settings {
 
 /// Settings at any size.
 pub fn sized(probe: Probe, effects: Effects, width: usize, height: usize) -> Settings {
-    Settings {
-        seed: 0x5eed_0000_0001,
-        probe,
-        image: ImageSize {
-            width,
-            height,
-            margin: 0.03,
-            fill: 7,
-            placed: None,
-        },
-        effects,
-        has_needle: false,
-        layers: Vec::new(),
-    }
+    let mut settings = Settings::new(probe, [width, height], effects);
+    settings.seed = 0x5eed_0000_0001;
+    (settings.image.margin, settings.image.fill) = (0.03, 7);
+    settings
 }
 
 /// The probe at the origin, looking along +y.

@@ -65,6 +65,24 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Settings for frames of a width and height (pixels): seed 0, no margin, no needle, no layers.
+    pub fn new(probe: Probe, [width, height]: [usize; 2], effects: Effects) -> Self {
+        Self {
+            seed: 0,
+            probe,
+            image: ImageSize {
+                width,
+                height,
+                margin: 0.0,
+                fill: 0,
+                placed: None,
+            },
+            effects,
+            has_needle: false,
+            layers: Vec::new(),
+        }
+    }
+
     /// Number of elevational sub-planes.
     fn planes(&self) -> usize {
         let thickness = &self.effects.thickness;

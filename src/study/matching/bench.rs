@@ -9,7 +9,7 @@ use crate::base::report::statistics::{mean, median, std};
 use crate::error::Error;
 use crate::imaging::effects::Effects;
 use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
-use crate::imaging::synth::tables::{ImageSize, Settings};
+use crate::imaging::synth::tables::Settings;
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::study::anatomies::{Acoustics, uniform};
 use crate::study::realism::picture::Picture;
@@ -171,20 +171,9 @@ impl<'a> Bench<'a> {
 
     /// Renders frames of one tissue at the pixels of the real frame.
     pub fn phantoms(&self, probe: Probe, effects: &Effects, acoustics: Acoustics) -> Result<Vec<Picture>, SynthError> {
-        let settings = Settings {
-            seed: self.seed,
-            probe,
-            image: ImageSize {
-                width: self.picture.width,
-                height: self.picture.height,
-                margin: 0.0,
-                fill: 0,
-                placed: Some(self.image),
-            },
-            effects: effects.clone(),
-            has_needle: false,
-            layers: Vec::new(),
-        };
+        let mut settings = Settings::new(probe, [self.picture.width, self.picture.height], effects.clone());
+        settings.seed = self.seed;
+        settings.image.placed = Some(self.image);
         let soft = Acoustics {
             attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
             ..acoustics

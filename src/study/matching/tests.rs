@@ -5,7 +5,7 @@ use crate::imaging::effects::receiver::Receiver;
 use crate::imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use crate::imaging::effects::speckle::Speckle;
 use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::input::scene::SceneFile;
 use crate::study::anatomies::{self, Acoustics, Frame, SILENT};
@@ -69,20 +69,10 @@ impl Known {
 
     /// Renders a frame on the default grid of a probe, which differs from that of a match.
     fn frame(&self, anatomy: Anatomy, effects: Effects) -> Picture {
-        let settings = Settings {
-            seed: 77,
-            probe: Probe::new(self.shape, self.depth_mm).unwrap(),
-            image: ImageSize {
-                width: self.size[0],
-                height: self.size[1],
-                margin: 0.03,
-                fill: 0,
-                placed: None,
-            },
-            effects,
-            has_needle: false,
-            layers: Vec::new(),
-        };
+        let probe = Probe::new(self.shape, self.depth_mm).unwrap();
+        let mut settings = Settings::new(probe, self.size, effects);
+        settings.seed = 77;
+        settings.image.margin = 0.03;
         let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
         let frame = synth.render(&FrameState::at(Matrix4::identity())).unwrap();
         Picture {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use super::record::{Record, Unexpected, largest, noise};
 use crate::gpu::{AdapterChoice, Gpu, Needs, adapter};
 use crate::imaging::effects::Effects;
-use crate::imaging::synth::tables::{self, ImageSize, Settings};
+use crate::imaging::synth::tables::{self, Settings};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 use crate::mechanics::insertion::finite::{Finite, Setup};
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
@@ -582,26 +582,17 @@ pub fn everywhere(
 
 /// Returns settings for images of 64 x 48 pixels.
 pub fn settings(shape: ProbeShape, depth_mm: f64, [lines, samples]: [u32; 2], effects: Effects) -> Settings {
-    Settings {
-        seed: 0x5eed_0000_0001,
-        probe: Probe {
-            shape,
-            depth_mm,
-            frequency_mhz: 5.0,
-            lines,
-            samples,
-        },
-        image: ImageSize {
-            width: 64,
-            height: 48,
-            margin: 0.03,
-            fill: 7,
-            placed: None,
-        },
-        effects,
-        has_needle: false,
-        layers: Vec::new(),
-    }
+    let probe = Probe {
+        shape,
+        depth_mm,
+        frequency_mhz: 5.0,
+        lines,
+        samples,
+    };
+    let mut settings = Settings::new(probe, [64, 48], effects);
+    settings.seed = 0x5eed_0000_0001;
+    (settings.image.margin, settings.image.fill) = (0.03, 7);
+    settings
 }
 
 /// Returns a frame state with the probe at the origin, looking along +y.

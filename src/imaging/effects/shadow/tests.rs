@@ -18,7 +18,7 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
     use crate::anatomy::acoustics::{Preset, TissueTable};
     use crate::anatomy::volume::LabelVolume;
     use crate::imaging::effects::Effects;
-    use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+    use crate::imaging::synth::tables::{Anatomy, Settings};
     use crate::tracking::probe::{Probe, ProbeShape};
 
     let verdict = |voxels: Vec<u8>, counted: u64| {
@@ -36,20 +36,8 @@ fn what_the_voxels_hold_decides_not_what_a_file_counted() {
             textures: Default::default(),
             mesh: None,
         };
-        let settings = Settings {
-            seed: 0,
-            probe: Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 40.0).expect("a probe"),
-            image: ImageSize {
-                width: 8,
-                height: 8,
-                margin: 0.0,
-                fill: 0,
-                placed: None,
-            },
-            effects: Effects::usual(),
-            has_needle: false,
-            layers: Vec::new(),
-        };
+        let probe = Probe::new(ProbeShape::Linear { width_mm: 40.0 }, 40.0).expect("a probe");
+        let settings = Settings::new(probe, [8; 2], Effects::usual());
         wanted(&Tables::new(anatomy, settings).expect("tables"))
     };
     assert_eq!(verdict(vec![0, 1], 0), Ok("1 labels attenuate or occlude".into()));

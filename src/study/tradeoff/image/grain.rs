@@ -9,7 +9,7 @@ use crate::imaging::effects::Effects;
 use crate::imaging::effects::noise::Noise;
 use crate::imaging::effects::speckle::Speckle;
 use crate::imaging::effects::tone::Tone;
-use crate::imaging::synth::tables::{ImageSize, Settings};
+use crate::imaging::synth::tables::Settings;
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::StudyError;
 use crate::study::anatomies::{self, PLAIN};
@@ -58,29 +58,18 @@ fn textures(options: &ImageOptions) -> Result<Table, StudyError> {
 /// Returns settings for constant tissue under one of the speckle models.
 fn uniform(effects: Effects) -> Settings {
     let side_mm = SIDE as f64 * PIXEL_MM;
-    Settings {
-        seed: 0,
-        probe: Probe {
-            shape: ProbeShape::Linear { width_mm: side_mm },
-            depth_mm: side_mm,
-            frequency_mhz: 7.0,
-            lines: 256,
-            samples: 512,
-        },
-        image: ImageSize {
-            width: SIDE,
-            height: SIDE,
-            margin: 0.0,
-            fill: 0,
-            placed: None,
-        },
-        effects: Effects {
-            tone: Some(Tone::linear()),
-            ..effects
-        },
-        has_needle: false,
-        layers: Vec::new(),
-    }
+    let probe = Probe {
+        shape: ProbeShape::Linear { width_mm: side_mm },
+        depth_mm: side_mm,
+        frequency_mhz: 7.0,
+        lines: 256,
+        samples: 512,
+    };
+    let effects = Effects {
+        tone: Some(Tone::linear()),
+        ..effects
+    };
+    Settings::new(probe, [SIDE; 2], effects)
 }
 
 /// Standard deviation of the grey levels, and full widths at half maximum of their axial and lateral correlation, mm.

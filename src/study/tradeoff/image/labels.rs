@@ -11,7 +11,7 @@ use crate::imaging::effects::slice::{Beyond, Boundary};
 use crate::imaging::effects::tone::Tone;
 use crate::imaging::effects::{Effects, REGISTRY};
 use crate::imaging::plan::Plan;
-use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
+use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
 use crate::study::StudyError;
 use crate::study::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
@@ -48,26 +48,14 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
         ..Effects::default()
     };
     effects.slice.boundary = boundary;
-    Settings {
-        seed: 0,
-        probe: Probe {
-            shape: ProbeShape::Linear { width_mm: 40.0 },
-            depth_mm: 40.0,
-            frequency_mhz: 7.0,
-            lines,
-            samples,
-        },
-        image: ImageSize {
-            width: 480,
-            height: 480,
-            margin: 0.0,
-            fill: 0,
-            placed: None,
-        },
-        effects,
-        has_needle: false,
-        layers: Vec::new(),
-    }
+    let probe = Probe {
+        shape: ProbeShape::Linear { width_mm: 40.0 },
+        depth_mm: 40.0,
+        frequency_mhz: 7.0,
+        lines,
+        samples,
+    };
+    Settings::new(probe, [480; 2], effects)
 }
 
 /// Returns the mean distance of the sliced boundaries from the closed form, mm: the area of wrong labels divided by the length of all
