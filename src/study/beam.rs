@@ -91,39 +91,29 @@ pub fn problem(
     }
 }
 
-const fn axis(key: &'static str, heading: &'static str, label: &'static str) -> Axis {
-    Axis {
-        key,
-        heading,
-        label,
-        log: false,
-    }
-}
-
 /// Reproduces the table: the COM of a base driven with the published mean RCM, and the RCM of a base that is free to rotate; also on axes
 /// behind the base (`arms_mm`).
 ///
 /// # Errors
 /// [`BeamError`] if a needle shape cannot be solved.
 pub fn table_one(arms_mm: &[f64]) -> Result<Study, BeamError> {
-    let factor = |key, label| Factor { key, label };
     let factors = [
-        factor("tissue", "tissue"),
-        factor("control_distance_mm", "base before entry"),
-        factor("inserted_mm", "depth"),
+        Factor::new("tissue", "tissue"),
+        Factor::new("control_distance_mm", "base before entry"),
+        Factor::new("inserted_mm", "depth"),
     ];
     let axes = [
-        axis("inserted", "l", "inserted depth, mm"),
-        axis("rcm_published_mm", "RCM published", "RCM as measured, mm"),
-        axis("rcm_natural_mm", "RCM free", "RCM of a free base, mm"),
-        axis("com_measured_mm", "COM measured", "COM as measured, mm"),
-        axis(
+        Axis::linear("inserted", "l", "inserted depth, mm"),
+        Axis::linear("rcm_published_mm", "RCM published", "RCM as measured, mm"),
+        Axis::linear("rcm_natural_mm", "RCM free", "RCM of a free base, mm"),
+        Axis::linear("com_measured_mm", "COM measured", "COM as measured, mm"),
+        Axis::linear(
             "com_published_mm",
             "COM published",
             "COM as simulated by Wang et al. 2023, mm",
         ),
-        axis("com_mm", "COM here", "COM, mm"),
-        axis(
+        Axis::linear("com_mm", "COM here", "COM, mm"),
+        Axis::linear(
             "difference_mm",
             "difference",
             "COM here less COM of Wang et al. 2023, mm",
@@ -186,17 +176,16 @@ pub fn table_one(arms_mm: &[f64]) -> Result<Study, BeamError> {
 
 /// RCM of a base that turns freely about an axis behind it, as Wang et al.'s rotary stage does (section II-C; they state no distance).
 fn axis_table(arms_mm: &[f64]) -> Result<Table, BeamError> {
-    let factor = |key, label| Factor { key, label };
     let factors = [
-        factor("tissue", "tissue"),
-        factor("control_distance_mm", "base before entry"),
-        factor("inserted_mm", "depth"),
-        factor("pivot_mm", "axis behind base"),
+        Factor::new("tissue", "tissue"),
+        Factor::new("control_distance_mm", "base before entry"),
+        Factor::new("inserted_mm", "depth"),
+        Factor::new("pivot_mm", "axis behind base"),
     ];
     let axes = [
-        axis("rcm_published_mm", "RCM published", "RCM as measured, mm"),
-        axis("rcm_mm", "RCM here", "RCM, mm"),
-        axis(
+        Axis::linear("rcm_published_mm", "RCM published", "RCM as measured, mm"),
+        Axis::linear("rcm_mm", "RCM here", "RCM, mm"),
+        Axis::linear(
             "base_share",
             "base/axis",
             "displacement of the base over that of the axis",

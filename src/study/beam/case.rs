@@ -9,10 +9,6 @@ use crate::mechanics::needle::beam::inverse::Wanted;
 use crate::mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Material, Problem, Shape};
 use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
 
-const fn factor(key: &'static str, label: &'static str) -> Factor {
-    Factor { key, label }
-}
-
 fn study(name: &'static str, title: &'static str, case: &Case, tables: Vec<Table>, figures: Vec<Figure>) -> Study {
     let problem = &case.problem;
     let lengths = [problem.inserted_mm, problem.control_distance_mm].map(|mm| decimal(mm, 1));
@@ -89,8 +85,13 @@ const DEPTH: [Axis; 5] = [
 pub fn compression(case: &Case) -> Result<Study, InputError> {
     let shape = case.solve()?;
     let title = "Layers of tissue: compression ratio (length over uncompressed length) and force of the needle";
-    let mut layers = Table::new("layers", title, &[factor("layer", "layer")], &LAYERS);
-    let mut depth = Table::trace("depth", "Compression over depth", &[factor("layer", "layer")], &DEPTH);
+    let mut layers = Table::new("layers", title, &[Factor::new("layer", "layer")], &LAYERS);
+    let mut depth = Table::trace(
+        "depth",
+        "Compression over depth",
+        &[Factor::new("layer", "layer")],
+        &DEPTH,
+    );
     for load in &shape.layers {
         let (name, [from, to]) = ((load.layer + 1).to_string(), load.depths_mm);
         let limit = case.problem.layers[load.layer].least_ratio;
@@ -174,9 +175,9 @@ const MAP: [Axis; 10] = [
 /// [`InputError`] if the needle cannot be computed at all; motions that do not exist are flagged rows.
 pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, InputError> {
     let factors = [
-        factor("tip", "wanted tip, mm"),
-        factor("base", "base"),
-        factor("limits", "limits"),
+        Factor::new("tip", "wanted tip, mm"),
+        Factor::new("base", "base"),
+        Factor::new("limits", "limits"),
     ];
     let title = "Motions of the base that bring the tip to its wanted place";
     let mut table = Table::new("map", title, &factors, &MAP);
@@ -314,7 +315,7 @@ fn outcomes(shape: &Shape) -> [Option<f64>; 3] {
 pub fn sensitivity(case: &Case, by: &Uncertainty) -> Result<Study, InputError> {
     let nominal = case.solve()?;
     let solve = |problem: &Problem| -> Result<Shape, BeamError> { FoundationBeam::new(problem)?.solve(&case.base) };
-    let factors = [factor("parameter", "parameter"), factor("layer", "layer")];
+    let factors = [Factor::new("parameter", "parameter"), Factor::new("layer", "layer")];
     let title = "One parameter changed at a time";
     let mut table = Table::new("sensitivity", title, &factors, &OUTCOMES);
     let percents = [by.mu_percent, by.alpha_percent, by.t0_percent];
@@ -389,7 +390,7 @@ fn ranges(nominal: &Shape, percents: [f64; 3], solve: impl Fn([f64; 3]) -> Optio
         Axis::linear("width", "range", "range"),
     ];
     let title = "All parameters together: ranges over low, given and high values of each";
-    let mut table = Table::new("ranges", title, &[factor("quantity", "quantity")], &axes);
+    let mut table = Table::new("ranges", title, &[Factor::new("quantity", "quantity")], &axes);
     let shapes: Vec<Option<Shape>> = (0..27)
         .map(|at| {
             let level = |axis: u32| f64::from(at / 3i32.pow(axis) % 3 - 1);

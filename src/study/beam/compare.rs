@@ -11,10 +11,6 @@ use crate::study::tradeoff::{Axis, Factor, Figure, Study, Table};
 const DEPTH_MM: f64 = 10.0;
 const CONTROL_MM: f64 = 10.0;
 
-const fn factor(key: &'static str, label: &'static str) -> Factor {
-    Factor { key, label }
-}
-
 const CASES: [Axis; 10] = [
     Axis::linear("control_distance_mm", "s mm", "base before the entry, mm"),
     Axis::linear("inserted_mm", "l mm", "inserted depth, mm"),
@@ -70,9 +66,9 @@ fn compared(case: &Case, problem: &Problem) -> Result<Vec<Option<f64>>, BeamErro
 /// Cases have a measured shape; `tissues` lend their layers.
 pub fn compare(cases: &[(String, Case)], tissues: &[(String, Case)]) -> Study {
     let factors = [
-        factor("case", "case"),
-        factor("tissue", "tissue"),
-        factor("depth", "depth, mm"),
+        Factor::new("case", "case"),
+        Factor::new("tissue", "tissue"),
+        Factor::new("depth", "depth, mm"),
     ];
     let title = "Measured needles against computed ones";
     let mut table = Table::new("cases", title, &factors, &CASES);
@@ -176,7 +172,7 @@ fn errors(cases: &Table) -> Table {
         Axis::linear("variance_mm2", "variance", "variance of the error of the tip, mm^2"),
         Axis::linear("shape_rms_mm", "shape RMS", "mean RMS error of the shape, mm"),
     ];
-    let factors = [factor("tissue", "tissue"), factor("depth", "depth, mm")];
+    let factors = [Factor::new("tissue", "tissue"), Factor::new("depth", "depth, mm")];
     let mut table = Table::new("errors", "Errors of the tip, mm", &factors, &axes);
     let all = groups(cases, |row| vec![row.choices[1].clone(), "all".to_owned()]);
     for (key, rows) in groups(cases, |row| row.choices[1..].to_vec()).into_iter().chain(all) {
@@ -204,9 +200,9 @@ fn centres(cases: &Table) -> Table {
         Axis::linear("com_mm", "COM here", "COM, mm"),
     ];
     let factors = [
-        factor("tissue", "tissue"),
-        factor("control", "base before entry, mm"),
-        factor("depth", "depth, mm"),
+        Factor::new("tissue", "tissue"),
+        Factor::new("control", "base before entry, mm"),
+        Factor::new("depth", "depth, mm"),
     ];
     let mut table = Table::new("centres", "Mean centres of motion, mm below the entry", &factors, &axes);
     let key = |row: &crate::study::tradeoff::Row| {
@@ -233,7 +229,7 @@ fn distribution(cases: &Table) -> Table {
         Axis::linear("tip_error_mm", "error mm", "error of the tip, mm"),
         Axis::linear("share", "share", "share of the needles"),
     ];
-    let factors = [factor("tissue", "tissue"), factor("depth", "depth, mm")];
+    let factors = [Factor::new("tissue", "tissue"), Factor::new("depth", "depth, mm")];
     let mut table = Table::trace("distribution", "Distribution of the error of the tip", &factors, &axes);
     for (key, rows) in groups(cases, |row| row.choices[1..].to_vec()) {
         let errors = column(cases, &rows, "tip_error_mm");
