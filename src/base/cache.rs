@@ -18,7 +18,7 @@ const FOLDER_VARIABLE: &str = "INSONIFY_CACHE";
 /// Size that the files of [`cached`] have together at most, bytes; the ones unused for longest go first.
 const MAX_BYTES: u64 = 512 << 20;
 
-/// Size that results of [`cached`] in memory have together at most, bytes; those made or used least recently go first.
+/// Limit on the total size of the results in memory, bytes; the least recently used are dropped.
 const MAX_BYTES_IN_MEMORY: usize = 64 << 20;
 
 /// Length of the checksum in front of each file's bytes.
@@ -69,13 +69,13 @@ pub fn folder() -> Option<PathBuf> {
     of(FOLDER_VARIABLE).or_else(usual)
 }
 
-/// Lets [`cached`] write files: the command does, a program that embeds the library finds none in its user's folders.
+/// Lets [`cached`] write files. Only the command calls this: programs that embed the library write nothing to their users' folders.
 pub fn switch_on() {
     IS_ON.store(true, Ordering::Relaxed);
 }
 
-/// Returns what `make` returns for a key, from memory or from the user's cache if this very program has made it before. `length` is its
-/// number of bytes. Where the cache cannot be read or written, only memory is used.
+/// The result of `make` (`length` bytes), which the key determines: from memory, else from a file that this very program wrote, else newly made.
+/// Without a readable and writable cache folder only memory is used.
 pub fn cached(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
     #[cfg(test)]
     if tests::IS_OFF.get() {
@@ -90,6 +90,7 @@ pub fn cached(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u
     bytes
 }
 
+/// [`cached`] without the memory.
 fn from_file(key: &str, length: usize, make: impl FnOnce() -> Vec<u8>) -> Vec<u8> {
     let folder = folder().filter(|_| IS_ON.load(Ordering::Relaxed));
     let Some(path) = folder.and_then(|folder| path(&folder.join("made"), key)) else {
@@ -163,13 +164,11 @@ pub mod tests {
         pub(super) static IS_OFF: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
     }
 
-    /// What `make` returns when nothing comes from the cache, on this many threads.
+    /// The result of `make` on this many threads, none of which uses the cache.
     pub fn made_on<T: Send>(threads: usize, make: impl FnOnce() -> T + Send) -> T {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            IS_OFF.set(true);
-            make()
-        })
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+        let pool = pool.start_handler(|_| IS_OFF.set(true)).build().unwrap();
+        pool.install(make)
     }
 
     #[test]

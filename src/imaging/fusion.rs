@@ -55,7 +55,7 @@ fn between(a: &Bound, b: &Bound) -> Option<Reach> {
         .max()
 }
 
-/// Whether either of two passes reads values that the other writes elsewhere on the same scanline.
+/// Whether two passes use a buffer that one of them writes, at different samples of a scanline.
 pub fn depend_along_scanline(a: &Bound, b: &Bound) -> bool {
     between(a, b).is_some_and(|reach| reach > Reach::Own)
 }

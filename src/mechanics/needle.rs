@@ -83,16 +83,15 @@ pub trait Needle: Send + Debug {
     /// rows, column by column, mm/N) the displacement along row i of the shaft under an additional unit force along row j: symmetric, and
     /// positive semidefinite unless the loads would buckle the unsupported needle. Writes to `drift` the remaining motion of
     /// the rows under unchanged forces, mm. Returns the number of buckling modes: the negative eigenvalues of the tangent
-    /// stiffness. Nothing is added for a line that this needle did not place.
+    /// stiffness. Nothing is added for a line that this needle did not place. The default is that of a rigid needle: nothing moves.
     fn linearise(
         &mut self,
-        line: &CentreLine,
-        loads: &[Load],
-        rows: &[Row],
+        _line: &CentreLine,
+        _loads: &[Load],
+        _rows: &[Row],
         drift: &mut [f64],
-        out: &mut [f64],
+        _out: &mut [f64],
     ) -> usize {
-        let _ = (line, loads, rows, out);
         drift.fill(0.0);
         0
     }

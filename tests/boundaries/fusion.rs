@@ -40,7 +40,7 @@ fn most_buffers(bound: &[Bound], fused: &Fused) -> usize {
     places.len()
 }
 
-/// The passes with reads and writes exchanged of every buffer that one writes: what followed a write now follows a read.
+/// The same passes with reads and writes of every written buffer exchanged, so that reads precede writes.
 fn reversed(bound: &[Bound]) -> Vec<Bound> {
     let written = |buffer: &Buffer| {
         let mut uses = bound.iter().flat_map(|pass| &pass.buffers);

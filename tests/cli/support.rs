@@ -69,8 +69,8 @@ impl Bench {
         names
     }
 
-    /// The command with space-separated arguments, ready to run. Its cache lies in the folder of the test, but what it makes lies in a folder for
-    /// all tests.
+    /// The command with space-separated arguments, ready to run. Each test has its own cache folder; phantoms and textures in it are shared by all
+    /// tests.
     pub fn command(&self, arguments: &str) -> Command {
         let cache = self.path("cache");
         #[cfg(unix)]

@@ -30,8 +30,9 @@ const POINT_EPSILONS: f64 = 16.0;
 pub struct Crossing<T> {
     /// Number of each in the mesh.
     pub elements: Vec<u32>,
-    /// The same by task, each at the start of [`TESTED`] places.
+    /// Elements found by each task, at the start of its [`TESTED`] places.
     found: Vec<u32>,
+    /// Number of elements found by each task.
     counts: Vec<usize>,
     /// Maps to barycentric coordinates, with the first scanline and the one behind the last in spare places.
     pub frames: Vec<Frame<T>>,

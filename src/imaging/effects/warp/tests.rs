@@ -187,7 +187,7 @@ fn a_slab_depends_on_no_earlier_frame() {
     assert!(slab.update(&tables, &few).is_err());
 }
 
-/// Of one layer of cells across the image plane all elements cross the slab, whichever task tests them.
+/// A mesh of one layer of cells across the image plane: every element crosses the slab, in each of several tasks.
 #[test]
 fn every_element_is_tested_against_the_slab() {
     let tables = tables(ProbeShape::Linear { width_mm: 60.0 }, 500);
