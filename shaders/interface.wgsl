@@ -27,6 +27,10 @@ struct Params {
 @group(0) @binding(5) var<storage, read_write> specular: array<vec2<f32>>;
 
 const REACH = 3;
+const PER_SQUARE = 1.0 / f32(REACH * REACH);
+// The voxels around a place along an axis, by their distance from the one below it.
+const LOW = vec3<f32>(-2.0, -1.0, 0.0);
+const HIGH = vec3<f32>(1.0, 2.0, 3.0);
 
 fn voxel_index(position: vec3<f32>) -> vec3<f32> {
     let m = params.world_to_index;
@@ -34,7 +38,39 @@ fn voxel_index(position: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(dot(m[0], p), dot(m[1], p), dot(m[2], p));
 }
 
-// Gradient, in voxels, of how far the label `far` outweighs `near` around a position.
+// 1 for the label `far`, -1 for `near`, 0 for others.
+fn signs(held: vec3<u32>, near: u32, far: u32) -> vec3<f32> {
+    return vec3<f32>(held == vec3<u32>(far)) - vec3<f32>(held == vec3<u32>(near));
+}
+
+fn labels_at(indices: vec3<u32>) -> vec3<u32> {
+    return vec3<u32>(label_of(indices.x), label_of(indices.y), label_of(indices.z));
+}
+
+// Columns of a neighbourhood in halves, with their weights and the slopes of these.
+struct Columns {
+    at: array<vec3<u32>, 2>,
+    weights: array<vec3<f32>, 2>,
+    slopes: array<vec3<f32>, 2>,
+}
+
+// Sums over a row of how far the label `far` outweighs `near`: of slopes, and of weights.
+fn row_sums(columns: Columns, row: u32, near: u32, far: u32) -> vec2<f32> {
+    let a = signs(labels_at(columns.at[0] + row), near, far);
+    let b = signs(labels_at(columns.at[1] + row), near, far);
+    return vec2<f32>(
+        dot(columns.slopes[0], a) + dot(columns.slopes[1], b),
+        dot(columns.weights[0], a) + dot(columns.weights[1], b),
+    );
+}
+
+fn row_share(sums: vec2<f32>, y: f32) -> vec3<f32> {
+    let rest = 1.0 - y * y * PER_SQUARE;
+    return vec3<f32>(sums.x * (rest * rest), sums.y * (y * rest), sums.y * (rest * rest));
+}
+
+// Gradient, in voxels, of how far the label `far` outweighs `near` around a position. The rows of a slab without a loop, so that reads need
+// not wait for one another.
 fn gradient(near: u32, far: u32, position: vec3<f32>) -> vec3<f32> {
     let place = place_within(voxel_index(position) + 0.5, params.size, params.mirrored);
     if !place.known {
@@ -45,22 +81,31 @@ fn gradient(near: u32, far: u32, position: vec3<f32>) -> vec3<f32> {
     let base = vec3<i32>(at + 1.0) - 1;
     let fraction = at - vec3<f32>(base);
     let step = vec3<i32>(params.stride);
+    let last = vec3<i32>(params.size) - 1;
+    let x = array<vec3<f32>, 2>(LOW - fraction.x, HIGH - fraction.x);
+    let rest = array<vec3<f32>, 2>(1.0 - x[0] * x[0] * PER_SQUARE, 1.0 - x[1] * x[1] * PER_SQUARE);
+    let columns = Columns(
+        array<vec3<u32>, 2>(
+            vec3<u32>(clamp((base.x + vec3<i32>(LOW)) * step.x, vec3<i32>(0), last.xxx)),
+            vec3<u32>(clamp((base.x + vec3<i32>(HIGH)) * step.x, vec3<i32>(0), last.xxx)),
+        ),
+        array<vec3<f32>, 2>(rest[0] * rest[0], rest[1] * rest[1]),
+        array<vec3<f32>, 2>(x[0] * rest[0], x[1] * rest[1]),
+    );
+    let low = vec3<u32>(clamp((base.y + vec3<i32>(LOW)) * step.y, vec3<i32>(0), last.yyy)) * params.size.x;
+    let high = vec3<u32>(clamp((base.y + vec3<i32>(HIGH)) * step.y, vec3<i32>(0), last.yyy)) * params.size.x;
     var sum = vec3<f32>(0.0);
     for (var k = 1 - REACH; k <= REACH; k++) {
-        for (var j = 1 - REACH; j <= REACH; j++) {
-            for (var i = 1 - REACH; i <= REACH; i++) {
-                let tap = vec3<i32>(i, j, k);
-                let label = voxel((base + tap) * step, params.size);
-                if label == far || label == near {
-                    let x = vec3<f32>(tap) - fraction;
-                    let rest = 1.0 - x * x * (1.0 / f32(REACH * REACH));
-                    let w = rest * rest;
-                    let slope = x * rest;
-                    let all = vec3<f32>(slope.x * w.y * w.z, w.x * slope.y * w.z, w.x * w.y * slope.z);
-                    sum += select(-all, all, label == far);
-                }
-            }
-        }
+        let slab = u32(clamp((base.z + k) * step.z, 0, last.z)) * (params.size.x * params.size.y);
+        let over_rows = row_share(row_sums(columns, slab + low.x, near, far), LOW.x - fraction.y)
+            + row_share(row_sums(columns, slab + low.y, near, far), LOW.y - fraction.y)
+            + row_share(row_sums(columns, slab + low.z, near, far), LOW.z - fraction.y)
+            + row_share(row_sums(columns, slab + high.x, near, far), HIGH.x - fraction.y)
+            + row_share(row_sums(columns, slab + high.y, near, far), HIGH.y - fraction.y)
+            + row_share(row_sums(columns, slab + high.z, near, far), HIGH.z - fraction.y);
+        let z = f32(k) - fraction.z;
+        let rest = 1.0 - z * z * PER_SQUARE;
+        sum += over_rows * vec3<f32>(rest * rest, rest * rest, z * rest);
     }
     return select(sum, -sum, place.mirrored) / stride;
 }

@@ -52,31 +52,52 @@ fn spline(t: f32) -> vec4<f32> {
     return vec4<f32>(u * u * u, 1.0 + 3.0 * u * (1.0 + t * u), 1.0 + 3.0 * t * (1.0 + t * u), t * t * t);
 }
 
-// B-spline weights of the voxels of a label around a cell.
-fn share(base: vec3<i32>, fraction: vec3<f32>, candidate: u32) -> f32 {
+// Indices of the four voxels around a place along each axis, in voxels of the volume.
+struct Around {
+    columns: vec4<u32>,
+    rows: vec4<u32>,
+    slabs: vec4<u32>,
+}
+
+fn around(base: vec3<i32>) -> Around {
+    const STEPS = vec4<i32>(-1, 0, 1, 2);
+    let size = vec3<i32>(params.size);
+    let x = clamp(base.x + STEPS, vec4<i32>(0), vec4<i32>(size.x - 1));
+    let y = clamp(base.y + STEPS, vec4<i32>(0), vec4<i32>(size.y - 1));
+    let z = clamp(base.z + STEPS, vec4<i32>(0), vec4<i32>(size.z - 1));
+    return Around(vec4<u32>(x), vec4<u32>(y * size.x), vec4<u32>(z * (size.x * size.y)));
+}
+
+fn row_share(columns: vec4<u32>, row: u32, x: vec4<f32>, candidate: u32) -> f32 {
+    let at = columns + row;
+    let held = vec4<u32>(label_of(at.x), label_of(at.y), label_of(at.z), label_of(at.w));
+    return dot(select(vec4<f32>(0.0), x, held == vec4<u32>(candidate)), vec4<f32>(1.0));
+}
+
+fn slab_share(at: Around, slab: u32, x: vec4<f32>, y: vec4<f32>, candidate: u32) -> f32 {
+    let rows = at.rows + slab;
+    return y.x * row_share(at.columns, rows.x, x, candidate) + y.y * row_share(at.columns, rows.y, x, candidate)
+        + y.z * row_share(at.columns, rows.z, x, candidate) + y.w * row_share(at.columns, rows.w, x, candidate);
+}
+
+// B-spline weights of the voxels of a label around a cell. Without loops, so that reads need not wait for one another.
+fn share(at: Around, fraction: vec3<f32>, candidate: u32) -> f32 {
     let x = spline(fraction.x);
-    var y = spline(fraction.y);
-    var z = spline(fraction.z);
-    var sum = 0.0;
-    for (var k = 0; k < 4; k++) {
-        var slab = 0.0;
-        for (var j = 0; j < 4; j++) {
-            let at = base + vec3<i32>(-1, j - 1, k - 1);
-            let row = vec4<u32>(
-                voxel(at, params.size),
-                voxel(at + vec3<i32>(1, 0, 0), params.size),
-                voxel(at + vec3<i32>(2, 0, 0), params.size),
-                voxel(at + vec3<i32>(3, 0, 0), params.size),
-            );
-            slab += y[j] * dot(select(vec4<f32>(0.0), x, row == vec4<u32>(candidate)), vec4<f32>(1.0));
-        }
-        sum += z[k] * slab;
-    }
-    return sum;
+    let y = spline(fraction.y);
+    let z = spline(fraction.z);
+    return z.x * slab_share(at, at.slabs.x, x, y, candidate) + z.y * slab_share(at, at.slabs.y, x, y, candidate)
+        + z.z * slab_share(at, at.slabs.z, x, y, candidate) + z.w * slab_share(at, at.slabs.w, x, y, candidate);
+}
+
+// Labels of four corners of a cell, packed.
+fn corners(at: Around, slab: u32) -> u32 {
+    let near = at.columns.yz + (at.rows.y + slab);
+    let far = at.columns.yz + (at.rows.z + slab);
+    return label_of(near.x) | (label_of(near.y) << 8u) | (label_of(far.x) << 16u) | (label_of(far.y) << 24u);
 }
 
 // Of the labels of a cell, the one with the largest share, from the nearest corner on.
-fn smooth_label(base: vec3<i32>, held: vec2<u32>, fraction: vec3<f32>) -> u32 {
+fn smooth_label(at: Around, held: vec2<u32>, fraction: vec3<f32>) -> u32 {
     let near = select(vec3<u32>(0u), vec3<u32>(1u, 2u, 4u), fraction > vec3<f32>(0.5));
     let nearest = near.x + near.y + near.z;
     var best = 0u;
@@ -90,7 +111,7 @@ fn smooth_label(base: vec3<i32>, held: vec2<u32>, fraction: vec3<f32>) -> u32 {
         if seen {
             continue;
         }
-        let own = share(base, fraction, candidate);
+        let own = share(at, fraction, candidate);
         if own > best_share || (own == best_share && candidate < best) {
             best = candidate;
             best_share = own;
@@ -115,11 +136,8 @@ fn label_at(position: vec3<f32>) -> u32 {
     }
     let index = place.shifted - 0.5;
     let base = vec3<i32>(index + 1.0) - 1;
-    var held = vec2<u32>(0u);
-    for (var c = 0u; c < 4u; c++) {
-        let at = base + vec3<i32>(vec3<u32>(c & 1u, c >> 1u, 0u));
-        held |= vec2<u32>(voxel(at, params.size), voxel(at + vec3<i32>(0, 0, 1), params.size)) << vec2<u32>(8u * c);
-    }
+    let at = around(base);
+    let held = vec2<u32>(corners(at, at.slabs.y), corners(at, at.slabs.z));
     let first = corner(held, 0u);
     if all(held == vec2<u32>(first * 0x01010101u)) {
         return first;
@@ -128,7 +146,7 @@ fn label_at(position: vec3<f32>) -> u32 {
     if params.boundary == 1u {
         return majority(held, fraction);
     }
-    return smooth_label(base, held, fraction);
+    return smooth_label(at, held, fraction);
 }
 
 @compute @workgroup_size(64)

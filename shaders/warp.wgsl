@@ -11,7 +11,7 @@ struct Params {
 }
 
 const NONE: u32 = 0xffffffffu;
-const GROUPS: u32 = 1024u;
+const GROUPS: u32 = 4096u;
 const MAPPED: f32 = 0.0;
 const BACKGROUND: f32 = 1.0;
 const FOLDED: f32 = 2.0;
@@ -34,14 +34,27 @@ const EPSILON: f32 = 1.1920929e-7;
 @group(0) @binding(3) var<storage, read> found: array<vec2<u32>>;
 @group(0) @binding(4) var<storage, read_write> elements: array<u32>;
 
-fn barycentric(frame: u32, p: vec3<f32>) -> vec4<f32> {
-    let d = p - frames[frame].xyz;
-    let r1 = frames[frame + 1u];
-    let r2 = frames[frame + 2u];
-    let r3 = frames[frame + 3u];
-    let b1 = r1.x * d.x + r1.y * d.y + r1.z * d.z;
-    let b2 = r2.x * d.x + r2.y * d.y + r2.z * d.z;
-    let b3 = r3.x * d.x + r3.y * d.y + r3.z * d.z;
+// Map to the barycentric coordinates of an element.
+struct Element {
+    origin: vec3<f32>,
+    slack: f32,
+    rows: array<vec3<f32>, 3>,
+}
+
+fn element(frame: u32) -> Element {
+    let origin = frames[frame];
+    return Element(
+        origin.xyz,
+        origin.w,
+        array<vec3<f32>, 3>(frames[frame + 1u].xyz, frames[frame + 2u].xyz, frames[frame + 3u].xyz),
+    );
+}
+
+fn barycentric(e: Element, p: vec3<f32>) -> vec4<f32> {
+    let d = p - e.origin;
+    let b1 = e.rows[0].x * d.x + e.rows[0].y * d.y + e.rows[0].z * d.z;
+    let b2 = e.rows[1].x * d.x + e.rows[1].y * d.y + e.rows[1].z * d.z;
+    let b3 = e.rows[2].x * d.x + e.rows[2].y * d.y + e.rows[2].z * d.z;
     return vec4<f32>(1.0 - b1 - b2 - b3, b1, b2, b3);
 }
 
@@ -55,15 +68,14 @@ fn along(sample: u32, first: u32, way: vec3<f32>) -> f32 {
 }
 
 // First sample of a scanline that may lie in an element, and the one past the last: between the sign changes of its coordinates.
-fn candidates(frame: u32, first: u32) -> vec2<u32> {
+fn candidates(e: Element, first: u32) -> vec2<u32> {
     let last = params.samples - 1u;
     let ends = array<vec3<f32>, 2>(world[first].xyz, world[first + last].xyz);
-    let origin = frames[frame].xyz;
-    let steepest = length(frames[frame + 1u].xyz) + length(frames[frame + 2u].xyz) + length(frames[frame + 3u].xyz);
-    let farthest = max(distance(ends[0], origin), distance(ends[1], origin));
-    let allowed = 16.0 * (frames[frame].w + EPSILON * steepest * farthest);
-    let a = barycentric(frame, ends[0]) + allowed;
-    let b = barycentric(frame, ends[1]) + allowed;
+    let steepest = length(e.rows[0]) + length(e.rows[1]) + length(e.rows[2]);
+    let farthest = max(distance(ends[0], e.origin), distance(ends[1], e.origin));
+    let allowed = 16.0 * (e.slack + EPSILON * steepest * farthest);
+    let a = barycentric(e, ends[0]) + allowed;
+    let b = barycentric(e, ends[1]) + allowed;
     if any((a < vec4<f32>(0.0)) & (b < vec4<f32>(0.0))) {
         return vec2<u32>(0u);
     }
@@ -100,17 +112,18 @@ fn raster(@builtin(local_invocation_index) own: u32, @builtin(workgroup_id) grou
         let is_deformed = at < params.deformed;
         let slot = select(at - params.deformed, at, is_deformed);
         let frame = 4u * slot + select(params.reference_at, params.frames_at, is_deformed);
+        let e = element(frame);
         let first_line = u32(frames[frame + 1u].w);
         let lines = u32(frames[frame + 3u].w) - first_line;
         let inverted = frames[frame + 2u].w != 0.0;
         for (var i = own; i < lines * params.planes; i += 64u) {
             let first = ((i / lines) * params.lines + first_line + i % lines) * params.samples;
-            let near = candidates(frame, first);
+            let near = candidates(e, first);
             for (var sample = first + near.x; sample < first + near.y; sample++) {
                 if !is_deformed && atomicLoad(&hits[2u * sample]) != 0u {
                     continue;
                 }
-                if least(barycentric(frame, world[sample].xyz)) >= -frames[frame].w {
+                if least(barycentric(e, world[sample].xyz)) >= -e.slack {
                     if !is_deformed {
                         atomicOr(&hits[2u * sample + 1u], AT_REST);
                         continue;

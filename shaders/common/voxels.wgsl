@@ -1,10 +1,13 @@
 // Labels of a volume. The including shader declares `var<storage, read> voxels: array<u32>`, four labels to a word.
 
+fn label_of(index: u32) -> u32 {
+    return (voxels[index >> 2u] >> (8u * (index & 3u))) & 0xffu;
+}
+
 // Label of the voxel of the volume that is nearest to a voxel.
 fn voxel(at: vec3<i32>, size: vec3<u32>) -> u32 {
     let p = vec3<u32>(clamp(at, vec3<i32>(0), vec3<i32>(size) - 1));
-    let index = p.x + size.x * (p.y + size.y * p.z);
-    return (voxels[index >> 2u] >> (8u * (index & 3u))) & 0xffu;
+    return label_of(p.x + size.x * (p.y + size.y * p.z));
 }
 
 // The place in the volume that stands for a place (voxels, from the corner of the first), and the axes along which it is mirrored.

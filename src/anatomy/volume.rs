@@ -205,13 +205,19 @@ impl LabelVolume {
 
     /// Label index of the voxel nearest to a world point; `None` outside the volume.
     pub fn label_index_at(&self, world: &Point3<f64>) -> Option<u8> {
-        let index = self.world_to_index.transform_point(world);
+        self.label_at_index(self.world_to_index.transform_point(world).coords.into())
+    }
+
+    /// Label of the voxel nearest to an index; `None` outside the volume.
+    #[inline]
+    pub fn label_at_index(&self, index: [f64; 3]) -> Option<u8> {
         let mut voxel = [0usize; 3];
         for axis in 0..3 {
-            let nearest = (index[axis] + 0.5).floor();
+            let nearest = index[axis] + 0.5;
             if !(nearest >= 0.0 && nearest < self.size[axis] as f64) {
                 return None;
             }
+            // Truncation is the floor here, without a call.
             voxel[axis] = nearest as usize;
         }
         Some(self.voxels[self.offset(voxel)])

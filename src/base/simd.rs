@@ -1,5 +1,7 @@
 //! Run-time dispatch of loops to the widest vector registers of the machine.
 
+use std::ops::{Add, Div, Mul, Sub};
+
 use pulp::Arch;
 pub(crate) use pulp::{Simd, WithSimd};
 
@@ -42,6 +44,84 @@ pub(crate) fn array<T: Copy, const N: usize>(value: impl Fn(usize) -> T) -> [T; 
 pub(crate) fn map<T: Copy, U: Copy, const N: usize>(elements: [T; N], function: impl Fn(T) -> U) -> [U; N] {
     array(|at| function(elements[at]))
 }
+
+/// A number for each of several things that are computed side by side, with the arithmetic of scalars.
+#[derive(Clone, Copy, Debug)]
+pub struct Pack<const N: usize>(pub [f64; N]);
+
+impl<const N: usize> Pack<N> {
+    /// The same number for all.
+    #[inline(always)]
+    pub fn splat(value: f64) -> Self {
+        Self([value; N])
+    }
+
+    /// Each number, transformed.
+    #[inline(always)]
+    pub fn map(self, function: impl Fn(f64) -> f64) -> Self {
+        Self(map(self.0, function))
+    }
+
+    /// Each number and its counterpart, combined.
+    #[inline(always)]
+    pub fn zip(self, other: Self, function: impl Fn(f64, f64) -> f64) -> Self {
+        Self(array(|at| function(self.0[at], other.0[at])))
+    }
+
+    /// The lesser of each pair; of NaN and a number the number.
+    #[inline(always)]
+    pub fn min(self, other: Self) -> Self {
+        self.zip(other, f64::min)
+    }
+
+    /// The greater of each pair; of NaN and a number the number.
+    #[inline(always)]
+    pub fn max(self, other: Self) -> Self {
+        self.zip(other, f64::max)
+    }
+
+    /// Each number without its sign.
+    #[inline(always)]
+    pub fn abs(self) -> Self {
+        self.map(f64::abs)
+    }
+
+    /// The root of each number.
+    #[inline(always)]
+    pub fn sqrt(self) -> Self {
+        self.map(f64::sqrt)
+    }
+
+    /// `yes` where a number is below its counterpart, `no` elsewhere and at NaN.
+    #[inline(always)]
+    pub fn if_below(self, other: Self, yes: Self, no: Self) -> Self {
+        Self(array(|at| if self.0[at] < other.0[at] { yes.0[at] } else { no.0[at] }))
+    }
+}
+
+macro_rules! operators {
+    ($($operator:ident, $function:ident);*) => {
+        $(impl<const N: usize> $operator for Pack<N> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                self.zip(other, |a, b| a.$function(b))
+            }
+        }
+
+        impl<const N: usize> $operator<f64> for Pack<N> {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $function(self, other: f64) -> Self {
+                self.map(|a| a.$function(other))
+            }
+        })*
+    };
+}
+
+operators!(Add, add; Sub, sub; Mul, mul; Div, div);
 
 /// A scalar with vector registers: one interface to pulp's per-type functions.
 pub trait Lanes: Copy + 'static {

@@ -6,7 +6,7 @@ use insonify::study::parity::check_lossy;
 
 use super::case::{BIASES, Case, check_all};
 use super::scenes;
-use crate::support::gpu::{backend, gpu_or_skip};
+use crate::support::gpu::{backend, gpu_or_skip, gpu_without_features};
 use crate::support::image::assert_within;
 use crate::support::scene::{self, SHAPES};
 
@@ -140,7 +140,7 @@ fn realistic_frames_differ_by_one_grey_level_at_most() {
 #[test]
 fn an_image_larger_than_one_binding_is_cut_into_bands() {
     // 4,200 x 4,200 pixels: the scan map takes 141 MB, a binding holds 134 MB.
-    let Some(gpu) = gpu_or_skip("an image of several bands") else {
+    let Some(gpu) = gpu_without_features("an image of several bands") else {
         return;
     };
     let probe = scene::probe(SHAPES[2].1, 40.0, 8, 16);

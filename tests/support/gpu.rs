@@ -20,7 +20,8 @@ pub fn gpu_or_skip(test: &str) -> Option<Gpu> {
     }
 }
 
-/// The same adapter opened without optional features: shaders have no f64, and passes cannot be timed.
+/// The same adapter opened without optional features and with wgpu's default limits: shaders have no f64, passes cannot be timed, and a binding
+/// holds 128 MiB.
 pub fn gpu_without_features(test: &str) -> Option<Gpu> {
     gpu_or_skip(test)?;
     let adapter = adapter::pick(&AdapterChoice::from_flag(None)).unwrap();

@@ -8,7 +8,7 @@
 
 use bytemuck::{Pod, Zeroable};
 use glam::Vec4;
-use nalgebra::Point3;
+use nalgebra::Vector4;
 use rayon::prelude::*;
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
@@ -84,16 +84,18 @@ const SMOOTHED: usize = 2;
 pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     let reach = tables.settings.effects.contact.as_ref().map_or(0.0, |own| own.reach_mm);
     let lines = tables.lines();
-    let is_body = |plane: usize, line: usize, s: f64| {
-        let [x, y, dx, dy] = tables.rays[line];
-        let z = f64::from(plane_step(plane)) * tables.plane_mm();
-        let at = state
-            .probe_to_world
-            .transform_point(&Point3::new(x + s * dx, y + s * dy, z));
-        tables.volume.label_index_at(&at).is_some_and(|label| label > 0)
-    };
+    let to_index = tables.volume.world_to_index() * state.probe_to_world;
     let found = |at: usize| {
-        let is_body = |s: f64| is_body(at / lines, at % lines, s);
+        let [x, y, dx, dy] = tables.rays[at % lines];
+        let z = f64::from(plane_step(at / lines)) * tables.plane_mm();
+        let (start, along) = (
+            to_index * Vector4::new(x, y, z, 1.0),
+            to_index * Vector4::new(dx, dy, 0.0, 0.0),
+        );
+        let is_body = |s: f64| {
+            let index = [0, 1, 2].map(|axis| start[axis] + s * along[axis]);
+            tables.volume.label_at_index(index).is_some_and(|label| label > 0)
+        };
         let steps = (reach / STEP_MM) as usize;
         let Some(first) = (0..=steps).find(|step| is_body(*step as f64 * STEP_MM)) else {
             return -1.0;

@@ -50,7 +50,7 @@ pub const EFFECT: Effect = Effect {
 const SHADER: &str = include_str!("../../../shaders/warp.wgsl");
 
 /// Workgroups that share the elements among them.
-const GROUPS: u32 = 1024;
+const GROUPS: u32 = 4096;
 
 static PASSES: &[Pass] = &[
     Pass {

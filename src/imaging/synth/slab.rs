@@ -3,6 +3,7 @@
 //! Only these are prepared. Nothing is carried over from one frame to the next but the
 //! positions of nodes that a frame leaves out.
 
+use std::f64::consts::FRAC_PI_2;
 use std::sync::Arc;
 
 use nalgebra::Matrix4;
@@ -11,16 +12,18 @@ use rayon::prelude::*;
 use super::FrameState;
 use super::tables::Tables;
 use crate::base::real::Real;
+use crate::base::simd::{Kernel, Pack, array, map, vectorised};
 use crate::imaging::effects::common::plane_step;
 use crate::mechanics::mesh::element::{self, Carry, Frame, MAX_REACH};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh, check_positions};
 use crate::tracking::probe::BeamGrid;
 
-/// Number of elements that one task prepares.
-const CHUNK: usize = 512;
+/// Number of elements that one task tests against the slab, and prepares: fewer are not worth waking a thread.
+const TESTED: usize = 8192;
+const PREPARED: usize = 512;
 
-/// Number of elements that one task tests against the slab.
-const TESTED: usize = 4096;
+/// Number of elements prepared side by side.
+const LANES: usize = 8;
 
 /// Bound on the rounding error of the position of a sample, in epsilons of the largest coordinate.
 const POINT_EPSILONS: f64 = 16.0;
@@ -90,21 +93,22 @@ impl<T: Real> Crossing<T> {
         self.starts[0] = 0;
     }
 
-    /// Finds and prepares the elements of a state whose nodes are at `at` (mm) and, in the probe frame, at `in_probe`.
+    /// Finds and prepares the elements of a state whose nodes are at `nodes` (mm) and, in the probe frame, at `in_probe`.
     fn cut(
         &mut self,
         view: &SlabView,
         mesh: &TetMesh,
-        in_probe: &[[f64; 3]],
-        at: impl Fn(usize) -> [T; 3] + Sync,
+        in_probe: &[Vec<f64>; 3],
+        nodes: &[[T; 3]],
         reference: &[[f64; 3]],
     ) {
-        let corners_of = |element: u32| mesh.elements()[element as usize].map(|node| node as usize);
-        let tasks = (self.found.par_chunks_mut(TESTED), &mut self.counts[..]);
-        tasks.into_par_iter().enumerate().for_each(|(task, (found, count))| {
+        let all = mesh.elements();
+        let tasks = self.found.chunks_mut(TESTED).zip(&mut self.counts).enumerate();
+        in_tasks(tasks, |(task, (found, count))| {
             *count = 0;
-            for element in (task * TESTED) as u32..(task * TESTED + found.len()) as u32 {
-                if view.meets(&corners_of(element).map(|node| in_probe[node])) {
+            let first = task * TESTED;
+            for (element, corners) in (first as u32..).zip(&all[first..first + found.len()]) {
+                if view.meets(in_probe, corners) {
                     found[*count] = element;
                     *count += 1;
                 }
@@ -117,25 +121,82 @@ impl<T: Real> Crossing<T> {
         self.frames.resize(self.elements.len(), Default::default());
         self.carries.resize(self.elements.len(), Default::default());
         self.lines.resize(self.elements.len(), Default::default());
-        let chunks = (
-            self.elements.par_chunks(CHUNK),
-            self.frames.par_chunks_mut(CHUNK),
-            self.carries.par_chunks_mut(CHUNK),
-            self.lines.par_chunks_mut(CHUNK),
+        let frames = self.frames.chunks_mut(PREPARED).zip(self.carries.chunks_mut(PREPARED));
+        let results = frames.zip(self.lines.chunks_mut(PREPARED));
+        in_tasks(
+            self.elements.chunks(PREPARED).zip(results),
+            |(elements, ((frames, carries), lines))| {
+                vectorised(Preparation {
+                    view,
+                    mesh,
+                    in_probe,
+                    nodes,
+                    reference,
+                    elements,
+                    frames,
+                    carries,
+                    lines,
+                });
+            },
         );
-        chunks.into_par_iter().for_each(|(elements, frames, carries, lines)| {
-            for (index, &element) in elements.iter().enumerate() {
-                let corners = corners_of(element);
-                let (mut frame, carry, outline) =
-                    element::prepare(corners.map(&at), &corners.map(|node| reference[node]));
-                lines[index] = match element::slack(&frame) < T::zero() {
-                    true => [0; 2],
-                    false => view.lines(&corners.map(|node| in_probe[node]), outline.reach.wide()),
-                };
-                [frame[1][3], frame[3][3]] = lines[index].map(|line| T::of(f64::from(line)));
-                (frames[index], carries[index]) = (frame, carry);
+    }
+}
+
+/// Runs tasks, side by side if there are several.
+fn in_tasks<I: Send>(tasks: impl ExactSizeIterator<Item = I> + Send, task: impl Fn(I) + Sync + Send) {
+    match tasks.len() {
+        ..=1 => tasks.for_each(task),
+        _ => tasks.par_bridge().for_each(task),
+    }
+}
+
+/// Preparation of some elements.
+struct Preparation<'a, T> {
+    view: &'a SlabView<'a>,
+    mesh: &'a TetMesh,
+    in_probe: &'a [Vec<f64>; 3],
+    nodes: &'a [[T; 3]],
+    reference: &'a [[f64; 3]],
+    elements: &'a [u32],
+    frames: &'a mut [Frame<T>],
+    carries: &'a mut [Carry<T>],
+    lines: &'a mut [[u32; 2]],
+}
+
+impl<T: Real> Kernel for Preparation<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (group, elements) in self.elements.chunks(LANES).enumerate() {
+            let mut current = [[[T::zero(); LANES]; 3]; 4];
+            let mut reference = [[Pack::splat(0.0); 3]; 4];
+            let mut in_probe = reference;
+            for (lane, &element) in elements.iter().enumerate() {
+                for (corner, &node) in self.mesh.elements()[element as usize].iter().enumerate() {
+                    let node = node as usize;
+                    for axis in 0..3 {
+                        current[corner][axis][lane] = self.nodes[node][axis];
+                        reference[corner][axis].0[lane] = self.reference[node][axis];
+                        in_probe[corner][axis].0[lane] = self.in_probe[axis][node];
+                    }
+                }
             }
-        });
+            let prepared = element::prepare_lanes(&current, &reference);
+            let lines = self.view.lines(&in_probe, Pack(map(prepared.reach, T::wide)));
+            for lane in 0..elements.len() {
+                let index = group * LANES + lane;
+                let lines = if element::is_hit(prepared.kind[lane]) {
+                    lines[lane]
+                } else {
+                    [0; 2]
+                };
+                let (mut frame, carry) = prepared.of_lane(lane);
+                frame[1][3] = T::of(f64::from(lines[0]));
+                frame[3][3] = T::of(f64::from(lines[1]));
+                (self.frames[index], self.carries[index], self.lines[index]) = (frame, carry, lines);
+            }
+        }
     }
 }
 
@@ -152,9 +213,12 @@ pub struct Moved {
 #[derive(Clone, Debug)]
 pub struct Slab<T> {
     mesh: Arc<TetMesh>,
+    /// Nodes of the deformed and of the reference state, mm.
     current: Vec<[T; 3]>,
+    at_rest: Vec<[T; 3]>,
     reference_nodes: Vec<[f64; 3]>,
-    in_probe: Vec<[f64; 3]>,
+    /// Positions in the frame of the probe, by axis.
+    in_probe: [Vec<f64>; 3],
     /// Probe pose of the last frame; `None` before the first and after a change of settings.
     pose: Option<Matrix4<f64>>,
     /// Elements of the deformed state.
@@ -170,10 +234,12 @@ impl<T: Real> Slab<T> {
     /// Memory for the elements of a mesh at rest; nothing is cut yet.
     pub fn new(mesh: &Arc<TetMesh>) -> Self {
         let count = mesh.elements().len();
+        let nodes: Vec<_> = mesh.nodes().iter().map(|node| node.map(T::of)).collect();
         Self {
-            current: mesh.nodes().iter().map(|node| node.map(T::of)).collect(),
+            current: nodes.clone(),
+            at_rest: nodes,
             reference_nodes: mesh.nodes().to_vec(),
-            in_probe: vec![[0.0; 3]; mesh.nodes().len()],
+            in_probe: std::array::from_fn(|_| vec![0.0; mesh.nodes().len()]),
             pose: None,
             deformed: Crossing::new(count),
             reference: Crossing::new(count),
@@ -197,12 +263,11 @@ impl<T: Real> Slab<T> {
         check_positions(current, reference, self.current.len())?;
         let reference = reference.filter(|nodes| *nodes != self.reference_nodes);
         if let Some(nodes) = current {
-            for (node, position) in self.current.iter_mut().zip(nodes) {
-                *node = position.map(T::of);
-            }
+            vectorised(Rounding(nodes, &mut self.current));
         }
         if let Some(nodes) = reference {
             self.reference_nodes.copy_from_slice(nodes);
+            vectorised(Rounding(nodes, &mut self.at_rest));
         }
         let posed = self.pose.replace(state.probe_to_world) != Some(state.probe_to_world);
         let moved = Moved {
@@ -210,17 +275,13 @@ impl<T: Real> Slab<T> {
             reference: posed || reference.is_some(),
         };
         let view = SlabView::new::<T>(tables, &state.probe_to_world);
-        let nodes = &self.reference_nodes;
-        if moved.deformed {
-            let current = &self.current;
-            view.project(current.iter().map(|node| node.map(T::wide)), &mut self.in_probe);
-            self.deformed
-                .cut(&view, &self.mesh, &self.in_probe, |node| current[node], nodes);
-        }
-        if moved.reference {
-            view.project(nodes.iter().copied(), &mut self.in_probe);
-            let at = |node: usize| nodes[node].map(T::of);
-            self.reference.cut(&view, &self.mesh, &self.in_probe, at, nodes);
+        let states = [
+            (moved.deformed, &self.current, &mut self.deformed),
+            (moved.reference, &self.at_rest, &mut self.reference),
+        ];
+        for (_, nodes, crossing) in states.into_iter().filter(|(moved, ..)| *moved) {
+            vectorised(Projection(&view, nodes, &mut self.in_probe));
+            crossing.cut(&view, &self.mesh, &self.in_probe, nodes, &self.reference_nodes);
         }
         Ok(moved)
     }
@@ -268,72 +329,168 @@ impl<'a> SlabView<'a> {
         }
     }
 
-    /// Positions of nodes in the frame of the probe.
-    fn project(&self, nodes: impl Iterator<Item = [f64; 3]>, in_probe: &mut [[f64; 3]]) {
-        for (node, [x, y, z]) in in_probe.iter_mut().zip(nodes) {
-            *node = self.to_probe.map(|row| row[0] * x + row[1] * y + row[2] * z + row[3]);
-        }
-    }
-
-    /// Whether the box of an element, grown by what may test as inside, meets that of the samples.
+    /// Whether the box of an element, grown by what may test as inside, meets that of the samples. Most elements lie beside the plane.
     #[inline(always)]
-    fn meets(&self, corners: &[[f64; 3]; 4]) -> bool {
-        [2, 0, 1].into_iter().all(|axis| {
-            let [a, b, c, d] = corners.map(|corner| corner[axis]);
-            let (low, high) = (a.min(b).min(c.min(d)), a.max(b).max(c.max(d)));
+    fn meets(&self, in_probe: &[Vec<f64>; 3], corners: &[u32; 4]) -> bool {
+        let along = |axis: usize| {
+            let [a, b, c, d] = map(*corners, |node| in_probe[axis][node as usize]);
+            let (low, high) = (least(least(a, b), least(c, d)), -least(least(-a, -b), least(-c, -d)));
             let reach = MAX_REACH * (high - low) + self.margin;
             // False for NaN.
             low - reach <= self.bounds[1][axis] && high + reach >= self.bounds[0][axis]
-        })
+        };
+        along(2) && along(0) && along(1)
     }
 
-    /// First scanline that can meet an element with these corners, grown by `reach` (mm in the world), and the one past the last.
-    fn lines(&self, corners: &[[f64; 3]; 4], reach: f64) -> [u32; 2] {
+    /// First scanline that can meet each of several elements with these corners, grown by `reach` (mm in the world), and the one past the
+    /// last.
+    #[inline(always)]
+    fn lines(&self, corners: &[[Pack<LANES>; 3]; 4], reach: Pack<LANES>) -> [[u32; 2]; LANES] {
         let all = self.grid.lines() as u32;
         if all == 1 {
-            return [0, 1];
+            return [[0, 1]; LANES];
         }
         let margin = reach * self.scale + self.margin;
-        let planes = [self.bounds[0][2] - margin, self.bounds[1][2] + margin];
-        // Scanlines meet in an apex at (0, -behind), if they are not parallel.
-        let behind = self.grid.virtual_apex_mm();
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        let mut clear = true;
-        // A point at x and y lies in the direction x / (y + behind).
-        let mut take = |x: f64, y: f64| {
-            let (toward, margin) = match behind {
-                None => (x, margin),
-                Some(behind) => {
-                    let ahead = y + behind;
-                    clear &= ahead > 10.0 * margin;
-                    let toward = x / ahead;
-                    (toward, margin * (1.0 + toward.abs()) / (ahead - margin))
-                }
-            };
-            low = low.min(toward - margin);
-            high = high.max(toward + margin);
-        };
+        let planes = [margin * -1.0 + self.bounds[0][2], margin + self.bounds[1][2]];
+        let mut directions = Directions::new(self.grid.virtual_apex_mm(), margin);
         for (index, a) in corners.iter().enumerate() {
-            if (planes[0]..=planes[1]).contains(&a[2]) {
-                take(a[0], a[1]);
-            }
+            directions.take((planes[0] - a[2]).max(a[2] - planes[1]), a[0], a[1]);
             for b in &corners[index + 1..] {
+                let per_mm = Pack::splat(1.0) / (a[2] - b[2]);
                 for z in planes {
-                    if (a[2] < z) != (b[2] < z) {
-                        let share = ((z - a[2]) / (b[2] - a[2])).clamp(0.0, 1.0);
-                        take(a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]));
-                    }
+                    let (from, to) = (a[2] - z, b[2] - z);
+                    let share = (from * per_mm).max(Pack::splat(0.0)).min(Pack::splat(1.0));
+                    // Edges with both ends on one side of the plane are left out.
+                    directions.take(from * to, a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]));
                 }
             }
         }
-        if !clear {
-            return [0, all];
+        let Directions {
+            behind,
+            low,
+            high,
+            clear,
+            ..
+        } = directions;
+        let middle = f64::from(all - 1) / 2.0;
+        let (low, high, per, near) = match behind {
+            None => (low, high, self.grid.to_line_and_depth(1.0, 0.0).0 - middle, NEAR),
+            Some(_) => {
+                let per = 1.0 / self.grid.angular_spacing();
+                (arctangent(low), arctangent(high), per, NEAR + ARCTANGENT_ERROR * per)
+            }
+        };
+        let first = (low * per + (middle - near)).map(f64::ceil);
+        let end = (high * per + (middle + near + 1.0)).map(f64::floor);
+        array(|lane| {
+            if behind.is_some() && clear.0[lane] <= 0.0 {
+                return [0, all];
+            }
+            let first = first.0[lane].clamp(0.0, f64::from(all)) as u32;
+            [first, end.0[lane].clamp(f64::from(first), f64::from(all)) as u32]
+        })
+    }
+}
+
+/// Bounds of the directions of points, each with what lies around it.
+struct Directions {
+    /// Distance of the apex in which scanlines meet, at (0, -behind), if they are not parallel.
+    behind: Option<f64>,
+    margin: Pack<LANES>,
+    low: Pack<LANES>,
+    high: Pack<LANES>,
+    /// How far all points are ahead of where directions have no meaning.
+    clear: Pack<LANES>,
+}
+
+impl Directions {
+    #[inline(always)]
+    fn new(behind: Option<f64>, margin: Pack<LANES>) -> Self {
+        let none = Pack::splat(f64::INFINITY);
+        Self {
+            behind,
+            margin,
+            low: none,
+            high: none * -1.0,
+            clear: none,
         }
-        // Exact for both kinds of probe: the direction, at unit distance ahead of the apex.
-        let line = |toward: f64| self.grid.to_line_and_depth(toward, 1.0 - behind.unwrap_or(0.0)).0;
-        const NEAR: f64 = 1e-6;
-        let first = (line(low) - NEAR).ceil().clamp(0.0, f64::from(all)) as u32;
-        let end = ((line(high) + NEAR).floor() + 1.0).clamp(f64::from(first), f64::from(all)) as u32;
-        [first, end]
+    }
+
+    /// Takes points at x and y, in the direction x / (y + behind), except where `left_out` is above 0.
+    #[inline(always)]
+    fn take(&mut self, left_out: Pack<LANES>, x: Pack<LANES>, y: Pack<LANES>) {
+        let (zero, none) = (Pack::splat(0.0), Pack::splat(f64::INFINITY));
+        let (toward, margin) = match self.behind {
+            None => (x, self.margin),
+            Some(behind) => {
+                let ahead = y + behind;
+                let clear = ahead - self.margin * 10.0;
+                self.clear = self.clear.min(zero.if_below(left_out, none, clear));
+                let per_mm = Pack::splat(1.0) / ahead;
+                let toward = x * per_mm;
+                // Over `ahead - margin`, which is at least 0.9 of `ahead`.
+                (toward, self.margin * (toward.abs() + 1.0) * per_mm * (1.0 / 0.9))
+            }
+        };
+        self.low = self.low.min(zero.if_below(left_out, none, toward - margin));
+        self.high = self.high.max(zero.if_below(left_out, none * -1.0, toward + margin));
+    }
+}
+
+/// Rounding of a scanline, in scanlines.
+const NEAR: f64 = 1e-6;
+
+/// Error of [`arctangent`], radians.
+const ARCTANGENT_ERROR: f64 = 1.2e-5;
+
+/// Arctangents within [`ARCTANGENT_ERROR`] (Abramowitz and Stegun 1964, 4.4.49).
+#[inline(always)]
+fn arctangent(of: Pack<LANES>) -> Pack<LANES> {
+    let one = Pack::splat(1.0);
+    let size = of.abs();
+    let x = size.min(one) / size.max(one);
+    let square = x * x;
+    let polynomial =
+        (((square * 0.020_835_1 - 0.085_133) * square + 0.180_141) * square - 0.330_299_5) * square + 0.999_866;
+    let angle = polynomial * x;
+    let angle = one.if_below(size, Pack::splat(FRAC_PI_2) - angle, angle);
+    Pack(array(|lane| angle.0[lane].copysign(of.0[lane])))
+}
+
+/// The lesser number; of NaN and a number the second.
+#[inline(always)]
+fn least(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// Positions of nodes in the precision of a backend.
+struct Rounding<'a, T>(&'a [[f64; 3]], &'a mut [[T; 3]]);
+
+impl<T: Real> Kernel for Rounding<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (rounded, &value) in self.1.as_flattened_mut().iter_mut().zip(self.0.as_flattened()) {
+            *rounded = T::of(value);
+        }
+    }
+}
+
+/// Positions of nodes in the frame of the probe.
+struct Projection<'a, T>(&'a SlabView<'a>, &'a [[T; 3]], &'a mut [Vec<f64>; 3]);
+
+impl<T: Real> Kernel for Projection<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self(view, nodes, in_probe) = self;
+        for (row, along) in view.to_probe.iter().zip(in_probe) {
+            for (along, &node) in along.iter_mut().zip(nodes) {
+                let [x, y, z] = map(node, T::wide);
+                *along = row[0] * x + row[1] * y + row[2] * z + row[3];
+            }
+        }
     }
 }

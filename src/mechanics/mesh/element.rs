@@ -3,6 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::base::real::Real;
+use crate::base::simd::{Pack, array, map};
 
 /// Map from world to barycentric coordinates, sixteen scalars: `[origin, slack]`, `[row 1, clear]`, `[row 2, inverted]`,
 /// `[row 3, 0]`.
@@ -64,74 +65,176 @@ pub fn edges(corners: &[[f64; 3]; 4]) -> Matrix3<f64> {
 /// Prepares the element with these corners. The current corners are in the precision of `T`, so that neighbours agree
 /// exactly on their common face.
 pub fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Frame<T>, Carry<T>, Outline<T>) {
-    let corners = current.map(|corner| corner.map(T::wide));
-    if corners.iter().chain(reference).flatten().any(|x| !x.is_finite()) {
-        return excluded(Kind::NotFinite);
+    let lanes = prepare_lanes(
+        &current.map(|corner| corner.map(|x| [x])),
+        &reference.map(|corner| corner.map(|x| Pack([x]))),
+    );
+    let (frame, carry) = lanes.of_lane(0);
+    let ([reach], [kind]) = (lanes.reach, lanes.kind);
+    let mut outline = Outline {
+        bounds: [[T::infinity(); 3], [T::neg_infinity(); 3]],
+        reach,
+        volume: lanes.volume.0[0],
+        kind,
+    };
+    if is_hit(kind) {
+        for axis in 0..3 {
+            let at = current.map(|corner| corner[axis]);
+            outline.bounds[0][axis] = at.into_iter().fold(at[0], T::min) - reach;
+            outline.bounds[1][axis] = at.into_iter().fold(at[0], T::max) + reach;
+        }
     }
-    let edges_now = edges(&corners);
-    let volume = edges_now.determinant();
-    let largest = corners.iter().flatten().fold(0.0f64, |a, x| a.max(x.abs()));
-    let diameter = diameter(&edges_now);
-    let thinnest = FLAT_EPSILONS * T::epsilon().wide() * largest.max(diameter);
-    let (e1, e2, e3) = (edges_now.column(0), edges_now.column(1), edges_now.column(2));
-    let cross = [e2.cross(&e3), e3.cross(&e1), e1.cross(&e2)];
-    let opposite = cross[0] + cross[1] + cross[2];
-    let widest = [cross[0], cross[1], cross[2], opposite]
-        .iter()
-        .fold(0.0f64, |a, face| a.max(face.norm_squared()))
-        .sqrt();
+    (frame, carry, outline)
+}
+
+/// Elements prepared side by side; [`Frame`], [`Carry`] and parts of [`Outline`] of each.
+pub struct Prepared<T, const N: usize> {
+    frame: [[[T; N]; 4]; 4],
+    carry: [[[T; N]; 4]; 3],
+    /// Maximum distance from the element of points that test as inside, mm.
+    pub reach: [T; N],
+    volume: Pack<N>,
+    /// Kind in the current state.
+    pub kind: [Kind; N],
+}
+
+impl<T: Real, const N: usize> Prepared<T, N> {
+    /// Maps of an element to barycentric coordinates and to the reference state.
+    #[inline(always)]
+    pub fn of_lane(&self, lane: usize) -> (Frame<T>, Carry<T>) {
+        let row = |row: [[T; N]; 4]| map(row, |x| x[lane]);
+        (map(self.frame, row), map(self.carry, row))
+    }
+}
+
+/// Whether points can test as inside an element.
+#[inline(always)]
+pub fn is_hit(kind: Kind) -> bool {
+    matches!(kind, Kind::Sound | Kind::Inverted)
+}
+
+/// Prepares elements as [`prepare`] does one.
+#[inline(always)]
+pub fn prepare_lanes<T: Real, const N: usize>(
+    current: &[[[T; N]; 3]; 4],
+    reference: &[[Pack<N>; 3]; 4],
+) -> Prepared<T, N> {
+    let corners = map(*current, |corner| map(corner, |x| Pack(map(x, T::wide))));
+    let edges = |corners: &[[Pack<N>; 3]; 4]| -> [[Pack<N>; 3]; 3] {
+        array(|edge| array(|axis| corners[edge + 1][axis] - corners[0][axis]))
+    };
+    let [e1, e2, e3] = edges(&corners);
+    let volume = e1[0] * (e2[1] * e3[2] - e2[2] * e3[1]) - e2[0] * (e1[1] * e3[2] - e1[2] * e3[1])
+        + e3[0] * (e1[1] * e2[2] - e1[2] * e2[1]);
+    let size = volume.abs();
+    let (mut largest, mut zero) = (Pack::splat(0.0), Pack::splat(0.0));
+    for corner in 0..4 {
+        for axis in 0..3 {
+            largest = largest.max(corners[corner][axis].abs());
+            // NaN if one of them is not finite.
+            zero = zero + corners[corner][axis] * 0.0 + reference[corner][axis] * 0.0;
+        }
+    }
+    let squares = [e1, e2, e3, minus(e2, e1), minus(e3, e1), minus(e3, e2)];
+    let diameter = greatest(map(squares, norm_squared)).sqrt();
+    let thinnest = largest.max(diameter) * (FLAT_EPSILONS * T::epsilon().wide());
+    let faces = [cross(e2, e3), cross(e3, e1), cross(e1, e2)];
+    let opposite = array(|axis| faces[0][axis] + faces[1][axis] + faces[2][axis]);
+    let widest = greatest(map([faces[0], faces[1], faces[2], opposite], norm_squared)).sqrt();
     // Volume over face area is height.
-    if volume.abs() <= thinnest * widest || !(volume / widest).is_finite() {
-        return excluded(Kind::Flat);
-    }
-    let rows = cross.map(|face| face / volume);
-    let aspect = diameter * widest / volume.abs();
-    let errors = SLACK_EPSILONS * (1.0 + aspect) + POINT_EPSILONS * largest * widest / volume.abs();
-    let slack = (errors * T::epsilon().wide()).min(SLACK_MAX);
+    let height = volume / widest;
+    let kind = array(|lane| match () {
+        () if zero.0[lane].is_nan() => Kind::NotFinite,
+        () if size.0[lane] <= thinnest.0[lane] * widest.0[lane] || !height.0[lane].is_finite() => Kind::Flat,
+        () if volume.0[lane] < 0.0 => Kind::Inverted,
+        () => Kind::Sound,
+    });
+    let rows: [[Pack<N>; 3]; 3] = map(faces, |face| map(face, |x| x / volume));
+    let aspect = diameter * widest / size;
+    let errors = (aspect + 1.0) * SLACK_EPSILONS + largest * POINT_EPSILONS * widest / size;
+    let slack = (errors * T::epsilon().wide()).min(Pack::splat(SLACK_MAX));
     // Coordinates of at least -s are the element scaled about its centroid by 1 + 4 s; no corner moves by more than 3 s
     // diameters. Twice that, since the tested coordinates carry an error of up to s themselves.
-    let reach = 6.0 * slack * diameter;
-    let inverted = volume < 0.0;
-
-    let mut frame = [[T::zero(); 4]; 4];
-    frame[0] = [current[0][0], current[0][1], current[0][2], T::of(slack)];
+    let reach = slack * 6.0 * diameter;
+    // Coordinates (1, 0, 0, 0) where points are never hit: none below 1 passes a slack of -1.
+    let kept = |values: Pack<N>, otherwise: T| -> [T; N] {
+        array(|lane| {
+            if is_hit(kind[lane]) {
+                T::of(values.0[lane])
+            } else {
+                otherwise
+            }
+        })
+    };
+    let kept_or_zero = |values| kept(values, T::zero());
+    let mut frame = [[[T::zero(); N]; 4]; 4];
+    frame[0] = [
+        kept_or_zero(corners[0][0]),
+        kept_or_zero(corners[0][1]),
+        kept_or_zero(corners[0][2]),
+        kept(slack, -T::one()),
+    ];
     for (place, row) in rows.iter().enumerate() {
-        frame[place + 1] = [T::of(row.x), T::of(row.y), T::of(row.z), T::zero()];
+        frame[place + 1] = [
+            kept_or_zero(row[0]),
+            kept_or_zero(row[1]),
+            kept_or_zero(row[2]),
+            [T::zero(); N],
+        ];
     }
-    frame[1][3] = T::of(widest / volume.abs());
-    frame[2][3] = if inverted { T::one() } else { T::zero() };
-    let gradient =
-        edges(reference) * Matrix3::from_rows(&[rows[0].transpose(), rows[1].transpose(), rows[2].transpose()]);
-    let carry = std::array::from_fn(|k| {
+    frame[1][3] = kept_or_zero(widest / size);
+    frame[2][3] = array(|lane| {
+        if kind[lane] == Kind::Inverted {
+            T::one()
+        } else {
+            T::zero()
+        }
+    });
+    let [r1, r2, r3] = edges(reference);
+    let carry = array(|k| {
+        let along = |axis: usize| r1[k] * rows[0][axis] + r2[k] * rows[1][axis] + r3[k] * rows[2][axis];
         [
-            T::of(gradient[(k, 0)]),
-            T::of(gradient[(k, 1)]),
-            T::of(gradient[(k, 2)]),
-            T::of(reference[0][k]),
+            kept_or_zero(along(0)),
+            kept_or_zero(along(1)),
+            kept_or_zero(along(2)),
+            kept_or_zero(reference[0][k]),
         ]
     });
-    let reach = T::of(reach);
-    let mut bounds = [current[0]; 2];
-    for axis in 0..3 {
-        for corner in &current[1..] {
-            bounds[0][axis] = bounds[0][axis].min(corner[axis]);
-            bounds[1][axis] = bounds[1][axis].max(corner[axis]);
-        }
-        bounds[0][axis] -= reach;
-        bounds[1][axis] += reach;
-    }
-    let kind = if inverted { Kind::Inverted } else { Kind::Sound };
-    let volume = volume.abs() / 6.0;
-    (
+    Prepared {
         frame,
         carry,
-        Outline {
-            bounds,
-            reach,
-            volume,
-            kind,
-        },
-    )
+        reach: kept_or_zero(reach),
+        volume: Pack(array(|lane| if is_hit(kind[lane]) { size.0[lane] / 6.0 } else { 0.0 })),
+        kind,
+    }
+}
+
+#[inline(always)]
+fn minus<const N: usize>(a: [Pack<N>; 3], b: [Pack<N>; 3]) -> [Pack<N>; 3] {
+    array(|axis| a[axis] - b[axis])
+}
+
+#[inline(always)]
+fn cross<const N: usize>(a: [Pack<N>; 3], b: [Pack<N>; 3]) -> [Pack<N>; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+#[inline(always)]
+fn norm_squared<const N: usize>(a: [Pack<N>; 3]) -> Pack<N> {
+    a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+}
+
+#[inline(always)]
+fn greatest<const N: usize, const M: usize>(values: [Pack<N>; M]) -> Pack<N> {
+    let mut greatest = Pack::splat(0.0);
+    for value in values {
+        greatest = greatest.max(value);
+    }
+    greatest
 }
 
 /// Sets the margin of a prepared frame, whose `clear` still holds the inverse of the element's least height, from the reach
@@ -191,31 +294,4 @@ pub fn holds<T: Real>(frame: &Frame<T>, position: &[T; 4]) -> bool {
 pub fn carry_to_reference<T: Real>(frame: &Frame<T>, carry: &Carry<T>, p: [T; 3]) -> [T; 3] {
     let d = [p[0] - frame[0][0], p[1] - frame[0][1], p[2] - frame[0][2]];
     carry.map(|row| row[3] + (row[0] * d[0] + row[1] * d[1] + row[2] * d[2]))
-}
-
-fn diameter(edges: &Matrix3<f64>) -> f64 {
-    let (e1, e2, e3) = (edges.column(0), edges.column(1), edges.column(2));
-    let squares = [
-        e1.norm_squared(),
-        e2.norm_squared(),
-        e3.norm_squared(),
-        (e2 - e1).norm_squared(),
-        (e3 - e1).norm_squared(),
-        (e3 - e2).norm_squared(),
-    ];
-    squares.iter().fold(0.0f64, |a, b| a.max(*b)).sqrt()
-}
-
-/// Returns an element that is never hit: its coordinates are (1, 0, 0, 0), and none below 1 passes a slack of -1.
-fn excluded<T: Real>(kind: Kind) -> (Frame<T>, Carry<T>, Outline<T>) {
-    let mut frame = [[T::zero(); 4]; 4];
-    frame[0][3] = -T::one();
-    let bounds = [[T::infinity(); 3], [T::neg_infinity(); 3]];
-    let outline = Outline {
-        bounds,
-        reach: T::zero(),
-        volume: 0.0,
-        kind,
-    };
-    (frame, [[T::zero(); 4]; 3], outline)
 }
