@@ -2,7 +2,7 @@
 
 pub mod insertion;
 mod ldl;
-mod lists;
+pub mod lists;
 pub mod mesh;
 pub mod needle;
 #[cfg(feature = "gpu")]

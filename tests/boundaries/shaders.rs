@@ -202,7 +202,7 @@ fn work(pass: &Pass, tables: &Tables) -> [u64; 3] {
     match pass.name {
         "geometry" | "contact" | "warp" | "slice" | "texture" => [samples, lines, planes],
         // The elements in the slab are shared among the groups.
-        "warp_raster" => [64 * 1024, 1, 1],
+        "warp_raster" => [64 * 4096, 1, 1],
         "speckle_scatter" | "speckle_specular" | "speckle_axial" => [
             samples,
             tables

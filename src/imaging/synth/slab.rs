@@ -14,13 +14,17 @@ use super::tables::Tables;
 use crate::base::real::Real;
 use crate::base::simd::{Kernel, Pack, array, map, vectorised};
 use crate::imaging::effects::common::plane_step;
+use crate::mechanics::lists::Lists;
 use crate::mechanics::mesh::element::{self, Carry, Frame, MAX_REACH};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh, check_positions};
 use crate::tracking::probe::BeamGrid;
 
 /// Number of elements that one task tests against the slab, and prepares: fewer are not worth waking a thread.
-const TESTED: usize = 8192;
-const PREPARED: usize = 512;
+const TESTED: usize = 65_536;
+const PREPARED: usize = 2048;
+
+/// Number of elements that are tested together before each is: most meshes number neighbours in sequence.
+const BLOCK: usize = 32;
 
 /// Number of elements prepared side by side.
 const LANES: usize = 8;
@@ -98,6 +102,7 @@ impl<T: Real> Crossing<T> {
         &mut self,
         view: &SlabView,
         mesh: &TetMesh,
+        blocks: &Lists,
         in_probe: &[Vec<f64>; 3],
         nodes: &[[T; 3]],
         reference: &[[f64; 3]],
@@ -107,10 +112,16 @@ impl<T: Real> Crossing<T> {
         in_tasks(tasks, |(task, (found, count))| {
             *count = 0;
             let first = task * TESTED;
-            for (element, corners) in (first as u32..).zip(&all[first..first + found.len()]) {
-                if view.meets(in_probe, corners) {
-                    found[*count] = element;
-                    *count += 1;
+            let of_task = &all[first..first + found.len()];
+            for (block, corners) in (first / BLOCK..).zip(of_task.chunks(BLOCK)) {
+                if !view.meets(in_probe, blocks.of(block as u32)) {
+                    continue;
+                }
+                for (element, corners) in (block * BLOCK..).zip(corners) {
+                    if view.meets(in_probe, corners) {
+                        found[*count] = element as u32;
+                        *count += 1;
+                    }
                 }
             }
         });
@@ -140,6 +151,17 @@ impl<T: Real> Crossing<T> {
             },
         );
     }
+}
+
+/// Nodes of each block of elements, each once.
+fn blocks(elements: &[[u32; 4]]) -> Lists {
+    let pairs = elements.chunks(BLOCK).zip(0..).flat_map(|(elements, block)| {
+        let mut nodes = elements.as_flattened().to_vec();
+        nodes.sort_unstable();
+        nodes.dedup();
+        nodes.into_iter().map(move |node| (block, node))
+    });
+    Lists::new(elements.len().div_ceil(BLOCK), pairs)
 }
 
 /// Runs tasks, side by side if there are several.
@@ -213,6 +235,8 @@ pub struct Moved {
 #[derive(Clone, Debug)]
 pub struct Slab<T> {
     mesh: Arc<TetMesh>,
+    /// Nodes of each block of [`BLOCK`] elements, each once.
+    blocks: Lists,
     /// Nodes of the deformed and of the reference state, mm.
     current: Vec<[T; 3]>,
     at_rest: Vec<[T; 3]>,
@@ -244,6 +268,7 @@ impl<T: Real> Slab<T> {
             deformed: Crossing::new(count),
             reference: Crossing::new(count),
             maps_at: [0; 3],
+            blocks: blocks(mesh.elements()),
             mesh: Arc::clone(mesh),
         }
     }
@@ -281,7 +306,14 @@ impl<T: Real> Slab<T> {
         ];
         for (_, nodes, crossing) in states.into_iter().filter(|(moved, ..)| *moved) {
             vectorised(Projection(&view, nodes, &mut self.in_probe));
-            crossing.cut(&view, &self.mesh, &self.in_probe, nodes, &self.reference_nodes);
+            crossing.cut(
+                &view,
+                &self.mesh,
+                &self.blocks,
+                &self.in_probe,
+                nodes,
+                &self.reference_nodes,
+            );
         }
         Ok(moved)
     }
@@ -329,17 +361,21 @@ impl<'a> SlabView<'a> {
         }
     }
 
-    /// Whether the box of an element, grown by what may test as inside, meets that of the samples. Most elements lie beside the plane.
+    /// Whether the box of the nodes of an element, grown by what may test as inside, meets that of the samples. If the box of several elements
+    /// does not, none of theirs does. Nodes that are NaN do not count.
     #[inline(always)]
-    fn meets(&self, in_probe: &[Vec<f64>; 3], corners: &[u32; 4]) -> bool {
-        let along = |axis: usize| {
-            let [a, b, c, d] = map(*corners, |node| in_probe[axis][node as usize]);
-            let (low, high) = (least(least(a, b), least(c, d)), -least(least(-a, -b), least(-c, -d)));
+    fn meets(&self, in_probe: &[Vec<f64>; 3], nodes: &[u32]) -> bool {
+        // Most elements lie beside the plane.
+        [2, 0, 1].into_iter().all(|axis| {
+            let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+            for &node in nodes {
+                let at = in_probe[axis][node as usize];
+                low = if at < low { at } else { low };
+                high = if at > high { at } else { high };
+            }
             let reach = MAX_REACH * (high - low) + self.margin;
-            // False for NaN.
             low - reach <= self.bounds[1][axis] && high + reach >= self.bounds[0][axis]
-        };
-        along(2) && along(0) && along(1)
+        })
     }
 
     /// First scanline that can meet each of several elements with these corners, grown by `reach` (mm in the world), and the one past the
@@ -457,12 +493,6 @@ fn arctangent(of: Pack<LANES>) -> Pack<LANES> {
     Pack(array(|lane| angle.0[lane].copysign(of.0[lane])))
 }
 
-/// The lesser number; of NaN and a number the second.
-#[inline(always)]
-fn least(a: f64, b: f64) -> f64 {
-    if a < b { a } else { b }
-}
-
 /// Positions of nodes in the precision of a backend.
 struct Rounding<'a, T>(&'a [[f64; 3]], &'a mut [[T; 3]]);
 
@@ -491,6 +521,21 @@ impl<T: Real> Kernel for Projection<'_, T> {
                 let [x, y, z] = map(node, T::wide);
                 *along = row[0] * x + row[1] * y + row[2] * z + row[3];
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arctangents_are_within_their_error() {
+        let numbers = (-400..=400).map(|k| f64::from(k).abs().powi(3) * 1e-5 * f64::from(k.signum()));
+        for number in numbers.chain([f64::INFINITY, f64::NEG_INFINITY]) {
+            let found = arctangent(Pack::splat(number)).0;
+            let error = (found[LANES - 1] - number.atan()).abs();
+            assert!(error < ARCTANGENT_ERROR, "{number}: {error}");
         }
     }
 }

@@ -191,9 +191,9 @@ fn a_slab_depends_on_no_earlier_frame() {
 #[test]
 fn every_element_is_tested_against_the_slab() {
     let tables = tables(ProbeShape::Linear { width_mm: 60.0 }, 500);
-    let mesh = TetMesh::over_box([-28.0, 5.0, -0.7], [28.0, 90.0, 0.7], 8000).unwrap();
+    let mesh = TetMesh::over_box([-28.0, 5.0, -0.7], [28.0, 90.0, 0.7], 25_000).unwrap();
     let all: Vec<u32> = (0..mesh.elements().len() as u32).collect();
-    assert!(all.len() > 16_384, "more than two tasks, of {}", all.len());
+    assert!(all.len() > 65_536, "more than one task: {}", all.len());
     let mut slab = Slab::<f32>::new(&std::sync::Arc::new(mesh));
     slab.update(&tables, &FrameState::at(Matrix4::identity())).unwrap();
     assert_eq!(slab.deformed.elements, all);
