@@ -12,6 +12,8 @@ struct Params {
 
 const NONE: u32 = 0xffffffffu;
 const GROUPS: u32 = 4096u;
+// Samples that an invocation reads at once.
+const TOGETHER: u32 = 4u;
 const MAPPED: f32 = 0.0;
 const BACKGROUND: f32 = 1.0;
 const FOLDED: f32 = 2.0;
@@ -108,7 +110,6 @@ fn candidates(e: Element, first: u32) -> vec2<u32> {
 @compute @workgroup_size(64)
 fn raster(@builtin(local_invocation_index) own: u32, @builtin(workgroup_id) group: vec3<u32>) {
     for (var at = group.x; at < params.deformed + params.reference; at += GROUPS) {
-        // Deformed elements first: most samples are in one, and then no element of the reference state is tried.
         let is_deformed = at < params.deformed;
         let slot = select(at - params.deformed, at, is_deformed);
         let frame = 4u * slot + select(params.reference_at, params.frames_at, is_deformed);
@@ -119,11 +120,18 @@ fn raster(@builtin(local_invocation_index) own: u32, @builtin(workgroup_id) grou
         for (var i = own; i < lines * params.planes; i += 64u) {
             let first = ((i / lines) * params.lines + first_line + i % lines) * params.samples;
             let near = candidates(e, first);
-            for (var sample = first + near.x; sample < first + near.y; sample++) {
-                if !is_deformed && atomicLoad(&hits[2u * sample]) != 0u {
-                    continue;
+            let end = first + near.y;
+            for (var at_once = first + near.x; at_once < end; at_once += TOGETHER) {
+                // Read before they are tested, so that no read waits for a test.
+                var points: array<vec3<f32>, TOGETHER>;
+                for (var k = 0u; k < TOGETHER; k++) {
+                    points[k] = world[min(at_once + k, end - 1u)].xyz;
                 }
-                if least(barycentric(e, world[sample].xyz)) >= -e.slack {
+                for (var k = 0u; k < TOGETHER; k++) {
+                    let sample = at_once + k;
+                    if sample >= end || !(least(barycentric(e, points[k])) >= -e.slack) {
+                        continue;
+                    }
                     if !is_deformed {
                         atomicOr(&hits[2u * sample + 1u], AT_REST);
                         continue;
