@@ -167,38 +167,24 @@ pub fn prepare_lanes<T: Real, const N: usize>(
         })
     };
     let kept_or_zero = |values| kept(values, T::zero());
-    let mut frame = [[[T::zero(); N]; 4]; 4];
-    frame[0] = [
-        kept_or_zero(corners[0][0]),
-        kept_or_zero(corners[0][1]),
-        kept_or_zero(corners[0][2]),
-        kept(slack, -T::one()),
-    ];
-    for (place, row) in rows.iter().enumerate() {
-        frame[place + 1] = [
-            kept_or_zero(row[0]),
-            kept_or_zero(row[1]),
-            kept_or_zero(row[2]),
-            [T::zero(); N],
-        ];
-    }
-    frame[1][3] = kept_or_zero(widest / size);
-    frame[2][3] = array(|lane| {
+    let row = |[x, y, z]: [Pack<N>; 3], last: [T; N]| [kept_or_zero(x), kept_or_zero(y), kept_or_zero(z), last];
+    let inverted = array(|lane| {
         if kind[lane] == Kind::Inverted {
             T::one()
         } else {
             T::zero()
         }
     });
+    let frame = [
+        row(corners[0], kept(slack, -T::one())),
+        row(rows[0], kept_or_zero(widest / size)),
+        row(rows[1], inverted),
+        row(rows[2], [T::zero(); N]),
+    ];
     let [r1, r2, r3] = edges(reference);
     let carry = array(|k| {
-        let along = |axis: usize| r1[k] * rows[0][axis] + r2[k] * rows[1][axis] + r3[k] * rows[2][axis];
-        [
-            kept_or_zero(along(0)),
-            kept_or_zero(along(1)),
-            kept_or_zero(along(2)),
-            kept_or_zero(reference[0][k]),
-        ]
+        let gradient = array(|axis| r1[k] * rows[0][axis] + r2[k] * rows[1][axis] + r3[k] * rows[2][axis]);
+        row(gradient, kept_or_zero(reference[0][k]))
     });
     Prepared {
         frame,
