@@ -45,54 +45,54 @@ pub(crate) fn map<T: Copy, U: Copy, const N: usize>(elements: [T; N], function: 
     array(|at| function(elements[at]))
 }
 
-/// A number for each of several things that are computed side by side, with the arithmetic of scalars.
+/// Numbers in `N` lanes, with lane-wise arithmetic.
 #[derive(Clone, Copy, Debug)]
 pub struct Pack<const N: usize>(pub [f64; N]);
 
 impl<const N: usize> Pack<N> {
-    /// The same number for all.
+    /// The same number in every lane.
     #[inline(always)]
     pub fn splat(value: f64) -> Self {
         Self([value; N])
     }
 
-    /// Each number, transformed.
+    /// A function, lane by lane.
     #[inline(always)]
     pub fn map(self, function: impl Fn(f64) -> f64) -> Self {
         Self(map(self.0, function))
     }
 
-    /// Each number and its counterpart, combined.
+    /// A function of two arguments, lane by lane.
     #[inline(always)]
     pub fn zip(self, other: Self, function: impl Fn(f64, f64) -> f64) -> Self {
         Self(array(|at| function(self.0[at], other.0[at])))
     }
 
-    /// The lesser of each pair; of NaN and a number the number.
+    /// Lane-wise minimum; of NaN and a number the number.
     #[inline(always)]
     pub fn min(self, other: Self) -> Self {
         self.zip(other, f64::min)
     }
 
-    /// The greater of each pair; of NaN and a number the number.
+    /// Lane-wise maximum; of NaN and a number the number.
     #[inline(always)]
     pub fn max(self, other: Self) -> Self {
         self.zip(other, f64::max)
     }
 
-    /// Each number without its sign.
+    /// Lane-wise absolute value.
     #[inline(always)]
     pub fn abs(self) -> Self {
         self.map(f64::abs)
     }
 
-    /// The root of each number.
+    /// Lane-wise square root.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         self.map(f64::sqrt)
     }
 
-    /// `yes` where a number is below its counterpart, `no` elsewhere and at NaN.
+    /// Lane-wise selection: `yes` in lanes below those of `other`, `no` in the rest and at NaN.
     #[inline(always)]
     pub fn if_below(self, other: Self, yes: Self, no: Self) -> Self {
         Self(array(|at| if self.0[at] < other.0[at] { yes.0[at] } else { no.0[at] }))

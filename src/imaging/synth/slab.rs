@@ -19,14 +19,16 @@ use crate::mechanics::mesh::element::{self, Carry, Frame, MAX_REACH};
 use crate::mechanics::mesh::{InvalidMesh, TetMesh, check_positions};
 use crate::tracking::probe::BeamGrid;
 
-/// Number of elements that one task tests against the slab, and prepares: fewer are not worth waking a thread.
+/// Number of elements that one task tests against the slab: fewer are not worth waking a thread.
 const TESTED: usize = 65_536;
+
+/// Number of elements that one task prepares.
 const PREPARED: usize = 2048;
 
-/// Number of elements that are tested together before each is: most meshes number neighbours in sequence.
+/// Number of consecutive elements whose common bounding box is tested first: most meshes number neighbours in sequence.
 const BLOCK: usize = 32;
 
-/// Number of elements prepared side by side.
+/// Number of lanes: elements prepared at once.
 const LANES: usize = 8;
 
 /// Bound on the rounding error of the position of a sample, in epsilons of the largest coordinate.
@@ -438,14 +440,14 @@ impl<'a> SlabView<'a> {
     }
 }
 
-/// Bounds of the directions of points, each with what lies around it.
+/// Interval of the directions of points, each widened by a margin.
 struct Directions {
     /// Distance of the apex in which scanlines meet, at (0, -behind), if they are not parallel.
     behind: Option<f64>,
     margin: Pack<LANES>,
     low: Pack<LANES>,
     high: Pack<LANES>,
-    /// How far all points are ahead of where directions have no meaning.
+    /// Least distance of the points in front of the apex less ten margins, mm: not above 0, directions are undefined.
     clear: Pack<LANES>,
 }
 

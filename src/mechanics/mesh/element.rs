@@ -87,7 +87,7 @@ pub fn prepare<T: Real>(current: [[T; 3]; 4], reference: &[[f64; 3]; 4]) -> (Fra
     (frame, carry, outline)
 }
 
-/// Elements prepared side by side; [`Frame`], [`Carry`] and parts of [`Outline`] of each.
+/// Prepared elements, one per lane: [`Frame`], [`Carry`] and parts of [`Outline`].
 pub struct Prepared<T, const N: usize> {
     frame: [[[T; N]; 4]; 4],
     carry: [[[T; N]; 4]; 3],
@@ -107,13 +107,13 @@ impl<T: Real, const N: usize> Prepared<T, N> {
     }
 }
 
-/// Whether points can test as inside an element.
+/// True for kinds of elements that can contain points: neither flat nor with corners that are not finite.
 #[inline(always)]
 pub fn is_hit(kind: Kind) -> bool {
     matches!(kind, Kind::Sound | Kind::Inverted)
 }
 
-/// Prepares elements as [`prepare`] does one.
+/// Prepares one element per lane, as [`prepare`] does.
 #[inline(always)]
 pub fn prepare_lanes<T: Real, const N: usize>(
     current: &[[[T; N]; 3]; 4],
