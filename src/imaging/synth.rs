@@ -169,8 +169,6 @@ pub struct Synthesizer {
     submitted: u64,
     /// Threads of the last batch.
     team: Option<Team>,
-    /// Whether node positions changed since they were last copied to the batch threads.
-    moved: bool,
 }
 
 impl Synthesizer {
@@ -202,7 +200,6 @@ impl Synthesizer {
             spare: Vec::with_capacity(IN_FLIGHT),
             submitted: 0,
             team: None,
-            moved: false,
         })
     }
 
@@ -239,10 +236,7 @@ impl Synthesizer {
         state: &FrameState,
         make: impl FnOnce(&mut gpu::GpuExecutor, &Plan, &Tables, &FrameState) -> Result<(), SynthError>,
     ) -> Result<(), SynthError> {
-        let mut frame = std::mem::take(&mut self.frame);
-        let begun = self.begin(state, &mut frame);
-        self.frame = frame;
-        begun?;
+        Self::begin(&self.tables, &mut self.local, state, &mut self.frame)?;
         let state = self.local.of(state);
         match &mut self.executor {
             Executor::Gpu(gpu) => make(gpu, &self.plan, &self.tables, state),
@@ -261,16 +255,15 @@ impl Synthesizer {
     }
 
     /// Checks a state and takes it over, and prepares the frame for it.
-    fn begin(&mut self, state: &FrameState, frame: &mut Frame) -> Result<(), SynthError> {
+    fn begin(tables: &Tables, local: &mut LocalFrame, state: &FrameState, frame: &mut Frame) -> Result<(), SynthError> {
         if !state.probe_to_world.iter().all(|x| x.is_finite()) || state.probe_to_world.try_inverse().is_none() {
             return Err(SynthError::Pose);
         }
-        if let Some(mesh) = &self.tables.mesh {
+        if let Some(mesh) = &tables.mesh {
             check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
         }
-        self.moved |= state.nodes.is_some() || state.reference.is_some();
-        self.local.take(state);
-        let (tables, local) = (&self.tables, self.local.of(state));
+        local.take(state);
+        let local = local.of(state);
         frame.left_out = REGISTRY.iter().map(|effect| (effect.left_out)(tables, local)).sum();
         frame.image_to_world = state.probe_to_world * tables.image_grid.image_to_probe();
         (frame.width, frame.height, frame.pixel_mm) = (tables.width(), tables.height(), tables.image_grid.pixel_mm());
@@ -383,7 +376,7 @@ impl Synthesizer {
 
     fn begin_alone(&mut self, state: &FrameState) -> Result<(), SynthError> {
         self.drop_in_flight();
-        self.begin(state, &mut Frame::default())
+        Self::begin(&self.tables, &mut self.local, state, &mut Frame::default())
     }
 
     /// Runs the passes up to and including `pass` and returns the beam-space results; nothing is displayed. For

@@ -9,6 +9,7 @@ use std::time::Instant;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::cpu::CpuExecutor;
+use super::local_origin::LocalFrame;
 use super::{Backend, Executor, Frame, FrameState, IN_FLIGHT, SynthError, Synthesizer};
 use crate::base::memory;
 
@@ -119,6 +120,7 @@ impl Synthesizer {
     ) -> Result<(), E> {
         let mut in_flight: VecDeque<(_, Vec<Frame>)> = VecDeque::with_capacity(IN_FLIGHT);
         let mut spare: Vec<Vec<Frame>> = Vec::new();
+        let mut locals: Vec<_> = (0..size).map(|_| LocalFrame::new(self.tables.origin)).collect();
         let mut last = Instant::now();
         for turn in 0..states.len().div_ceil(size) + IN_FLIGHT {
             if let Some(done) = turn.checked_sub(IN_FLIGHT)
@@ -139,14 +141,12 @@ impl Synthesizer {
             };
             let mut frames = spare.pop().unwrap_or_default();
             frames.resize_with(chunk.len(), Frame::default);
-            for (at, (state, frame)) in chunk.iter().zip(&mut frames).enumerate() {
-                self.begin(state, frame)?;
-                let state = self.local.of(state);
-                if let Executor::Gpu(gpu) = &mut self.executor {
-                    gpu.stage(&self.plan, &self.tables, state, at, chunk.len())?;
-                }
+            for ((state, frame), local) in chunk.iter().zip(&mut frames).zip(&mut locals) {
+                Self::begin(&self.tables, local, state, frame)?;
             }
+            let states: Vec<_> = locals.iter().zip(chunk).map(|(local, state)| local.of(state)).collect();
             if let Executor::Gpu(gpu) = &mut self.executor {
+                gpu.stage(&self.plan, &self.tables, &states)?;
                 in_flight.push_back((gpu.submit(&self.tables, chunk.len(), turn % IN_FLIGHT)?, frames));
             }
         }
@@ -179,7 +179,6 @@ impl Synthesizer {
         };
         let others = (0..others).map(|_| Self::of(Arc::clone(&self.tables), backend.clone()));
         let others = others.collect::<Result<Vec<_>, _>>()?;
-        self.moved = true;
         Ok(Some(Team { pool, others, asked }))
     }
 
@@ -212,14 +211,13 @@ impl Synthesizer {
         Ok(start.elapsed().as_secs_f64() * 1e3)
     }
 
-    /// Takes over timing and, if nodes have moved, the state of the mesh.
+    /// Takes over timing and the state of the mesh.
     fn follow(&mut self, other: &Self) {
         match (&mut self.executor, &other.executor) {
-            (Executor::Cpu(own), Executor::Cpu(cpu)) => own.follow(cpu, other.moved),
-            (Executor::CpuF64(own), Executor::CpuF64(cpu)) => own.follow(cpu, other.moved),
+            (Executor::Cpu(own), Executor::Cpu(cpu)) => own.follow(cpu),
+            (Executor::CpuF64(own), Executor::CpuF64(cpu)) => own.follow(cpu),
             _ => {}
         }
-        self.moved = false;
     }
 }
 
@@ -232,7 +230,6 @@ impl Team {
         sink: &mut impl FnMut(usize, T) -> Result<(), E>,
     ) -> Result<(), E> {
         self.others.iter_mut().for_each(|other| other.follow(first));
-        first.moved = false;
         let count = self.others.len() + 1;
         let (senders, receivers): (Vec<_>, Vec<_>) = (0..count).map(|_| sync_channel(AHEAD)).unzip();
         let members = [&mut *first].into_iter().chain(&mut self.others).zip(senders);
@@ -262,7 +259,6 @@ impl Team {
             Ok(())
         });
         drop(members);
-        first.moved |= self.others.iter().any(|other| other.moved);
         // The last frame is the owner's.
         if let Some(last) = ((states.len() - 1) % count).checked_sub(1) {
             let last = &mut self.others[last];

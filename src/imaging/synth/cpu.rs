@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::slab::Moved;
 use super::store::Store;
 use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
@@ -82,11 +83,15 @@ impl<T: PassScalar> CpuExecutor<T> {
         resources.map(|planned| planned.bytes).sum::<u64>() * (size_of::<T>() / size_of::<f32>()) as u64
     }
 
-    /// Takes over whether passes are timed and, if nodes have moved, the state of the mesh.
-    pub fn follow(&mut self, other: &Self, moved: bool) {
+    /// Takes over whether passes are timed, and the state of the mesh.
+    pub fn follow(&mut self, other: &Self) {
         self.timed = other.timed;
-        if moved {
-            self.store.slab.clone_from(&other.store.slab);
+        if let (Some(slab), Some(other)) = (&mut self.store.slab, &other.store.slab) {
+            let both = Moved {
+                deformed: true,
+                reference: true,
+            };
+            slab.follow(other, both);
         }
     }
 

@@ -50,7 +50,7 @@ impl Synthesizer {
             return Err(SynthError::Busy);
         }
         let mut frame = self.spare.pop().unwrap_or_default();
-        self.begin(state, &mut frame)?;
+        Self::begin(&self.tables, &mut self.local, state, &mut frame)?;
         let state = self.local.of(state);
         let ticket = Ticket(self.submitted);
         let (plan, tables) = (&self.plan, &self.tables);
@@ -58,7 +58,7 @@ impl Synthesizer {
             Executor::Cpu(cpu) => cpu.render(plan, tables, state, &mut frame).map(|()| None),
             Executor::CpuF64(cpu) => cpu.render(plan, tables, state, &mut frame).map(|()| None),
             Executor::Gpu(gpu) => {
-                let staged = gpu.stage(plan, tables, state, 0, 1);
+                let staged = gpu.stage(plan, tables, &[state]);
                 staged.and_then(|()| gpu.submit(tables, 1, place_of(ticket))).map(Some)
             }
         };

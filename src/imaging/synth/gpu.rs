@@ -4,9 +4,11 @@
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
+use rayon::prelude::*;
+
 use super::layers::{Beam, numbered};
 use super::linker::{self, ENTRY, Linked};
-use super::slab::Slab;
+use super::slab::{Moved, Slab};
 use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
 use crate::base::memory;
@@ -20,6 +22,7 @@ use crate::imaging::effects::pass::{Band, ParamBlock, Pass, View};
 use crate::imaging::effects::truth::{self, LAYERS};
 use crate::imaging::fusion::{Bound, Fused, MAX_BUFFERS, Sequence};
 use crate::imaging::plan::{Plan, PlannedResource};
+use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::mesh::element::{Carry, Frame as ElementFrame};
 
 /// Device requirements of a plan beyond the default limits.
@@ -108,7 +111,7 @@ pub struct GpuExecutor {
     bands: Vec<Band>,
     /// Number of frames for which there is memory.
     frames: usize,
-    /// Last frame of the last submission.
+    /// Place of the last frame in the last submission.
     last: usize,
     /// Dispatches of fused passes.
     fused: Vec<Step>,
@@ -118,7 +121,8 @@ pub struct GpuExecutor {
     /// Read-backs of the submissions in flight, one set a place; a place gets its set when it is first used.
     ring: Vec<Vec<Readback>>,
     texture: Option<TextureOut>,
-    slab: Option<Slab<f32>>,
+    /// Elements of the mesh, if there is one, in the slab of each frame of a submission.
+    slabs: Vec<Slab<f32>>,
 
     /// Contents of a per-frame buffer, before their upload.
     numbers: Vec<f32>,
@@ -145,7 +149,7 @@ impl GpuExecutor {
             uploads: Uploads::default(),
             ring: Vec::new(),
             texture: None,
-            slab: None,
+            slabs: Vec::new(),
             numbers: Vec::new(),
             layers: Vec::new(),
             timers: None,
@@ -229,9 +233,11 @@ impl GpuExecutor {
         let parts = |buffer: &Buffer, bands: &[Band]| if buffer.is_per_pixel { bands.len() } else { 1 };
         self.buffers
             .retain(|&(buffer, part), _| plan.uses(buffer) && part < parts(buffer, &self.bands));
-        match &tables.mesh {
-            Some(mesh) if plan.uses(&ELEMENT_MAPS) => self.slab.get_or_insert_with(|| Slab::new(mesh)).forget(),
-            _ => self.slab = None,
+        let slab = self.slabs.drain(..).nth(std::mem::take(&mut self.last));
+        if let Some(mesh) = tables.mesh.as_ref().filter(|_| plan.uses(&ELEMENT_MAPS)) {
+            let mut slab = slab.unwrap_or_else(|| Slab::new(mesh));
+            slab.forget();
+            self.slabs = vec![slab; self.frames];
         }
         let owned = |planned: &&PlannedResource| planned.resource.per_frame.is_none() && !planned.resource.is_packed;
         for planned in plan.resources.iter().filter(owned) {
@@ -336,10 +342,10 @@ impl GpuExecutor {
     }
 
     fn fit_uploads(&mut self, plan: &Plan, tables: &Tables) -> Result<(), GpuError> {
-        let elements = if self.slab.is_some() {
-            ELEMENT_MAPS.bytes(tables) as usize / (OF_REFERENCE + OF_DEFORMED)
-        } else {
+        let elements = if self.slabs.is_empty() {
             0
+        } else {
+            ELEMENT_MAPS.bytes(tables) as usize / (OF_REFERENCE + OF_DEFORMED)
         };
         let bands = |passes: &[&Pass]| {
             if passes.iter().any(|pass| is_per_pixel(pass)) {
@@ -517,17 +523,10 @@ impl GpuExecutor {
         pipeline.bind_parts(&self.gpu, blocks, &storage.collect::<Vec<_>>())
     }
 
-    /// Takes over the state of a frame of the next submission, which has `count`.
-    pub fn stage(
-        &mut self,
-        plan: &Plan,
-        tables: &Tables,
-        state: &FrameState,
-        frame: usize,
-        count: usize,
-    ) -> Result<(), SynthError> {
+    /// Takes over the states of the frames of the next submission, in order.
+    pub fn stage(&mut self, plan: &Plan, tables: &Tables, states: &[&FrameState]) -> Result<(), SynthError> {
         let single = self.timers.is_some();
-        let staged = self.stage_for(single, (plan, tables), state, frame, count);
+        let staged = self.stage_for(single, (plan, tables), states);
         self.resend_maps_on_error(staged)
     }
 
@@ -535,9 +534,7 @@ impl GpuExecutor {
         &mut self,
         single: bool,
         (plan, tables): (&Plan, &Tables),
-        state: &FrameState,
-        frame: usize,
-        count: usize,
+        states: &[&FrameState],
     ) -> Result<(), SynthError> {
         if self.fused.is_empty() {
             self.fit_frames(plan, tables, &[])?;
@@ -545,71 +542,75 @@ impl GpuExecutor {
         if single {
             self.make_single(plan, tables)?;
         }
-        self.stage_maps(tables, state, frame, count)?;
-        let view = View {
-            tables,
-            state,
-            slab: self.slab.as_ref(),
-        };
+        self.stage_maps(tables, states)?;
         let Uploads {
             contents, per_frame, ..
         } = &mut self.uploads;
         let singles = if single { &self.single[..] } else { &[] };
-        for step in singles.iter().chain(&self.fused) {
-            let block = step.blocks_at + frame * linker::block_bytes(step.passes.len());
-            for (pass, own) in step
-                .passes
-                .iter()
-                .zip(contents[block..].chunks_exact_mut(ParamBlock::CAPACITY))
-            {
-                own.copy_from_slice((pass.params)(&view, step.band).slot());
+        for (frame, &state) in states.iter().enumerate() {
+            let view = View {
+                tables,
+                state,
+                slab: self.slabs.get(frame),
+            };
+            for step in singles.iter().chain(&self.fused) {
+                let block = step.blocks_at + frame * linker::block_bytes(step.passes.len());
+                let blocks = contents[block..].chunks_exact_mut(ParamBlock::CAPACITY);
+                for (pass, own) in step.passes.iter().zip(blocks) {
+                    own.copy_from_slice((pass.params)(&view, step.band).slot());
+                }
             }
-        }
-        for &(buffer, at, bytes) in &*per_frame {
-            let Some(fill) = buffer.per_frame else { continue };
-            fill(tables, state, &mut self.numbers);
-            let numbers: &[u8] = bytemuck::cast_slice(&self.numbers);
-            contents[at + frame * bytes..][..numbers.len()].copy_from_slice(numbers);
+            for &(buffer, at, bytes) in &*per_frame {
+                let Some(fill) = buffer.per_frame else { continue };
+                fill(tables, state, &mut self.numbers);
+                let numbers: &[u8] = bytemuck::cast_slice(&self.numbers);
+                contents[at + frame * bytes..][..numbers.len()].copy_from_slice(numbers);
+            }
         }
         Ok(())
     }
 
-    /// Cuts the mesh, and takes over what has changed.
-    fn stage_maps(
-        &mut self,
-        tables: &Tables,
-        state: &FrameState,
-        frame: usize,
-        count: usize,
-    ) -> Result<(), SynthError> {
-        self.last = frame;
+    /// Cuts the mesh for each frame, and takes over what has changed.
+    fn stage_maps(&mut self, tables: &Tables, states: &[&FrameState]) -> Result<(), SynthError> {
         let uploads = &mut self.uploads;
-        if frame == 0 {
-            (uploads.start, uploads.end) = (uploads.single_at, uploads.maps_at);
-        }
-        let Some(slab) = &mut self.slab else {
+        (uploads.start, uploads.end) = (uploads.single_at, uploads.maps_at);
+        let last = std::mem::replace(&mut self.last, states.len() - 1);
+        if self.slabs.is_empty() {
             return Ok(());
-        };
-        let moved = slab.update(tables, state)?;
-        let several = count > 1;
-        if moved.reference || several {
-            // Before the blocks, so that one write takes both.
-            let maps: &[u8] = bytemuck::cast_slice(slab.reference.frames.as_flattened());
-            uploads.start -= maps.len();
-            slab.maps_at[0] = (uploads.start / 16) as u32;
-            uploads.contents[uploads.start..][..maps.len()].copy_from_slice(maps);
         }
-        if moved.deformed || several {
-            for (place, maps) in [
-                bytemuck::cast_slice::<_, u8>(slab.deformed.frames.as_flattened()),
-                bytemuck::cast_slice(slab.deformed.carries.as_flattened()),
-            ]
-            .into_iter()
-            .enumerate()
-            {
-                slab.maps_at[1 + place] = (uploads.end / 16) as u32;
-                uploads.contents[uploads.end..][..maps.len()].copy_from_slice(maps);
-                uploads.end += maps.len();
+        self.slabs.swap(0, last);
+        let slabs = &mut self.slabs[..states.len()];
+        let moved = match (&mut *slabs, states) {
+            ([slab], [state]) => slab.update(tables, state)?,
+            _ => {
+                cut(slabs, tables, states)?;
+                // Each frame has its own.
+                Moved {
+                    deformed: true,
+                    reference: true,
+                }
+            }
+        };
+        for slab in slabs {
+            if moved.reference {
+                // Before the blocks, so that one write takes both.
+                let maps: &[u8] = bytemuck::cast_slice(slab.reference.frames.as_flattened());
+                uploads.start -= maps.len();
+                slab.maps_at[0] = (uploads.start / 16) as u32;
+                uploads.contents[uploads.start..][..maps.len()].copy_from_slice(maps);
+            }
+            if moved.deformed {
+                for (place, maps) in [
+                    bytemuck::cast_slice::<_, u8>(slab.deformed.frames.as_flattened()),
+                    bytemuck::cast_slice(slab.deformed.carries.as_flattened()),
+                ]
+                .into_iter()
+                .enumerate()
+                {
+                    slab.maps_at[1 + place] = (uploads.end / 16) as u32;
+                    uploads.contents[uploads.end..][..maps.len()].copy_from_slice(maps);
+                    uploads.end += maps.len();
+                }
             }
         }
         Ok(())
@@ -670,9 +671,7 @@ impl GpuExecutor {
 
     /// Has the next frame upload all element maps.
     pub fn forget_maps(&mut self) {
-        if let Some(slab) = &mut self.slab {
-            slab.forget();
-        }
+        self.slabs.iter_mut().for_each(Slab::forget);
     }
 
     /// Whether the pixels of a place have come; never waits.
@@ -757,7 +756,7 @@ impl GpuExecutor {
             if self.texture.is_none() {
                 self.texture = Some(self.make_texture(tables)?);
             }
-            self.stage(plan, tables, state, 0, 1)?;
+            self.stage(plan, tables, &[state])?;
             self.upload(self.timers.is_some())?;
             run(self)
         });
@@ -790,7 +789,7 @@ impl GpuExecutor {
         tables: &Tables,
         state: &FrameState,
     ) -> Result<(), SynthError> {
-        let staged = self.stage_for(true, (plan, tables), state, 0, 1);
+        let staged = self.stage_for(true, (plan, tables), &[state]);
         let run = staged.and_then(|()| {
             self.upload(true)?;
             self.gpu.submit("clear", |recorder| {
@@ -896,7 +895,10 @@ impl GpuExecutor {
         let numbers =
             |words: Vec<u32>| -> Vec<f64> { words.into_iter().map(|word| f64::from(f32::from_bits(word))).collect() };
         let mask = numbers(words(&NEEDLE_MASK, 2)?);
-        let elements = self.slab.as_ref().map_or(&[][..], |slab| &slab.deformed.elements);
+        let elements = self
+            .slabs
+            .get(self.last)
+            .map_or(&[][..], |slab| &slab.deformed.elements);
         Ok(Beam {
             lines: tables.lines(),
             samples: tables.samples(),
@@ -942,6 +944,27 @@ impl GpuExecutor {
     pub fn bytes(&self) -> u64 {
         self.uploads.planned + self.buffers.values().map(StorageBuffer::bytes).sum::<u64>()
     }
+}
+
+/// Cuts the mesh for several frames. Nodes that a frame leaves as they were are those of the frame before; the first slab has those of
+/// the last submission.
+fn cut(slabs: &mut [Slab<f32>], tables: &Tables, states: &[&FrameState]) -> Result<(), InvalidMesh> {
+    slabs
+        .par_iter_mut()
+        .zip(states)
+        .try_for_each(|(slab, state)| slab.move_nodes(state))?;
+    for (frame, state) in states.iter().enumerate().skip(1) {
+        let unmoved = Moved {
+            deformed: state.nodes.is_none(),
+            reference: state.reference.is_none(),
+        };
+        let (before, slabs) = slabs.split_at_mut(frame);
+        slabs[0].follow(&before[frame - 1], unmoved);
+    }
+    slabs.par_iter_mut().zip(states).for_each(|(slab, state)| {
+        slab.cut(tables, &state.probe_to_world);
+    });
+    Ok(())
 }
 
 /// Dispatches of steps, for a number of frames.

@@ -38,7 +38,7 @@ macro_rules! methods {
 methods! {
     fit(&Plan, &Tables, &[&'static Buffer]) -> Result<(), SynthError>;
     reserve_frames(&Plan, &Tables, usize) -> Result<usize, SynthError>;
-    stage(&Plan, &Tables, &FrameState, usize, usize) -> Result<(), SynthError>;
+    stage(&Plan, &Tables, &[&FrameState]) -> Result<(), SynthError>;
     submit(&Tables, usize, usize) -> Result<Submission, SynthError>;
     is_ready(usize) -> Result<bool, SynthError>;
     take((&Plan, &Tables), Submission, usize, &mut [Frame]) -> Result<(), SynthError>;
