@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Parity and benchmarks on the graphics card of this machine, in about ten minutes: `bench/on-a-card.sh [FILE]`.
+# Parity and benchmarks on the graphics card of this machine, in a few minutes: `bench/on-a-card.sh [FILE]`.
 # Writes one file (default on-a-card.txt): card and driver, the parity tests, GPU against CPU by pass and size, remeshing, and frames written to disk.
 # Ends with status 1 if any part failed. INSONIFY_ADAPTER picks a card. INSONIFY_BIN and INSONIFY_TESTS name binaries built elsewhere (`insonify`,
 # and the test binary `library`), for a machine without a Rust toolchain.

@@ -226,8 +226,18 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
 fn without_rust(message: &str) -> String {
     let mut text = message
         .replace("unknown variant", "unknown value")
-        .replace("invalid type:", "found");
+        .replace("missing field", "missing key")
+        .replace("invalid type:", "found")
+        .replace("found map", "found a table")
+        .replace("found sequence", "found a list")
+        .replace("wanted string", "expected a string")
+        .replace("or table", "or a table");
+    if let Some(at) = text.find("expected struct ") {
+        text.replace_range(at.., "expected a table");
+    }
     for (rust, plain) in [
+        ("a sequence", "a list"),
+        ("a map", "a table"),
         ("f32", "a number"),
         ("f64", "a number"),
         ("i32", "an integer"),
@@ -373,6 +383,28 @@ mod tests {
         assert_eq!(shown("effects.tone.tgc_points[1][1]"), Some("30"));
         assert_eq!(shown("tissue[1].name"), Some("\"b\""));
         assert_eq!(shown("nothing"), None);
+    }
+
+    #[test]
+    fn messages_name_what_a_file_may_contain() {
+        for (serde, plain) in [
+            (
+                "invalid type: map, expected a sequence",
+                "found a table, expected a list",
+            ),
+            (
+                "invalid type: sequence, expected a map",
+                "found a list, expected a table",
+            ),
+            (
+                "invalid type: integer `3`, expected struct VolumeSpec",
+                "found integer `3`, expected a table",
+            ),
+            ("wanted string or table", "expected a string or a table"),
+            ("missing field `name`", "missing key `name`"),
+        ] {
+            assert_eq!(without_rust(serde), plain);
+        }
     }
 
     #[test]

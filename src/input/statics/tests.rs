@@ -323,7 +323,7 @@ fn keys_are_known() {
     let error = solve(&format!("node_force_n = [0, 0, 1]\n{GOOD}")).unwrap_err();
     assert_eq!(help(&error).as_deref(), Some("`node_force_n` belongs in [[load]]"));
     let text = solve("[[material]]\n").unwrap_err().to_string();
-    assert!(text.contains("missing field"), "{text}");
+    assert!(text.contains("missing key"), "{text}");
     let error = ProblemFile::read(Path::new("/nowhere/p.toml")).unwrap_err();
     assert!(!error.is_machine() && error.to_string().contains("/nowhere/p.toml"));
 }

@@ -56,7 +56,7 @@ fn faults_point_at_their_line_and_say_what_is_expected() {
             5,
             "ascending times",
         ),
-        ("dt_ms = 10", "change = [{ at_s = 1 }]", 3, "missing field `level`"),
+        ("dt_ms = 10", "change = [{ at_s = 1 }]", 3, "missing key `level`"),
         (
             "nodes = 250",
             "model = \"mass-spring\"\nalong_path = true",
