@@ -58,30 +58,6 @@ impl History for Slopes {
         Ok(())
     }
 
-    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
-        HistoryError::check_components(initial.len(), self.last.len())?;
-        HistoryError::check_value(initial)?;
-        self.initial.copy_from_slice(initial);
-        self.last.copy_from_slice(initial);
-        self.slopes.fill(0.0);
-        self.inner.restart(&self.slopes)
-    }
-
-    fn remembered(&self) -> Vec<f64> {
-        [&self.initial[..], &self.last, &self.inner.remembered()].concat()
-    }
-
-    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
-        let own = self.last.len();
-        let inner = remembered.len().checked_sub(2 * own);
-        let (first, rest) = HistoryError::split_remembered(remembered, 2 * own, |_| inner)?;
-        self.inner.recall(rest)?;
-        let (initial, last) = first.split_at(own);
-        self.initial.copy_from_slice(initial);
-        self.last.copy_from_slice(last);
-        Ok(())
-    }
-
     fn bytes(&self) -> usize {
         3 * self.last.len() * size_of::<f64>() + self.inner.bytes()
     }
@@ -140,27 +116,6 @@ impl History for Inverse {
             *integrand = (value - initial - *integrand) / weight;
         }
         self.inner.commit(step_s, &self.integrand)
-    }
-
-    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
-        HistoryError::check_components(initial.len(), self.initial.len())?;
-        HistoryError::check_value(initial)?;
-        self.initial.copy_from_slice(initial);
-        self.integrand.fill(0.0);
-        self.inner.restart(&self.integrand)
-    }
-
-    fn remembered(&self) -> Vec<f64> {
-        [&self.initial[..], &self.inner.remembered()].concat()
-    }
-
-    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
-        let own = self.initial.len();
-        let inner = remembered.len().checked_sub(own);
-        let (initial, rest) = HistoryError::split_remembered(remembered, own, |_| inner)?;
-        self.inner.recall(rest)?;
-        self.initial.copy_from_slice(initial);
-        Ok(())
     }
 
     fn bytes(&self) -> usize {

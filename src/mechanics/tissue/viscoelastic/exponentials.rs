@@ -240,24 +240,18 @@ impl History for Exponentials {
         Ok(())
     }
 
-    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
-        HistoryError::check_components(initial.len(), self.last.len())?;
-        HistoryError::check_value(initial)?;
-        self.last.copy_from_slice(initial);
-        self.modes.fill(0.0);
-        self.time_s = 0.0;
-        Ok(())
-    }
-
     fn remembered(&self) -> Vec<f64> {
         [&[self.time_s][..], &self.last, &self.modes].concat()
     }
 
     fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
-        let own = self.last.len() + self.modes.len();
-        let (first, rest) = HistoryError::split_remembered(remembered, 1, |_| Some(own))?;
-        let (last, modes) = rest.split_at(self.last.len());
-        self.time_s = first[0];
+        let found = remembered.len();
+        let fits = found == 1 + self.last.len() + self.modes.len();
+        if !fits || remembered.iter().any(|x| !x.is_finite()) {
+            return Err(HistoryError::Remembered { found });
+        }
+        let (last, modes) = remembered[1..].split_at(self.last.len());
+        self.time_s = remembered[0];
         self.last.copy_from_slice(last);
         self.modes.copy_from_slice(modes);
         Ok(())

@@ -142,38 +142,6 @@ impl History for Full {
         Ok(())
     }
 
-    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
-        HistoryError::check_components(initial.len(), self.components)?;
-        HistoryError::check_value(initial)?;
-        self.values.clear();
-        self.values.extend_from_slice(initial);
-        self.steps.clear();
-        self.time_s = 0.0;
-        self.even = true;
-        Ok(())
-    }
-
-    fn remembered(&self) -> Vec<f64> {
-        [
-            &[self.time_s, f64::from(u8::from(self.even))][..],
-            &self.values,
-            &self.steps,
-        ]
-        .concat()
-    }
-
-    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
-        // One value per component at the start; with each step, another and its length.
-        let (own, found) = (self.components, remembered.len());
-        let steps = found.saturating_sub(2 + own) / (own + 1);
-        let (first, rest) = HistoryError::split_remembered(remembered, 2, |_| Some(own + steps * (own + 1)))?;
-        let (values, lengths) = rest.split_at(own * (steps + 1));
-        (self.time_s, self.even) = (first[0], first[1] != 0.0);
-        self.values = values.to_vec();
-        self.steps = lengths.to_vec();
-        Ok(())
-    }
-
     fn bytes(&self) -> usize {
         let lags = [&self.lags.starts, &self.lags.ends, &self.lags.inner];
         let own = [&self.values, &self.steps, &self.uneven];

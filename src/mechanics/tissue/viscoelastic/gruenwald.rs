@@ -100,32 +100,6 @@ impl History for GruenwaldLetnikov {
         Ok(())
     }
 
-    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError> {
-        HistoryError::check_components(initial.len(), self.components)?;
-        HistoryError::check_value(initial)?;
-        self.initial.copy_from_slice(initial);
-        self.rises.clear();
-        self.step_s = None;
-        self.steps = 0;
-        Ok(())
-    }
-
-    fn remembered(&self) -> Vec<f64> {
-        [&[self.step_s.unwrap_or(0.0)][..], &self.initial, &self.rises].concat()
-    }
-
-    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
-        let own = self.components.max(1);
-        let steps = (remembered.len().saturating_sub(1) / own).saturating_sub(1);
-        let (first, rest) = HistoryError::split_remembered(remembered, 1, |_| Some(self.components * (steps + 1)))?;
-        let (initial, rises) = rest.split_at(self.components);
-        self.step_s = (first[0] > 0.0).then_some(first[0]);
-        self.initial.copy_from_slice(initial);
-        self.rises = rises.to_vec();
-        self.steps = steps;
-        Ok(())
-    }
-
     fn bytes(&self) -> usize {
         (self.initial.len() + self.rises.len() + self.weights.len()) * size_of::<f64>()
     }

@@ -29,21 +29,22 @@ pub trait History: Debug + Send + Sync {
     /// [`HistoryError`] as of [`predict`](History::predict), and for a value that is not finite. The history is then unchanged.
     fn commit(&mut self, step_s: f64, value: &[f64]) -> Result<(), HistoryError>;
 
-    /// Restarts from another initial value.
-    ///
-    /// # Errors
-    /// [`HistoryError`] for a slice of the wrong length or a value that is not finite. The history is then unchanged.
-    fn restart(&mut self, initial: &[f64]) -> Result<(), HistoryError>;
-
-    /// Returns the complete state as numbers; later results depend on nothing else.
-    fn remembered(&self) -> Vec<f64>;
+    /// Returns the complete state as numbers; later results depend on nothing else. Only an integral under
+    /// [`Rule::Exponentials`] can be saved; other histories return no numbers.
+    fn remembered(&self) -> Vec<f64> {
+        Vec::new()
+    }
 
     /// Restores the state of another history of the same rule, operator and number of components: the same steps then
     /// give the same bits.
     ///
     /// # Errors
-    /// [`HistoryError::Remembered`] for numbers that do not fit such a history. The history is then unchanged.
-    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError>;
+    /// [`HistoryError::Remembered`] for numbers that do not fit such a history, and wherever a history cannot be saved. The
+    /// history is then unchanged.
+    fn recall(&mut self, remembered: &[f64]) -> Result<(), HistoryError> {
+        let found = remembered.len();
+        Err(HistoryError::Remembered { found })
+    }
 
     /// Size of the history, bytes.
     fn bytes(&self) -> usize;
@@ -168,21 +169,6 @@ impl HistoryError {
     pub(super) fn check_step(step_s: f64) -> Result<(), HistoryError> {
         let right = step_s > 0.0 && step_s.is_finite();
         right.then_some(()).ok_or(HistoryError::Step { found: step_s })
-    }
-
-    /// Splits a state into its first `parts` numbers and the rest; all must be finite, and the rest as long as `rest`
-    /// returns.
-    pub(super) fn split_remembered(
-        remembered: &[f64],
-        parts: usize,
-        rest: impl FnOnce(&[f64]) -> Option<usize>,
-    ) -> Result<(&[f64], &[f64]), HistoryError> {
-        let found = remembered.len();
-        let finite = remembered.iter().all(|x| x.is_finite());
-        let split = remembered.split_at_checked(parts).filter(|_| finite);
-        split
-            .filter(|(first, others)| rest(first) == Some(others.len()))
-            .ok_or(HistoryError::Remembered { found })
     }
 
     /// Checks the number of components.
