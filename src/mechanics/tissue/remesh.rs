@@ -93,19 +93,6 @@ impl std::fmt::Display for Precision {
     }
 }
 
-/// Relation of a compliance to the current mesh.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum State {
-    /// The compliance is that of the current mesh, up to rounding.
-    Current,
-    /// The compliance approximates that of the current mesh, as entries were not updated. A switch to a more accurate
-    /// level begins with a rebuild.
-    Approximate {
-        /// Changes since the compliance was last current.
-        changes: u64,
-    },
-}
-
 /// Keeps a compliance, or the part of it that is needed, consistent with an [`AdaptedMesh`].
 ///
 /// Every change of the mesh must be passed once, in order, right after it is made. Contacts are degrees of freedom;
@@ -123,9 +110,6 @@ pub trait Remesher: Send {
 
     /// Precision of the base compliance.
     fn precision(&self) -> Precision;
-
-    /// Whether the compliance is that of the current mesh.
-    fn state(&self) -> State;
 
     /// Processes one change of the mesh.
     ///

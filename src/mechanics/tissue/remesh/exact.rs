@@ -35,7 +35,7 @@ use faer::{Mat, MatMut, MatRef};
 use super::SampleSchedule;
 use super::adapted::{AdaptedMesh, Change};
 use super::difference::Difference;
-use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, State, check_step};
+use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, check_step};
 use crate::mechanics::tissue::compliance::{Compliance, check_dofs};
 use contacts::Contacts;
 use speculation::Speculation;
@@ -175,10 +175,6 @@ impl Remesher for Exact {
 
     fn precision(&self) -> Precision {
         self.precision
-    }
-
-    fn state(&self) -> State {
-        State::Current
     }
 
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError> {

@@ -32,9 +32,7 @@ use faer::{Mat, MatMut, MatRef};
 
 use super::adapted::{AdaptedMesh, Change};
 use super::make::Entry;
-use super::{
-    Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, SampleSchedule, State, check_step,
-};
+use super::{Level, Options, Precision, Rebuilt, RemeshError, RemeshReport, Remesher, SampleSchedule, check_step};
 use crate::mechanics::tissue::compliance::{check_distinct, check_dofs, check_shape};
 use crate::mechanics::tissue::dofs::NONE;
 use crate::mechanics::tissue::symmetric::Symmetric;
@@ -54,8 +52,8 @@ pub struct DenseInverseRemesher<S> {
     contacts: Vec<usize>,
     condensed: Mat<f64>,
     step: u64,
-    /// Changes since the inverse was last current.
-    stale: u64,
+    /// Whether changes since the last rebuild left entries as they were.
+    stale: bool,
     rebuilds: u64,
     sample_schedule: SampleSchedule,
 }
@@ -105,7 +103,7 @@ impl<S: Store> DenseInverseRemesher<S> {
             contacts: Vec::new(),
             condensed: Mat::new(),
             step: mesh.step(),
-            stale: 0,
+            stale: false,
             rebuilds: 0,
             sample_schedule: SampleSchedule::new(),
         };
@@ -159,7 +157,7 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
         }
         suits(mesh, level, self.precision(), &self.options)?;
         let before = std::mem::replace(&mut self.level, level);
-        if level >= before || self.stale == 0 {
+        if level >= before || !self.stale {
             return Ok(None);
         }
         match self.refresh(mesh) {
@@ -176,13 +174,6 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
 
     fn precision(&self) -> Precision {
         self.inverse.store.precision()
-    }
-
-    fn state(&self) -> State {
-        match self.stale {
-            0 => State::Current,
-            changes => State::Approximate { changes },
-        }
     }
 
     fn remesh(&mut self, mesh: &AdaptedMesh, change: &Change) -> Result<RemeshReport, RemeshError> {
@@ -208,9 +199,7 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
             }
         };
         self.step += 1;
-        if self.level != Level::I || self.stale > 0 {
-            self.stale += 1;
-        }
+        self.stale |= self.level != Level::I;
         let mut report = RemeshReport {
             level: self.level,
             rank,
@@ -239,7 +228,7 @@ impl<S: Store> Remesher for DenseInverseRemesher<S> {
     fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
         let condition = self.rebuild(mesh)?;
         self.step = mesh.step();
-        self.stale = 0;
+        self.stale = false;
         self.rebuilds += 1;
         self.read_condensed()?;
         Ok(self.rebuilt(mesh, condition, Rebuilt::Requested))
