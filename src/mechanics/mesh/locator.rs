@@ -8,9 +8,9 @@
 //! # Independence of the start
 //! In an unfolded mesh the answer is a function of the point alone. The walk answers only where the point lies so deep in an
 //! element that no other can contain it, allowing for the rounding of both; everything else is left to the list. In a mesh
-//! with inverted elements, queries in the cells that they touch are always answered from the list, and a hit is `folded`
-//! where an inverted element contains the point. A mesh that overlaps itself without any inverted element (two separate
-//! parts pushed into each other) is not detected: each of the overlapping elements is a valid answer there.
+//! with inverted elements, queries in the cells that they touch are always answered from the list. A mesh that overlaps
+//! itself without any inverted element (two separate parts pushed into each other) is not detected: each of the overlapping
+//! elements is a valid answer there.
 
 use crate::mechanics::mesh::{InvalidMesh, check_positions};
 use rayon::prelude::*;
@@ -37,14 +37,12 @@ pub struct Hit<T> {
     pub element: u32,
     /// Barycentric coordinates in the element, one per corner; 0 where there is no element.
     pub bary: [T; 4],
-    /// Whether an inverted element contains the point too (or alone): the tissue is folded there.
-    pub folded: bool,
 }
 
 /// Counts of unsound elements in an update.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct LocatorReport {
-    /// Elements of negative volume. They are hit, and the hits flagged.
+    /// Elements of negative volume. They are hit.
     pub inverted: usize,
     /// Elements without volume, or thinner than four roundings of their coordinates. Never hit.
     pub flat: usize,
@@ -121,14 +119,14 @@ impl<T: Real> Locator<T> {
     /// Returns the element that contains `p` (mm), walking from `start` (any element, or [`NONE`] to use the grid at once).
     /// A `p` that is NaN or infinite lies in no element.
     pub fn locate(&self, p: [T; 3], start: u32) -> Hit<T> {
+        let nowhere = Hit {
+            element: NONE,
+            bary: [T::zero(); 4],
+        };
         if !p.iter().all(|x| x.is_finite()) {
-            return Hit {
-                element: NONE,
-                bary: [T::zero(); 4],
-                folded: false,
-            };
+            return nowhere;
         }
-        self.walk(p, start).unwrap_or_else(|| self.scan(p))
+        self.walk(p, start).or_else(|| self.scan(p)).unwrap_or(nowhere)
     }
 
     /// Returns the reference position (mm) of `p` as a point of `element`, by the element's affine map.
@@ -153,11 +151,7 @@ impl<T: Real> Locator<T> {
             if least >= -slack.abs() {
                 let alone = least > element::clear(frame) && slack > T::zero();
                 let tangled = alone && self.grid.any_tangled && self.grid.around(p).1;
-                return (alone && !tangled).then_some(Hit {
-                    element,
-                    bary,
-                    folded: false,
-                });
+                return (alone && !tangled).then_some(Hit { element, bary });
             }
             element = self.neighbours[element as usize][place];
         }
@@ -165,28 +159,12 @@ impl<T: Real> Locator<T> {
     }
 
     /// Returns the lowest element that contains `p`, from the list of its cell.
-    fn scan(&self, p: [T; 3]) -> Hit<T> {
-        let (list, tangled) = self.grid.around(p);
-        let mut hit = Hit {
-            element: NONE,
-            bary: [T::zero(); 4],
-            folded: false,
-        };
-        for &element in list {
+    fn scan(&self, p: [T; 3]) -> Option<Hit<T>> {
+        self.grid.around(p).0.iter().find_map(|&element| {
             let frame = &self.frames[element as usize];
             let bary = element::barycentric(frame, p);
-            if element::least(&bary).1 >= -element::slack(frame) {
-                if hit.element == NONE {
-                    hit.element = element;
-                    hit.bary = bary;
-                }
-                hit.folded |= element::is_inverted(frame);
-                if !tangled || hit.folded {
-                    break;
-                }
-            }
-        }
-        hit
+            (element::least(&bary).1 >= -element::slack(frame)).then_some(Hit { element, bary })
+        })
     }
 
     /// Prepares all elements, and counts the unsound ones.

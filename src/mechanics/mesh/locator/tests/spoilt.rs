@@ -3,23 +3,18 @@
 use super::*;
 
 #[test]
-fn inverted_elements_are_hit_and_flagged_whatever_the_start() {
+fn inverted_elements_are_hit_whatever_the_start() {
     let mesh = lattice(4, 0.0);
     let mut nodes = mesh.nodes().to_vec();
     let centre = nodes.iter().position(|n| *n == [2.0; 3]).unwrap();
     nodes[centre] = [3.4, 2.2, 2.1];
     let (located, report) = locator::<f32>(&mesh, &nodes);
-    let inverted: Vec<usize> = mesh
-        .volumes(&nodes)
-        .enumerate()
-        .filter(|(_, v)| *v < 0.0)
-        .map(|(element, _)| element)
-        .collect();
-    assert!(!inverted.is_empty());
+    let inverted = mesh.volumes(&nodes).filter(|v| *v < 0.0).count();
+    assert!(inverted > 0);
     assert_eq!(
         report,
         LocatorReport {
-            inverted: inverted.len(),
+            inverted,
             ..LocatorReport::default()
         }
     );
@@ -35,8 +30,8 @@ fn inverted_elements_are_hit_and_flagged_whatever_the_start() {
             continue;
         }
         assert_eq!(Some(hit.element as usize), depths.iter().position(|d| *d > 0.0));
-        assert_eq!(hit.folded, inverted.iter().any(|e| depths[*e] > 0.0));
-        if hit.folded { folded += 1 } else { plain += 1 }
+        let holders = depths.iter().filter(|d| **d > 0.0).count();
+        if holders > 1 { folded += 1 } else { plain += 1 }
     }
     assert!(folded > 20 && plain > 1000, "{folded}, {plain}");
 }
