@@ -137,3 +137,13 @@ pub(super) fn in_range<T: Ranges>(of: &str, key: &'static str, found: f64) -> Re
 fn outside(of: &str, key: &'static str, found: f64, expected: &str) -> TrackingError {
     TrackingError::at(key, format!("{of} key `{key}` is {found}; expected {expected}"))
 }
+
+/// Key at fault in a result that must be a [`TrackingError::Value`].
+#[cfg(test)]
+pub(crate) fn key<T>(result: Result<T, TrackingError>) -> Option<&'static str> {
+    match result {
+        Err(TrackingError::Value { key, .. }) => key,
+        Err(error) => panic!("{error}"),
+        Ok(_) => panic!("no error"),
+    }
+}
