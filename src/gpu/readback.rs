@@ -269,12 +269,7 @@ mod tests {
         readback.read(&gpu, &mut all).unwrap();
         assert_eq!(all, [0, 1, 2, 3, 4, 5, 6, 7]);
         let limit = gpu.limits().max_buffer_size;
-        assert!(matches!(
-            Readback::new(&gpu, "huge", limit + 1),
-            Err(GpuError::Limit {
-                limit: "max_buffer_size",
-                ..
-            })
-        ));
+        let huge = Readback::new(&gpu, "huge", limit + 1);
+        assert_eq!(testing::exceeded("huge", huge), ("max_buffer_size", limit + 1, limit));
     }
 }

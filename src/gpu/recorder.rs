@@ -169,19 +169,14 @@ mod tests {
         };
 
         let limit = gpu.limits().max_compute_workgroups_per_dimension;
-        match run(0, [1, limit + 1, 1]).unwrap_err() {
-            GpuError::Limit {
-                what,
-                limit: name,
-                needed,
-                available,
-            } => {
-                assert!(what.contains("touch"), "{what}");
-                assert_eq!(name, "max_compute_workgroups_per_dimension");
-                assert_eq!((needed, available), (u64::from(limit) + 1, u64::from(limit)));
-            }
-            other => panic!("{other}"),
-        }
+        assert_eq!(
+            testing::exceeded("touch", run(0, [1, limit + 1, 1])),
+            (
+                "max_compute_workgroups_per_dimension",
+                u64::from(limit) + 1,
+                u64::from(limit)
+            )
+        );
         assert!(matches!(run(2, [1, 1, 1]), Err(GpuError::Validation { .. })));
 
         parameters.set(1, &42_u32).unwrap();

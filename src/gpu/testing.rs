@@ -21,3 +21,21 @@ pub(crate) fn open() -> Option<Gpu> {
         Err(error) => panic!("{error}"),
     }
 }
+
+/// Name of the limit that `what` exceeds, the value that it needs and that of the device.
+#[track_caller]
+pub(super) fn exceeded<T>(what: &str, result: Result<T, GpuError>) -> (&'static str, u64, u64) {
+    match result {
+        Err(GpuError::Limit {
+            what: named,
+            limit,
+            needed,
+            available,
+        }) => {
+            assert!(named.contains(what), "{named}");
+            (limit, needed, available)
+        }
+        Err(other) => panic!("{other}"),
+        Ok(_) => panic!("{what} exceeds no limit"),
+    }
+}

@@ -66,18 +66,8 @@ fn a_limit_exceeded_is_named_with_both_values() {
         ),
     ];
     for (needs, name) in cases {
-        match needs.limits("the work", &card).unwrap_err() {
-            GpuError::Limit {
-                limit,
-                needed,
-                available,
-                ..
-            } => {
-                assert_eq!(limit, name);
-                assert_eq!(needed, available + 1);
-            }
-            other => panic!("{other}"),
-        }
+        let (limit, needed, available) = testing::exceeded("the work", needs.limits("the work", &card));
+        assert_eq!((limit, needed), (name, available + 1));
     }
 }
 
@@ -160,15 +150,11 @@ fn a_host_keeps_its_handlers_and_its_loss_shows_at_the_read_back() {
         storage_buffers_per_stage: 9,
         ..Needs::default()
     };
-    assert!(matches!(
-        Gpu::from_host(device.clone(), queue.clone(), &too_much),
-        Err(GpuError::Limit {
-            limit: "max_storage_buffers_per_shader_stage",
-            needed: 9,
-            available: 8,
-            ..
-        })
-    ));
+    let refused = Gpu::from_host(device.clone(), queue.clone(), &too_much);
+    assert_eq!(
+        testing::exceeded("work on the host's device", refused),
+        ("max_storage_buffers_per_shader_stage", 9, 8)
+    );
 
     let gpu = Gpu::from_host(device.clone(), queue, &Needs::default()).unwrap();
     let broken = PassSource {
