@@ -18,12 +18,7 @@ pub(crate) enum Element {
 impl Element {
     /// Bytes of one number.
     pub(crate) fn bytes(self) -> usize {
-        match self {
-            Self::U8 | Self::I8 => 1,
-            Self::U16 | Self::I16 => 2,
-            Self::U32 | Self::I32 | Self::F32 => 4,
-            Self::U64 | Self::I64 | Self::F64 => 8,
-        }
+        with_sample!(self, T => T::BYTES)
     }
 
     /// Name for messages.
@@ -64,23 +59,7 @@ impl Element {
 
     /// Appends the number spelled by `text`, little-endian; `None` if it is not a number of this type.
     pub(crate) fn push_text(self, text: &str, out: &mut Vec<u8>) -> Option<()> {
-        macro_rules! push {
-            ($type:ty) => {
-                out.extend_from_slice(&text.parse::<$type>().ok()?.to_le_bytes())
-            };
-        }
-        match self {
-            Self::U8 => push!(u8),
-            Self::I8 => push!(i8),
-            Self::U16 => push!(u16),
-            Self::I16 => push!(i16),
-            Self::U32 => push!(u32),
-            Self::I32 => push!(i32),
-            Self::U64 => push!(u64),
-            Self::I64 => push!(i64),
-            Self::F32 => push!(f32),
-            Self::F64 => push!(f64),
-        }
+        with_sample!(self, T => out.extend_from_slice(&text.parse::<T>().ok()?.to_le_bytes()));
         Some(())
     }
 }

@@ -46,6 +46,19 @@ fn element(volume: &LabelVolume) -> Element {
     Element::smallest(values().min().unwrap_or(0), values().max().unwrap_or(0))
 }
 
+/// Types of labels in headers of NRRD, of MetaImage and of NIfTI.
+fn kinds(element: Element) -> (&'static str, &'static str, i16) {
+    match element {
+        Element::U8 => ("unsigned char", "MET_UCHAR", 2),
+        Element::I8 => ("signed char", "MET_CHAR", 256),
+        Element::U16 => ("unsigned short", "MET_USHORT", 512),
+        Element::I16 => ("short", "MET_SHORT", 4),
+        Element::U32 => ("unsigned int", "MET_UINT", 768),
+        Element::I32 => ("int", "MET_INT", 8),
+        _ => ("int64", "MET_LONG_LONG", 1024),
+    }
+}
+
 fn write_voxels(volume: &LabelVolume, element: Element, writer: &mut impl Write) -> io::Result<()> {
     let size = element.bytes();
     let values: Vec<[u8; 8]> = volume.labels().iter().map(|label| label.value.to_le_bytes()).collect();
@@ -76,15 +89,7 @@ macro_rules! line {
 
 fn save_nrrd(volume: &LabelVolume, path: &Path, segmented: bool) -> Result<(), VolumeError> {
     let element = element(volume);
-    let kind = match element {
-        Element::U8 => "unsigned char",
-        Element::I8 => "signed char",
-        Element::U16 => "unsigned short",
-        Element::I16 => "short",
-        Element::U32 => "unsigned int",
-        Element::I32 => "int",
-        _ => "int64",
-    };
+    let (kind, ..) = kinds(element);
     let world = volume.index_to_world();
     let column = |axis: usize| format!("({},{},{})", world[(0, axis)], world[(1, axis)], world[(2, axis)]);
     let [x, y, z] = volume.size();
@@ -181,15 +186,7 @@ fn colour(number: usize) -> [f64; 3] {
 
 fn save_metaimage(volume: &LabelVolume, path: &Path) -> Result<(), VolumeError> {
     let element = element(volume);
-    let kind = match element {
-        Element::U8 => "MET_UCHAR",
-        Element::I8 => "MET_CHAR",
-        Element::U16 => "MET_USHORT",
-        Element::I16 => "MET_SHORT",
-        Element::U32 => "MET_UINT",
-        Element::I32 => "MET_INT",
-        _ => "MET_LONG_LONG",
-    };
+    let (_, kind, _) = kinds(element);
     let mut packed = ZlibEncoder::new(Vec::new(), Compression::default());
     let packed = write_voxels(volume, element, &mut packed)
         .and_then(|()| packed.finish())
@@ -267,15 +264,7 @@ fn nifti_header(volume: &LabelVolume, element: Element) -> Option<[u8; nifti::EX
     for (n, size) in dim.iter().enumerate() {
         put(40 + 2 * n, &size.to_le_bytes());
     }
-    let code: i16 = match element {
-        Element::U8 => 2,
-        Element::I8 => 256,
-        Element::U16 => 512,
-        Element::I16 => 4,
-        Element::U32 => 768,
-        Element::I32 => 8,
-        _ => 1024,
-    };
+    let (.., code) = kinds(element);
     put(70, &code.to_le_bytes());
     put(72, &(8 * element.bytes() as i16).to_le_bytes());
     put(76, &1f32.to_le_bytes());
