@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Matrix4;
 use roxmltree::{Document, Node, TextPos};
+use serde::Serialize;
 
 use super::TrackingError;
 use super::probe::{ProbeKind, ProbeSpec};
@@ -20,13 +21,15 @@ pub use info::PlusInfo;
 /// Largest asymmetry of a curved array's sector, degrees; beyond it the field of view is ignored.
 const LOPSIDED_DEG: f64 = 1.0;
 
-/// A transform between two named frames.
-#[derive(Clone, Debug, PartialEq)]
-struct NamedTransform {
-    from: String,
-    to: String,
-    /// Transform on column vectors.
-    matrix: Matrix4<f64>,
+/// A transform between two named frames, from a coordinate definition.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct DefinedTransform {
+    /// Name of the source frame.
+    pub from: String,
+    /// Name of the target frame.
+    pub to: String,
+    /// Matrix on column vectors, mm.
+    pub matrix: Rows,
 }
 
 /// Straight wire of a calibration phantom.
@@ -42,7 +45,7 @@ pub struct Wire {
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlusConfig {
     path: PathBuf,
-    transforms: Vec<NamedTransform>,
+    transforms: Vec<DefinedTransform>,
     centre_px: Option<[f64; 2]>,
     clip_px: Option<[[f64; 2]; 2]>,
     transducer: Option<String>,
@@ -137,8 +140,8 @@ impl PlusConfig {
     pub fn transform(&self, from: &str, to: &str) -> Result<Matrix4<f64>, TrackingError> {
         let defined = |from: &str, to: &str| self.transforms.iter().find(|t| t.from == from && t.to == to);
         defined(from, to)
-            .map(|transform| transform.matrix)
-            .or_else(|| defined(to, from).and_then(|transform| transform.matrix.try_inverse()))
+            .map(|transform| transform.matrix.0)
+            .or_else(|| defined(to, from).and_then(|transform| transform.matrix.0.try_inverse()))
             .ok_or_else(|| {
                 let names: Vec<String> = self
                     .transforms
@@ -160,8 +163,8 @@ impl PlusConfig {
         let named = self.transforms.iter().filter_map(|defined| {
             let name = format!("{}To{}", defined.from, defined.to);
             let readable = ends(&name) == Some((&defined.from, &defined.to));
-            let valid = defined.matrix.iter().all(|number| number.is_finite());
-            let matrix = defined.matrix;
+            let matrix = defined.matrix.0;
+            let valid = matrix.iter().all(|number| number.is_finite());
             (readable && valid).then_some((name, TrackedTransform { matrix, valid }))
         });
         named.collect()
@@ -269,7 +272,7 @@ impl<'a> Element<'a> {
         Ok(self.numbers::<1>(key, "a number")?.map(|[number]| number))
     }
 
-    fn transform(self) -> Result<NamedTransform, TrackingError> {
+    fn transform(self) -> Result<DefinedTransform, TrackingError> {
         let attribute = |name: &str| {
             let found = || {
                 self.fault(format!(
@@ -279,10 +282,10 @@ impl<'a> Element<'a> {
             self.node.attribute(name).ok_or_else(found)
         };
         attribute("Matrix")?;
-        Ok(NamedTransform {
+        Ok(DefinedTransform {
             from: attribute("From")?.to_owned(),
             to: attribute("To")?.to_owned(),
-            matrix: self.matrix("Matrix")?.unwrap_or_default(),
+            matrix: Rows(self.matrix("Matrix")?.unwrap_or_default()),
         })
     }
 

@@ -5,8 +5,7 @@ use std::path::Path;
 
 use serde::Serialize;
 
-use super::PlusConfig;
-use crate::base::matrix::Rows;
+use super::{DefinedTransform, PlusConfig};
 use crate::base::text;
 use crate::tracking::TrackingError;
 use crate::tracking::calibration::Calibration;
@@ -44,17 +43,6 @@ pub struct CalibrationInfo {
     pub lengths_mm: [f64; 3],
     /// Angle between the image axes, degrees.
     pub axes_apart_deg: f64,
-}
-
-/// A coordinate definition of a [`PlusInfo`].
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct DefinedTransform {
-    /// Name of the source frame.
-    pub from: String,
-    /// Name of the target frame.
-    pub to: String,
-    /// Matrix on column vectors, mm.
-    pub matrix: Rows,
 }
 
 impl PlusInfo {
@@ -95,11 +83,6 @@ impl PlusInfo {
                 "nothing here describes coordinates or a transducer: is this a configuration of PLUS?".to_owned(),
             );
         }
-        let transforms = plus.transforms.into_iter().map(|defined| DefinedTransform {
-            from: defined.from,
-            to: defined.to,
-            matrix: Rows(defined.matrix),
-        });
         Ok(Self {
             file: path.display().to_string(),
             transducer: plus.transducer,
@@ -108,7 +91,7 @@ impl PlusInfo {
             pixel_mm: plus.pixel_mm,
             array_centre_px: centre,
             calibration,
-            transforms: transforms.collect(),
+            transforms: plus.transforms,
             warnings,
         })
     }
