@@ -131,9 +131,8 @@ impl Bend {
         let Some(path) = self.case.as_deref().filter(|_| !self.example) else {
             return terminal::emit(beam_case::EXAMPLE);
         };
-        if let Some(output) = &self.output {
-            self.force.check_ending(output, "svg", "plots", &output::inputs(path))?;
-        }
+        let inputs = output::inputs(path);
+        self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let case = CaseFile::read(path)?.resolve()?;
         let shape = case.solve()?;
         if shape.least_ratio < FAR {
@@ -153,12 +152,8 @@ impl Bend {
             output::plot(output, &plot(&case, &shape))?;
         }
         let report = Report::new(&shape);
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            let left = error_mm.map_or(String::new(), |error| format!("elements     leave {error:.1e} mm\n"));
-            terminal::emit(&(left + &report.to_string()))
-        }
+        let left = error_mm.map_or(String::new(), |error| format!("elements     leave {error:.1e} mm\n"));
+        terminal::show(&report, self.json, || left + &report.to_string())
     }
 }
 
@@ -214,10 +209,8 @@ pub struct Inverse {
 
 impl Inverse {
     pub fn run(&self) -> Result<(), Failure> {
-        if let Some(output) = &self.output {
-            self.force
-                .check_ending(output, "svg", "plots", &output::inputs(&self.case))?;
-        }
+        let inputs = output::inputs(&self.case);
+        self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let case = CaseFile::read(&self.case)?.resolve()?;
         for (name, value) in [
             ("--tip-mm", self.tip_mm),

@@ -126,20 +126,14 @@ struct Output {
 impl Output {
     fn check(&self, inputs: &[Option<&PathBuf>]) -> Result<(), Failure> {
         let inputs: Vec<PathBuf> = inputs.iter().flatten().map(|path| (*path).clone()).collect();
-        match &self.output {
-            Some(output) => self.force.check_ending(output, "html", "pages", &inputs),
-            None => Ok(()),
-        }
+        self.force.check_ending(&self.output, "html", "pages", &inputs)
     }
 
     fn write(&self, found: &impl Serialize, sheet: &Sheet<'_>) -> Result<(), Failure> {
         if let Some(path) = &self.output {
             output::text(path, &sheet.page()?)?;
         }
-        match self.json {
-            true => terminal::emit_json(found),
-            false => terminal::emit(&sheet.text()),
-        }
+        terminal::show(found, self.json, || sheet.text())
     }
 }
 

@@ -231,9 +231,6 @@ impl Study {
         let page = found.comparison.page("Study with simulated hands", &notes)?;
         output::text(&folder.path().join("index.html"), &page)?;
         folder.install()?;
-        match self.json {
-            true => terminal::emit_json(&found),
-            false => terminal::emit(&found.comparison.to_string()),
-        }
+        terminal::show(&found, self.json, || found.comparison.to_string())
     }
 }

@@ -86,9 +86,6 @@ impl Identify {
         }
         output::text(&at("index.html"), &found.page()?)?;
         folder.install()?;
-        match self.json {
-            true => terminal::emit_json(&found),
-            false => terminal::emit(&found.to_string()),
-        }
+        terminal::print(&found, self.json)
     }
 }

@@ -128,10 +128,7 @@ impl Kinematics {
             true => self.along()?,
             false => self.table(forward)?,
         };
-        match self.json {
-            true => terminal::emit_json(&places),
-            false => terminal::emit(&text(&places)),
-        }
+        terminal::show(&places, self.json, || text(&places))
     }
 
     /// Places along the planned path of a scenario, at its keyframes.
@@ -352,7 +349,7 @@ pub struct Workspace {
 impl Workspace {
     fn run(&self) -> Result<(), Failure> {
         self.force
-            .check_ending(&self.output, "png", "pictures", &inputs(&self.scenario))?;
+            .check_ending([&self.output], "png", "pictures", &inputs(&self.scenario))?;
         let file = ScenarioFile::read(&self.scenario)?;
         let folder = self.scenario.parent().unwrap_or(Path::new(""));
         let (scene, guided) = file.resolve_guided(folder)?;

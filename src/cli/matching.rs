@@ -1,6 +1,6 @@
 //! `insonify match`: probe and effects estimated from a real frame.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::study::matching::fit;
 use crate::study::realism::picture;
@@ -62,11 +62,8 @@ pub struct Match {
 impl Match {
     pub fn run(&self) -> Result<(), Failure> {
         let inputs = [self.file.clone()];
-        let check = |path: &Path, ending, what| self.force.check_ending(path, ending, what, &inputs);
-        self.output
-            .as_ref()
-            .map_or(Ok(()), |path| check(path, "toml", "scenes"))?;
-        self.page.as_ref().map_or(Ok(()), |path| check(path, "html", "pages"))?;
+        self.force.check_ending(&self.output, "toml", "scenes", &inputs)?;
+        self.force.check_ending(&self.page, "html", "pages", &inputs)?;
         if self.file.is_dir() {
             let found = format!("{} is a folder", self.file.display());
             return Err(Failure::usage(

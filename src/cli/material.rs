@@ -93,9 +93,7 @@ impl Test {
             return terminal::emit(material_case::EXAMPLE);
         };
         let inputs = output::inputs(path);
-        if let Some(output) = &self.output {
-            self.force.check_ending(output, "svg", "plots", &inputs)?;
-        }
+        self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let case = CaseFile::read(path)?.resolve()?;
         case.notes().iter().for_each(terminal::warn);
         if let Some(target) = &self.rheometer {
@@ -115,11 +113,7 @@ impl Test {
         if let Some(output) = &self.output {
             output::plot(output, &report.plot())?;
         }
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            terminal::emit(&report.to_string())
-        }
+        terminal::print(&report, self.json)
     }
 }
 
@@ -187,9 +181,6 @@ impl FitArgs {
             }
             folder.install()?;
         }
-        match self.json {
-            true => terminal::emit_json(&fit),
-            false => terminal::emit(&fit.to_string()),
-        }
+        terminal::print(&fit, self.json)
     }
 }

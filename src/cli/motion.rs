@@ -148,10 +148,9 @@ impl Motion {
             return self.validation();
         }
         let read: Vec<PathBuf> = self.input.iter().chain(&self.truth).cloned().collect();
-        self.force.check_ending(&self.output, "csv", "tables", &read)?;
-        for picture in self.strain.iter().chain(&self.displacement) {
-            self.force.check_ending(picture, "png", "pictures", &read)?;
-        }
+        self.force.check_ending([&self.output], "csv", "tables", &read)?;
+        let pictures = self.strain.iter().chain(&self.displacement);
+        self.force.check_ending(pictures, "png", "pictures", &read)?;
         let (echoes, options) = self.echoes()?;
         let truth = self.known(&echoes)?;
         if let Some(frame) = self.frame.filter(|frame| !(1..echoes.frames.len()).contains(frame)) {
@@ -215,10 +214,7 @@ impl Motion {
             errors: truth.is_some().then(|| tally.errors()),
         };
         losses.warning(options.wide_mm).iter().for_each(terminal::warn);
-        match self.json {
-            true => terminal::emit_json(&report),
-            false => terminal::emit(&report.text()),
-        }
+        terminal::show(&report, self.json, || report.text())
     }
 
     fn echoes(&self) -> Result<(Echoes, Options), Failure> {

@@ -31,18 +31,27 @@ impl Force {
         Ok(place::check(files, inputs, self.force)?)
     }
 
-    /// Refuses an output file that cannot be written or lacks the required extension; `what` describes its contents
-    /// in the error.
-    pub fn check_ending(self, file: &Path, ending: &str, what: &str, inputs: &[PathBuf]) -> Result<(), Failure> {
-        let found = file.extension();
-        if !found.is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
-            let found = format!("{}: {what} are written as .{ending}", file.display());
-            return Err(Failure::usage(
-                found,
-                format!("name the output with the ending .{ending}"),
-            ));
+    /// Refuses output files (or an optional one) that cannot be written or lack the required extension; `what` describes
+    /// their contents in the error.
+    pub fn check_ending<'a>(
+        self,
+        files: impl IntoIterator<Item = &'a PathBuf>,
+        ending: &str,
+        what: &str,
+        inputs: &[PathBuf],
+    ) -> Result<(), Failure> {
+        for file in files {
+            let found = file.extension();
+            if !found.is_some_and(|found| found.eq_ignore_ascii_case(ending)) {
+                let found = format!("{}: {what} are written as .{ending}", file.display());
+                return Err(Failure::usage(
+                    found,
+                    format!("name the output with the ending .{ending}"),
+                ));
+            }
+            self.check(&[file], inputs)?;
         }
-        self.check(&[file], inputs)
+        Ok(())
     }
 
     /// Opens a folder for the files of a command: see [`Folder::open`].

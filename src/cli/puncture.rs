@@ -140,15 +140,13 @@ impl Puncture {
             }
             folder.install()?;
         }
-        if self.json {
-            terminal::emit_json(&JsonOutput {
-                fit: fitted.as_ref(),
-                puncture: asked,
-            })
-        } else {
-            let fitted = fitted.as_ref().map(text).unwrap_or_default();
-            terminal::emit(&(fitted + &asked.text()))
-        }
+        let output = JsonOutput {
+            fit: fitted.as_ref(),
+            puncture: asked,
+        };
+        terminal::show(&output, self.json, || {
+            output.fit.map(text).unwrap_or_default() + &asked.text()
+        })
     }
 
     fn fitted(&self, path: &Path, options: &PunctureOptions) -> Result<Fitted, Failure> {

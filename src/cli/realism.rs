@@ -60,10 +60,8 @@ pub struct Realism {
 
 impl Realism {
     pub fn run(&self) -> Result<(), Failure> {
-        if let Some(output) = &self.output {
-            let inputs = [&self.files[..], &self.against].concat();
-            self.force.check_ending(output, "html", "pages", &inputs)?;
-        }
+        let inputs = [&self.files[..], &self.against].concat();
+        self.force.check_ending(&self.output, "html", "pages", &inputs)?;
         let read = |files, mm| picture::read(files, usize::from(self.frames), mm);
         let frames = read(&self.files, self.mm_per_pixel)?;
         let real = read(&self.against, self.real_mm_per_pixel)?;

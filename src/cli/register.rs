@@ -106,18 +106,12 @@ impl Register {
             self.mesh.as_ref(),
         ];
         let inputs: Vec<PathBuf> = given.into_iter().flatten().cloned().collect();
-        let endings = [
-            (&self.page, "html", "pages"),
-            (&self.fit, "toml", "registrations"),
-            (&self.mesh_output, "vtu", "meshes"),
-        ];
-        for (file, ending, what) in endings {
-            if let Some(file) = file {
-                self.force.check_ending(file, ending, what, &inputs)?;
-            }
-        }
+        let force = self.force;
+        force.check_ending(&self.page, "html", "pages", &inputs)?;
+        force.check_ending(&self.fit, "toml", "registrations", &inputs)?;
+        force.check_ending(&self.mesh_output, "vtu", "meshes", &inputs)?;
         if let Some(output) = &self.output {
-            self.force.check(&[output.as_path()], &inputs)?;
+            force.check(&[output.as_path()], &inputs)?;
         }
         let volume = self.open(&self.volume)?;
         let skin = skin_of(&volume)?;

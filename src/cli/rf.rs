@@ -179,7 +179,7 @@ impl Rf {
 
     fn frame(&self, input: &Path) -> Result<(), Failure> {
         self.force
-            .check_ending(&self.output, "png", "frames", &[input.to_owned()])?;
+            .check_ending([&self.output], "png", "frames", &[input.to_owned()])?;
         if !RANGE_DB.contains(&self.range_db) {
             return Err(Failure::usage(
                 format!("--range-db {}", self.range_db),

@@ -51,7 +51,7 @@ impl ScoreArgs {
         if let Some(output) = &self.output {
             let tables = self.runs.iter().map(|run| run.join("steps.csv"));
             let inputs: Vec<PathBuf> = self.runs.iter().chain(&self.groups).cloned().chain(tables).collect();
-            self.force.check_ending(output, "html", "pages", &inputs)?;
+            self.force.check_ending([output], "html", "pages", &inputs)?;
             if self.runs.len() > 1 {
                 return Err(Failure::usage(
                     "a page of several runs",

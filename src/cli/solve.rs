@@ -85,9 +85,7 @@ impl Solve {
             (_, Some(Example::Linear) | None) => return terminal::emit(statics::EXAMPLE),
         };
         let inputs = output::inputs(path);
-        if let Some(output) = &self.output {
-            self.force.check_ending(output, "vtu", "meshes", &inputs)?;
-        }
+        self.force.check_ending(&self.output, "vtu", "meshes", &inputs)?;
         let outputs: Vec<&Path> = self.output.iter().chain(&self.history).map(PathBuf::as_path).collect();
         self.force.check(&outputs, &inputs)?;
         let folder = path.parent().unwrap_or(Path::new(""));

@@ -62,10 +62,6 @@ impl Printed {
             folder.install()?;
             terminal::say(format_args!("{}: {}", target.display(), files.join(", ")));
         }
-        if self.json {
-            terminal::emit_json(&study.json())
-        } else {
-            terminal::emit(&study.text())
-        }
+        terminal::show(&study.json(), self.json, || study.text())
     }
 }

@@ -24,9 +24,14 @@ pub fn emit(text: &str) -> Result<(), Failure> {
 
 /// Writes a result to standard output, as text or as JSON.
 pub fn print(result: &(impl Serialize + ToString), json: bool) -> Result<(), Failure> {
+    show(result, json, || result.to_string())
+}
+
+/// Writes a result to standard output, as JSON or as a text of its own.
+pub fn show(result: &impl Serialize, json: bool, text: impl FnOnce() -> String) -> Result<(), Failure> {
     match json {
         true => emit_json(result),
-        false => emit(&result.to_string()),
+        false => emit(&text()),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use crate::anatomy::volume::VolumeError;
 use crate::anatomy::volume::texture::synthesis::Exemplars;
@@ -64,8 +64,8 @@ pub struct TextureArgs {
     #[arg(long, value_name = "DB", default_value_t = 60.0)]
     range_db: f64,
     /// What the texture holds
-    #[arg(long, value_enum, default_value_t = Kind::Structure)]
-    content: Kind,
+    #[arg(long, value_enum, default_value_t = Content::Structure)]
+    content: Content,
     /// Voxels along each side: a multiple of 4 from 32 to 256
     #[arg(long, value_name = "N", default_value_t = 64)]
     size: usize,
@@ -88,14 +88,6 @@ pub struct TextureArgs {
     json: bool,
 }
 
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Kind {
-    /// Only what is coarser than the speckle cell
-    Structure,
-    /// All of it, with its speckle
-    Keep,
-}
-
 impl TextureArgs {
     pub fn run(&self) -> Result<(), Failure> {
         let inputs: Vec<PathBuf> = [Some(&self.image), self.zy.as_ref(), self.xz.as_ref()]
@@ -103,10 +95,8 @@ impl TextureArgs {
             .flatten()
             .cloned()
             .collect();
-        self.force.check_ending(&self.output, "nrrd", "textures", &inputs)?;
-        if let Some(page) = &self.page {
-            self.force.check_ending(page, "html", "pages", &inputs)?;
-        }
+        self.force.check_ending([&self.output], "nrrd", "textures", &inputs)?;
+        self.force.check_ending(&self.page, "html", "pages", &inputs)?;
         if !(10.0..=200.0).contains(&self.range_db) {
             return Err(Failure::usage(
                 format!("--range-db {}", self.range_db),
@@ -160,10 +150,7 @@ impl TextureArgs {
         if let Some(page) = &self.page {
             output::text(page, &made.page(&lines)?)?;
         }
-        match self.json {
-            true => terminal::emit_json(&made.figures),
-            false => terminal::emit(&format!("{}\n{lines}", made.figures)),
-        }
+        terminal::show(&made.figures, self.json, || format!("{}\n{lines}", made.figures))
     }
 
     fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<Prepared, Failure> {
@@ -184,10 +171,7 @@ impl TextureArgs {
         let preparation = Preparation {
             pixel_mm,
             range_db: self.range_db,
-            content: match self.content {
-                Kind::Structure => Content::Structure,
-                Kind::Keep => Content::Keep,
-            },
+            content: self.content,
             voxel_mm,
         };
         let region = Region {

@@ -121,11 +121,7 @@ impl Tradeoff {
         folder.install()?;
         let folder = self.output.display();
         terminal::say(format_args!("{folder}: {}", files.join(", ")));
-        if self.json {
-            terminal::emit_json(&report)?;
-        } else {
-            terminal::emit(&in_short(&report))?;
-        }
+        terminal::show(&report, self.json, || in_short(&report))?;
         match report.missing.first() {
             None => Ok(()),
             Some(missing) => Err(Failure::Unmeasured {

@@ -7,7 +7,8 @@ mod tests;
 use std::io::Write;
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use clap::ValueEnum;
+use serde::Serialize;
 
 use crate::anatomy::volume::VolumeError;
 use crate::anatomy::volume::texture::synthesis::{Exemplar, Exemplars, MIN, correlations, synthesise};
@@ -27,14 +28,12 @@ const BEAM_STEPS: usize = 50;
 /// Largest lag of autocorrelations, voxels.
 const LAGS: usize = 32;
 
-/// Content of a texture made from an image.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+/// Content of a texture made from an image; the docs of the variants are the help of the command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Content {
-    /// Only what is coarser than the speckle cell: the scene adds its own speckle.
-    #[default]
+    /// Only what is coarser than the speckle cell
     Structure,
-    /// All of it, with its speckle: for scenes without `effects.speckle`.
+    /// All of it, with its speckle
     Keep,
 }
 

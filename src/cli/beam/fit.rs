@@ -60,10 +60,8 @@ pub struct Fit {
 
 impl Fit {
     pub fn run(&self) -> Result<(), Failure> {
-        if let Some(output) = &self.output {
-            self.force
-                .check_ending(output, "svg", "plots", std::slice::from_ref(&self.points))?;
-        }
+        let inputs = [self.points.clone()];
+        self.force.check_ending(&self.output, "svg", "plots", &inputs)?;
         let samples = points::read(&self.points)?;
         let fit = fit::Fit::new(&samples, self.compression).map_err(|cause| CsvError::Contents {
             path: self.points.clone(),
@@ -74,11 +72,7 @@ impl Fit {
         if let Some(output) = &self.output {
             output::plot(output, &plot(&samples, &fit))?;
         }
-        if self.json {
-            terminal::emit_json(&json(&fit, &warnings))
-        } else {
-            terminal::emit(&text(&fit))
-        }
+        terminal::show(&json(&fit, &warnings), self.json, || text(&fit))
     }
 }
 

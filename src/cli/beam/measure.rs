@@ -76,7 +76,7 @@ impl Measure {
         inputs.extend([self.markers.clone(), self.case.clone()]);
         let folder = match moved.len() {
             1 => {
-                self.force.check_ending(&self.output, "toml", "cases", &inputs)?;
+                self.force.check_ending([&self.output], "toml", "cases", &inputs)?;
                 None
             }
             _ => {

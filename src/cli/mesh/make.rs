@@ -110,7 +110,7 @@ struct Region {
 impl Make {
     pub fn run(&self) -> Result<(), Failure> {
         let inputs: Vec<PathBuf> = self.volume.iter().cloned().collect();
-        self.force.check_ending(&self.output, "vtu", "meshes", &inputs)?;
+        self.force.check_ending([&self.output], "vtu", "meshes", &inputs)?;
         let Segmentation {
             mut volume,
             mut notes,
@@ -151,11 +151,7 @@ impl Make {
         write_vtu_with(&self.output, &generated.mesh, &names, &[], &[])?;
 
         report.warnings.iter().for_each(terminal::warn);
-        if self.json {
-            terminal::emit_json(&report)
-        } else {
-            terminal::emit(&report.table(&self.output))
-        }
+        terminal::show(&report, self.json, || report.table(&self.output))
     }
 
     /// Returns the volume to mesh.
