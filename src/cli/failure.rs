@@ -3,19 +3,8 @@
 use std::fmt;
 use std::io;
 
-use crate::anatomy::volume::VolumeError;
-use crate::base::csv::CsvError;
-use crate::base::output::OutputError;
-use crate::error::{INPUT, MACHINE};
-use crate::gpu::GpuError;
-use crate::imaging::synth::SynthError;
-use crate::input::InputError;
-use crate::mechanics::insertion::StepError;
-use crate::mechanics::mesh::file::MeshFileError;
-use crate::mechanics::mesh::generate::GenerateError;
-use crate::mechanics::needle::beam::BeamError;
+use crate::error::{Error, INPUT, MACHINE};
 use crate::study::StudyError;
-use crate::tracking::TrackingError;
 use miette::{Diagnostic, LabeledSpan, SourceCode};
 
 /// Why a subcommand failed.
@@ -23,7 +12,7 @@ use miette::{Diagnostic, LabeledSpan, SourceCode};
 pub enum Failure {
     /// Error of the library.
     #[error(transparent)]
-    Library(Box<crate::error::Error>),
+    Library(Box<Error>),
     /// Error of a study.
     #[error(transparent)]
     Study(Box<StudyError>),
@@ -110,30 +99,11 @@ fn others(more: usize) -> String {
     }
 }
 
-macro_rules! from_library {
-    ($($error:ty),*) => {
-        $(impl From<$error> for Failure {
-            fn from(error: $error) -> Self {
-                Self::Library(Box::new(error.into()))
-            }
-        })*
-    };
+impl<E: Into<Error>> From<E> for Failure {
+    fn from(error: E) -> Self {
+        Self::Library(Box::new(error.into()))
+    }
 }
-
-from_library!(
-    crate::error::Error,
-    InputError,
-    BeamError,
-    CsvError,
-    GenerateError,
-    GpuError,
-    MeshFileError,
-    OutputError,
-    StepError,
-    SynthError,
-    TrackingError,
-    VolumeError
-);
 
 impl From<StudyError> for Failure {
     fn from(error: StudyError) -> Self {
