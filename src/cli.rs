@@ -1,5 +1,23 @@
 //! Command line: arguments, subcommands and their dispatch.
 
+/// Declares subcommands, each with its arguments, and `run`, which runs the one that was given.
+macro_rules! commands {
+    (enum $name:ident { $($command:ident($arguments:ty),)* }) => {
+        #[derive(clap::Subcommand)]
+        enum $name {
+            $($command($arguments),)*
+        }
+
+        impl $name {
+            fn run(&self) -> Result<(), Failure> {
+                match self {
+                    $(Self::$command(arguments) => arguments.run(),)*
+                }
+            }
+        }
+    };
+}
+
 mod backend;
 mod beam;
 mod bench;
@@ -42,7 +60,7 @@ mod variants;
 use std::io;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::Parser;
 use failure::Failure;
 
 const EXAMPLES: &str = "\
@@ -88,38 +106,39 @@ struct Cli {
     command: Command,
 }
 
-#[derive(Subcommand)]
-enum Command {
-    Render(render::Render),
-    Plan(plan::Plan),
-    Inspect(inspect::Inspect),
-    Realism(realism::Realism),
-    Match(matching::Match),
-    Bench(bench::Bench),
-    Tradeoff(tradeoff::Tradeoff),
-    Info(info::Info),
-    Calibrate(calibrate::Calibrate),
-    Register(Box<register::Register>),
-    Texture(Box<texture::TextureArgs>),
-    Insert(insert::Insert),
-    Path(path::PathArgs),
-    Rf(Box<rf::Rf>),
-    Motion(motion::Motion),
-    Manipulator(manipulator::Manipulator),
-    Identify(identify::Identify),
-    Score(score::ScoreArgs),
-    Exercise(exercise::Exercise),
-    Solve(solve::Solve),
-    Material(material::Material),
-    Beam(beam::Beam),
-    Puncture(puncture::Puncture),
-    Stability(stability::Stability),
-    Phantom(phantom::Phantom),
-    Mesh(mesh::Mesh),
-    Scene(scene::Scene),
-    Schema(schema::Schema),
-    Doctor(doctor::Doctor),
-    Completions(completions::Completions),
+commands! {
+    enum Command {
+        Render(render::Render),
+        Plan(plan::Plan),
+        Inspect(inspect::Inspect),
+        Realism(realism::Realism),
+        Match(matching::Match),
+        Bench(bench::Bench),
+        Tradeoff(tradeoff::Tradeoff),
+        Info(info::Info),
+        Calibrate(calibrate::Calibrate),
+        Register(Box<register::Register>),
+        Texture(Box<texture::TextureArgs>),
+        Insert(insert::Insert),
+        Path(path::PathArgs),
+        Rf(Box<rf::Rf>),
+        Motion(motion::Motion),
+        Manipulator(manipulator::Manipulator),
+        Identify(identify::Identify),
+        Score(score::ScoreArgs),
+        Exercise(exercise::Exercise),
+        Solve(solve::Solve),
+        Material(material::Material),
+        Beam(beam::Beam),
+        Puncture(puncture::Puncture),
+        Stability(stability::Stability),
+        Phantom(phantom::Phantom),
+        Mesh(mesh::Mesh),
+        Scene(scene::Scene),
+        Schema(schema::Schema),
+        Doctor(doctor::Doctor),
+        Completions(completions::Completions),
+    }
 }
 
 impl Cli {
@@ -132,38 +151,7 @@ impl Cli {
             terminal::warn(format_args!("an interrupt would leave temporary files behind: {cause}"));
         }
         crate::base::cache::switch_on();
-        match self.command {
-            Command::Render(render) => render.run(),
-            Command::Plan(plan) => plan.run(),
-            Command::Inspect(inspect) => inspect.run(),
-            Command::Realism(realism) => realism.run(),
-            Command::Match(matching) => matching.run(),
-            Command::Bench(bench) => bench.run(),
-            Command::Tradeoff(tradeoff) => tradeoff.run(),
-            Command::Info(info) => info.run(),
-            Command::Calibrate(calibrate) => calibrate.run(),
-            Command::Register(register) => register.run(),
-            Command::Texture(texture) => texture.run(),
-            Command::Insert(insert) => insert.run(),
-            Command::Path(path) => path.run(),
-            Command::Rf(rf) => rf.run(),
-            Command::Motion(motion) => motion.run(),
-            Command::Manipulator(manipulator) => manipulator.run(),
-            Command::Identify(identify) => identify.run(),
-            Command::Score(score) => score.run(),
-            Command::Exercise(exercise) => exercise.run(),
-            Command::Solve(solve) => solve.run(),
-            Command::Material(material) => material.run(),
-            Command::Beam(beam) => beam.run(),
-            Command::Puncture(puncture) => puncture.run(),
-            Command::Stability(stability) => stability.run(),
-            Command::Phantom(phantom) => phantom.run(),
-            Command::Mesh(mesh) => mesh.run(),
-            Command::Scene(scene) => scene.run(),
-            Command::Schema(schema) => schema.run(),
-            Command::Doctor(doctor) => doctor.run(),
-            Command::Completions(completions) => completions.run(),
-        }
+        self.command.run()
     }
 }
 

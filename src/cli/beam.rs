@@ -6,7 +6,7 @@ mod studies;
 
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand};
+use clap::Args;
 use serde_json::json;
 
 use crate::cli::failure::Failure;
@@ -71,30 +71,24 @@ pub struct Beam {
     bend: Bend,
 }
 
-#[derive(Subcommand)]
-enum Task {
-    Inverse(Inverse),
-    Measure(measure::Measure),
-    Compare(measure::Compare),
-    Compression(studies::Compression),
-    Map(studies::Map),
-    Sensitivity(studies::Sensitivity),
-    Fit(fit::Fit),
-    Table(Table),
+commands! {
+    enum Task {
+        Inverse(Inverse),
+        Measure(measure::Measure),
+        Compare(measure::Compare),
+        Compression(studies::Compression),
+        Map(studies::Map),
+        Sensitivity(studies::Sensitivity),
+        Fit(fit::Fit),
+        Table(Table),
+    }
 }
 
 impl Beam {
     pub fn run(&self) -> Result<(), Failure> {
         match &self.task {
             None => self.bend.run(),
-            Some(Task::Inverse(inverse)) => inverse.run(),
-            Some(Task::Measure(measure)) => measure.run(),
-            Some(Task::Compare(compare)) => compare.run(),
-            Some(Task::Compression(compression)) => compression.run(),
-            Some(Task::Map(map)) => map.run(),
-            Some(Task::Sensitivity(sensitivity)) => sensitivity.run(),
-            Some(Task::Fit(fit)) => fit.run(),
-            Some(Task::Table(table)) => table.run(),
+            Some(task) => task.run(),
         }
     }
 }

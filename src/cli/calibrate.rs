@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::Args;
 use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
@@ -42,22 +42,18 @@ pub struct Calibrate {
     command: Command,
 }
 
-#[derive(Subcommand)]
-enum Command {
-    Pivot(PivotArgs),
-    Direction(DirectionArgs),
-    Spin(SpinArgs),
-    Points(Box<PointsArgs>),
+commands! {
+    enum Command {
+        Pivot(PivotArgs),
+        Direction(DirectionArgs),
+        Spin(SpinArgs),
+        Points(Box<PointsArgs>),
+    }
 }
 
 impl Calibrate {
     pub fn run(&self) -> Result<(), Failure> {
-        match &self.command {
-            Command::Pivot(command) => command.run(),
-            Command::Direction(command) => command.run(),
-            Command::Spin(command) => command.run(),
-            Command::Points(command) => command.run(),
-        }
+        self.command.run()
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Component, Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::Args;
 
 use crate::base::range::numbers;
 use crate::input::scenario::{self, ScenarioFile};
@@ -30,18 +30,16 @@ pub struct Exercise {
     command: Command,
 }
 
-#[derive(Subcommand)]
-enum Command {
-    Make(Make),
-    Study(Study),
+commands! {
+    enum Command {
+        Make(Make),
+        Study(Study),
+    }
 }
 
 impl Exercise {
     pub fn run(&self) -> Result<(), Failure> {
-        match &self.command {
-            Command::Make(make) => make.run(),
-            Command::Study(study) => study.run(),
-        }
+        self.command.run()
     }
 }
 

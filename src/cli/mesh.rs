@@ -5,7 +5,7 @@ mod make;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand};
+use clap::Args;
 use serde::Serialize;
 
 use crate::base::text;
@@ -22,18 +22,16 @@ pub struct Mesh {
     command: Command,
 }
 
-#[derive(Subcommand)]
-enum Command {
-    Info(Info),
-    Make(Box<make::Make>),
+commands! {
+    enum Command {
+        Info(Info),
+        Make(Box<make::Make>),
+    }
 }
 
 impl Mesh {
     pub fn run(&self) -> Result<(), Failure> {
-        match &self.command {
-            Command::Info(info) => info.run(),
-            Command::Make(make) => make.run(),
-        }
+        self.command.run()
     }
 }
 

@@ -15,7 +15,7 @@ use crate::study::stability::Effort;
 use crate::study::tradeoff::Rates;
 use crate::study::tradeoff::gather::{STUDIES, gather};
 use crate::study::tradeoff::report::Report;
-use clap::{Args, Subcommand};
+use clap::Args;
 
 use super::backend::BackendArgs;
 use super::failure::Failure;
@@ -65,29 +65,23 @@ pub struct Tradeoff {
     json: bool,
 }
 
-#[derive(Subcommand)]
-enum Study {
-    Insertion(insertion::Insertion),
-    Beam(beam::Beam),
-    Remesh(remesh::Remesh),
-    History(history::History),
-    Tissue(tissue::Tissue),
-    Image(image::Image),
-    Motion(motion::Motion),
-    Planning(planning::Planning),
+commands! {
+    enum Study {
+        Insertion(insertion::Insertion),
+        Beam(beam::Beam),
+        Remesh(remesh::Remesh),
+        History(history::History),
+        Tissue(tissue::Tissue),
+        Image(image::Image),
+        Motion(motion::Motion),
+        Planning(planning::Planning),
+    }
 }
 
 impl Tradeoff {
     pub fn run(&self) -> Result<(), Failure> {
         match &self.study {
-            Some(Study::Insertion(insertion)) => insertion.run(),
-            Some(Study::Beam(beam)) => beam.run(),
-            Some(Study::Remesh(remesh)) => remesh.run(),
-            Some(Study::History(history)) => history.run(),
-            Some(Study::Tissue(tissue)) => tissue.run(),
-            Some(Study::Image(image)) => image.run(),
-            Some(Study::Motion(motion)) => motion.run(),
-            Some(Study::Planning(planning)) => planning.run(),
+            Some(study) => study.run(),
             None => self.gather(),
         }
     }
