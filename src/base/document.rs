@@ -55,20 +55,12 @@ pub enum InvalidFile {
         /// Keys known in its table.
         known: Vec<String>,
     },
-    /// Keys that contradict each other, or are incomplete.
+    /// Keys that contradict each other or are incomplete, or a number outside its range.
     #[error("found {found}; expected {expected}")]
     Keys {
-        /// Keys found.
+        /// Keys or number found.
         found: String,
-        /// Keys expected.
-        expected: String,
-    },
-    /// A number outside its range.
-    #[error("found {found}; expected {expected}")]
-    Number {
-        /// The number found.
-        found: f64,
-        /// The expected range.
+        /// Keys or range expected.
         expected: String,
     },
 }
@@ -80,8 +72,7 @@ impl InvalidFile {
     }
 
     pub(crate) fn number(found: f64, expected: impl Into<String>) -> Self {
-        let expected = expected.into();
-        Self::Number { found, expected }
+        Self::keys(found.to_string(), expected)
     }
 
     /// Whether the machine is at fault rather than the file: the file exists but cannot be read.

@@ -1,7 +1,5 @@
 //! Errors of input files.
 
-use std::path::PathBuf;
-
 use crate::anatomy::acoustics::TissueError;
 use crate::anatomy::volume::VolumeError;
 use crate::base::document::{Fault, InvalidFile, NoRegion};
@@ -29,51 +27,12 @@ pub enum Cause {
     /// A number is out of range.
     #[error(transparent)]
     Number(#[from] OutOfRange),
-    /// A name that is unknown in the file.
-    #[error("unknown name \"{found}\"; expected {expected}")]
-    Name {
-        /// The unknown name.
-        found: String,
-        /// Known names.
-        expected: String,
-    },
     /// An unknown region.
     #[error(transparent)]
     Region(#[from] NoRegion),
-    /// A node number outside the mesh.
-    #[error("found node {found}; the mesh has {nodes} nodes, numbered from 0")]
-    Node {
-        /// The node number found.
-        found: i64,
-        /// Number of nodes.
-        nodes: usize,
-    },
-    /// A tracked sequence without the requested transform.
-    #[error("no frame of {} has `{transform}`, or valid transforms that connect the two; it has {has}", path.display())]
-    NoTransform {
-        /// Path of the sequence.
-        path: PathBuf,
-        /// Name of the requested transform.
-        transform: String,
-        /// Names of the available transforms.
-        has: String,
-    },
-    /// A transform that has no valid pose in any frame.
-    #[error("`{transform}`: {source}")]
-    NoPose {
-        /// Name of the requested transform.
-        transform: String,
-        /// Underlying error of the path.
-        source: TrackingError,
-    },
-    /// A frame past the last.
-    #[error("frame {frame} of {of}; frames count from 0")]
-    Frame {
-        /// Requested frame, from 0.
-        frame: usize,
-        /// Number of frames.
-        of: usize,
-    },
+    /// Something that the file or its caller asks for is not there; the text says what is.
+    #[error("{0}")]
+    Unknown(String),
     /// A volume or phantom cannot be made or completed, or a volume, texture or sequence file cannot be read.
     #[error(transparent)]
     Volume(#[from] VolumeError),
@@ -118,6 +77,20 @@ pub enum Cause {
     /// No model of an insertion can be built.
     #[error(transparent)]
     Setup(#[from] InvalidSetup),
+}
+
+impl Cause {
+    /// A name that is unknown in the file.
+    pub(super) fn name(found: &str, expected: &str) -> Self {
+        Self::Unknown(format!("unknown name \"{found}\"; expected {expected}"))
+    }
+
+    /// A node number outside the mesh.
+    pub(super) fn node(found: i64, nodes: usize) -> Self {
+        Self::Unknown(format!(
+            "found node {found}; the mesh has {nodes} nodes, numbered from 0"
+        ))
+    }
 }
 
 impl InputError {

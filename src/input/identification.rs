@@ -211,11 +211,8 @@ impl CaseFile {
             _ if path.extension().is_none() && !path.exists() => {
                 let names: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
                 let help = nearest(name, names.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
-                let (found, expected) = (
-                    name.clone(),
-                    format!("one of {}, or the path of a scenario", names.join(", ")),
-                );
-                return Err(self.fault("scenario", Cause::Name { found, expected }).with_help(help));
+                let expected = format!("one of {}, or the path of a scenario", names.join(", "));
+                return Err(self.fault("scenario", Cause::name(name, &expected)).with_help(help));
             }
             _ => {
                 let read = document::read(&path)

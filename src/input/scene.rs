@@ -200,10 +200,11 @@ impl Scene {
     /// Fills in the state of frame `frame` of `of`, reusing what `into` already holds.
     ///
     /// # Errors
-    /// [`Cause::Frame`] if there is no such frame.
+    /// [`Cause::Unknown`] if there is no such frame.
     pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), InputError> {
         if frame >= of {
-            return Err(InputError::new(Cause::Frame { frame, of }));
+            let wrong = format!("frame {frame} of {of}; frames count from 0");
+            return Err(InputError::new(Cause::Unknown(wrong)));
         }
         self.fill(frame, of, into);
         Ok(())

@@ -1,7 +1,5 @@
 //! Errors of studies.
 
-use std::path::PathBuf;
-
 use crate::base::csv::CsvError;
 use crate::base::output::OutputError;
 use crate::base::range::OutOfRange;
@@ -33,83 +31,12 @@ pub enum StudyError {
         /// Bytes available.
         available: usize,
     },
-    /// The needle's line crosses too few elements with a movable corner.
-    #[error(
-        "only {moves} corners can be moved along the needle's line, {expected} expected: the mesh is too coarse, or lies beside \
-         the line down through the middle of its box"
-    )]
-    Track {
-        /// Number of moves found.
-        moves: usize,
-        /// Number of moves expected.
-        expected: usize,
-    },
-    /// The mesh has too few nodes for the contacts.
-    #[error("the mesh has {found} free nodes beside the needle, {expected} expected as contacts; take a finer mesh")]
-    Contacts {
-        /// Number of nodes found.
-        found: usize,
-        /// Number of nodes expected.
-        expected: usize,
-    },
-    /// There are fewer than two grids to compare.
-    #[error("{0} grids: expected two or more; the finest is the gold standard")]
-    Grids(usize),
-    /// The gold standard cannot be solved.
-    #[error("the gold standard cannot be solved: {0}")]
-    Gold(String),
+    /// What was asked cannot be done; the text says why.
+    #[error("{0}")]
+    Refused(String),
     /// A table cannot be read.
     #[error(transparent)]
     Table(#[from] CsvError),
-    /// A measured curve with too few points.
-    #[error(
-        "the curve: found {0} points beyond 0 mm before the force drops; expected at least 4, with a force above 0 N"
-    )]
-    Curve(usize),
-    /// An insertion that cannot be scored.
-    #[error("{} {reason}", run.display())]
-    Unscored {
-        /// Folder or table of the run.
-        run: PathBuf,
-        /// What it lacks.
-        reason: &'static str,
-    },
-    /// No task fulfils the conditions.
-    #[error("none of {tried} random targets in {organ} fulfils the conditions: {reasons}")]
-    NoTask {
-        /// Name of the organ.
-        organ: String,
-        /// Number of targets tried.
-        tried: usize,
-        /// Numbers of refused targets and their reasons, the most frequent first.
-        reasons: String,
-    },
-    /// A target that no needle may be sent to.
-    #[error("the target {found}; expected {expected}")]
-    Target {
-        /// What the target is.
-        found: String,
-        /// Permitted targets.
-        expected: &'static str,
-    },
-    /// No line to a target fulfils the conditions.
-    #[error("no path to {target}: of {tried} lines {reasons}")]
-    NoPath {
-        /// The target.
-        target: String,
-        /// Number of lines tried.
-        tried: usize,
-        /// Numbers of excluded lines and their reasons, the most frequent first.
-        reasons: String,
-    },
-    /// No label or tissue has the name.
-    #[error("no label or tissue is named {organ:?}; expected one of {known}")]
-    NoOrgan {
-        /// The name.
-        organ: String,
-        /// Names of the volume.
-        known: String,
-    },
     /// A step of a needle that pushes tissue cannot be solved.
     #[error("at {travel_mm} mm: {cause}")]
     Travel {

@@ -189,11 +189,7 @@ pub fn plan(
         let mut reasons: Vec<_> = excluded.into_iter().collect();
         reasons.sort_by_key(|(_, number)| std::cmp::Reverse(*number));
         let reasons = reasons.iter().map(|(reason, number)| format!("{number} {reason}"));
-        return Err(StudyError::NoPath {
-            target: name,
-            tried: of,
-            reasons: reasons.collect::<Vec<_>>().join("; "),
-        });
+        return Err(no_path(&name, of, &reasons.collect::<Vec<_>>().join("; ")));
     }
     let mut warnings = Vec::new();
     if let Some(path) = lines[0].path.as_ref() {
@@ -255,16 +251,20 @@ fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Study
     Ok((body.name(label), at))
 }
 
-fn unknown(scenario: &Scenario, name: &str) -> StudyError {
+/// Error if no line to a target is left of those tried.
+fn no_path(target: &str, tried: usize, reasons: &str) -> StudyError {
+    StudyError::Refused(format!("no path to {target}: of {tried} lines {reasons}"))
+}
+
+/// Error if no label or tissue of a scenario has a name.
+pub(super) fn unknown(scenario: &Scenario, name: &str) -> StudyError {
     let entries = scenario.scene.body().entries();
     let known: Vec<String> = entries
         .iter()
         .filter_map(|(_, _, names)| names.first().cloned())
         .collect();
-    StudyError::NoOrgan {
-        organ: name.to_owned(),
-        known: some_of(&known),
-    }
+    let known = some_of(&known);
+    StudyError::Refused(format!("no label or tissue is named {name:?}; expected one of {known}"))
 }
 
 /// Order of lines: simulated before excluded, then by miss (those within the tolerance are equal), clearance (to 1 mm) and peak force.

@@ -157,11 +157,16 @@ const REQUIRED: [&str; 8] = [
 /// Reason for which a run without a target is not scored.
 const NO_TARGET: &str = "has no target: name one in the scenario (`needle.target` or `[[plan.target]]`)";
 
+/// Error of a run (its folder or table) that cannot be scored.
+fn unscored(run: &Path, reason: &str) -> StudyError {
+    StudyError::Refused(format!("{} {reason}", run.display()))
+}
+
 impl Score {
     /// Scores a run from its folder, or from its table of steps.
     ///
     /// # Errors
-    /// [`StudyError::Table`] if the table cannot be read; [`StudyError::Unscored`] if the run has no target, or the needle never is in the
+    /// [`StudyError::Table`] if the table cannot be read; [`StudyError::Refused`] if the run has no target, or the needle never is in the
     /// body.
     pub fn of(run: &Path) -> Result<Self, StudyError> {
         let file = if run.is_dir() {
@@ -170,10 +175,6 @@ impl Score {
             run.to_owned()
         };
         let table = Csv::open(&file, &REQUIRED)?;
-        let unscored = |reason| StudyError::Unscored {
-            run: run.to_owned(),
-            reason,
-        };
         let mut samples = Vec::new();
         let (mut withdrawn, mut end_s) = (false, 0.0);
         for row in table.rows() {
@@ -183,7 +184,7 @@ impl Score {
                 continue;
             }
             if row.text("target_x_mm").is_empty() {
-                return Err(unscored(NO_TARGET));
+                return Err(unscored(run, NO_TARGET));
             }
             samples.push(Sample::read(row)?);
         }
@@ -193,11 +194,7 @@ impl Score {
     /// Scores the steps of a run in which the needle is in the body.
     fn of_samples(run: &Path, samples: Vec<Sample>, withdrawn: bool, end_s: f64) -> Result<Self, StudyError> {
         let (Some(first), Some(last)) = (samples.first(), samples.last()) else {
-            let reason = "never has the needle in the body";
-            return Err(StudyError::Unscored {
-                run: run.to_owned(),
-                reason,
-            });
+            return Err(unscored(run, "never has the needle in the body"));
         };
         let nearest = samples
             .iter()

@@ -181,11 +181,8 @@ impl ScenarioFile {
                 (None, Some(found), Some(_)) => {
                     let nodes = mesh.nodes();
                     let node = usize::try_from(found).ok().and_then(|node| nodes.get(node));
-                    let unknown = Cause::Node {
-                        found,
-                        nodes: nodes.len(),
-                    };
-                    (*node.ok_or_else(|| self.fault(format!("{table}.node"), unknown))?).into()
+                    let unknown = || self.fault(format!("{table}.node"), Cause::node(found, nodes.len()));
+                    (*node.ok_or_else(unknown)?).into()
                 }
                 (given, _, _) => {
                     let found = given.map_or("neither `at_mm` nor `node`", |_| "both `at_mm` and `node`");

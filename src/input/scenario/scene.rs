@@ -90,12 +90,8 @@ impl ScenarioFile {
         if !name.contains(['.', '/', '\\']) && !path.exists() {
             let known: Vec<&str> = EXAMPLES.iter().map(|(known, _)| *known).collect();
             let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
-            let (found, expected) = (
-                name.to_owned(),
-                format!("one of {}, or the path of a scene file", known.join(", ")),
-            );
-            let wrong = Cause::Name { found, expected };
-            return Err(self.fault("scene", wrong).with_help(help));
+            let expected = format!("one of {}, or the path of a scene file", known.join(", "));
+            return Err(self.fault("scene", Cause::name(name, &expected)).with_help(help));
         }
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let file = SceneFile::read(&path).map_err(|error| match error.location() {

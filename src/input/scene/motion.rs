@@ -245,16 +245,7 @@ impl SceneFile {
     fn tracked(&self, table: &str, transform: &str, error: TrackingError) -> InputError {
         let key = tracked_key(table, &error);
         match error {
-            TrackingError::NoValidPose { .. } => {
-                let transform = transform.to_owned();
-                self.fault(
-                    key,
-                    Cause::NoPose {
-                        transform,
-                        source: error,
-                    },
-                )
-            }
+            TrackingError::NoValidPose { .. } => self.fault(key, Cause::Unknown(format!("`{transform}`: {error}"))),
             error => self.fault(key, error),
         }
     }

@@ -181,10 +181,9 @@ impl SceneFile {
         let sequence = Sequence::read_poses(&path).at(self, &format!("{key}.file"))?;
         let defined = plus.map_or_else(BTreeMap::new, PlusConfig::definitions);
         let Some((from, to)) = ends(transform) else {
-            let (found, expected) = (transform.to_owned(), "a transform such as `ProbeToTracker`".to_owned());
+            let wrong = Cause::name(transform, "a transform such as `ProbeToTracker`");
             let (_, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
-            let error = self.fault(format!("{key}.transform"), Cause::Name { found, expected });
-            return Err(error.with_help(help));
+            return Err(self.fault(format!("{key}.transform"), wrong).with_help(help));
         };
         let named = sequence
             .frames
@@ -213,8 +212,10 @@ impl SceneFile {
             return Ok((frames, sequence));
         }
         let (has, help) = known_transforms(&sequence, &defined, transform, [from, to]);
-        let transform = transform.to_owned();
-        let problem = Cause::NoTransform { path, transform, has };
+        let problem = Cause::Unknown(format!(
+            "no frame of {} has `{transform}`, or valid transforms that connect the two; it has {has}",
+            path.display()
+        ));
         Err(self.fault(format!("{key}.transform"), problem).with_help(help))
     }
 

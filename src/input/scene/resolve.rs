@@ -300,9 +300,8 @@ impl SceneFile {
                 && !known.contains(&name.as_str())
             {
                 let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
-                let found = name.clone();
-                let expected = format!("one of {}", known.join(", "));
-                let error = self.fault(format!("tissue[{at}].texture"), Cause::Name { found, expected });
+                let wrong = Cause::name(name, &format!("one of {}", known.join(", ")));
+                let error = self.fault(format!("tissue[{at}].texture"), wrong);
                 return Err(error.with_help(help));
             }
         }

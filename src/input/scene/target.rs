@@ -74,8 +74,7 @@ impl SceneFile {
         let labels = some_of(&like);
         let expected =
             format!("a label such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
-        let found = target.to_owned();
-        let error = self.fault("pose.target", Cause::Name { found, expected });
+        let error = self.fault("pose.target", Cause::name(target, &expected));
         let help: Vec<String> = meant.into_iter().chain(warnings.iter().cloned()).collect();
         error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
     }

@@ -204,7 +204,7 @@ fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> S
 pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),
-        _ => Err(Box::new((format!("{key}[{at}]"), Cause::Node { found, nodes: of }))),
+        _ => Err(Box::new((format!("{key}[{at}]"), Cause::node(found, of)))),
     };
     nodes.iter().enumerate().map(check).collect()
 }

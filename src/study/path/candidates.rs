@@ -4,7 +4,7 @@ use nalgebra::{Point3, Vector3};
 
 use super::correct::correct;
 use super::insertion::APPROACH_MM;
-use super::{Candidate, Entry, PathOptions, unknown};
+use super::{Candidate, Entry, PathOptions, no_path, unknown};
 use crate::base::document::{Names, RegionName};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::aim::place::array_end_mm;
@@ -40,6 +40,10 @@ pub(super) struct Line {
     entry: Result<Point3<f64>, &'static str>,
 }
 
+fn wrong_target(found: &str, expected: &str) -> StudyError {
+    StudyError::Refused(format!("the target {found}; expected {expected}"))
+}
+
 /// Refuses a target outside the body, in bone or in a critical structure.
 pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -> Result<(), StudyError> {
     let body = scenario.scene.body();
@@ -50,7 +54,7 @@ pub(super) fn permitted(scenario: &Scenario, name: &str, target: &Point3<f64>) -
             name => format!("\"{name}\" at {at} {what}"),
         };
         let expected = "a point of soft tissue within the body, in LPS millimetres, or the name of a label";
-        Err(StudyError::Target { found, expected })
+        Err(wrong_target(&found, expected))
     };
     let Some(label) = body.label_at(target) else {
         return refuse("lies outside the body".to_owned());
@@ -73,10 +77,10 @@ pub(super) fn in_plane(scenario: &Scenario, target: &Point3<f64>) -> Result<(), 
     let aside_mm = pose.world_to_probe().transform_point(target).z;
     match aside_mm.abs() <= IN_PLANE_MM {
         true => Ok(()),
-        false => Err(StudyError::Target {
-            found: format!("lies {:.1} mm beside the image plane", aside_mm.abs()),
-            expected: "a target in the plane of a model of two dimensions",
-        }),
+        false => Err(wrong_target(
+            &format!("lies {:.1} mm beside the image plane", aside_mm.abs()),
+            "a target in the plane of a model of two dimensions",
+        )),
     }
 }
 
@@ -92,10 +96,8 @@ pub(super) struct Entries<'a> {
 impl<'a> Entries<'a> {
     pub fn new(scenario: &'a Scenario, target: Point3<f64>, options: &'a PathOptions) -> Result<Self, StudyError> {
         if options.section_mm.is_some() && !matches!(options.entry, Entry::Plane(_)) {
-            return Err(StudyError::Target {
-                found: "in a model of two dimensions with entries outside the image plane".to_owned(),
-                expected: "entries in the plane: `plane`, with `--angles`",
-            });
+            let found = "in a model of two dimensions with entries outside the image plane";
+            return Err(wrong_target(found, "entries in the plane: `plane`, with `--angles`"));
         }
         Ok(Self {
             scenario,
@@ -185,11 +187,8 @@ impl<'a> Entries<'a> {
             .iter()
             .min_by(|a, b| (*a - self.target).norm().total_cmp(&(*b - self.target).norm()));
         let Some(mut next) = nearest.copied() else {
-            return Err(StudyError::NoPath {
-                target: "the target".to_owned(),
-                tried: 0,
-                reasons: format!("none is left: no skin in {of} within the needle's reach"),
-            });
+            let reasons = format!("none is left: no skin in {of} within the needle's reach");
+            return Err(no_path("the target", 0, &reasons));
         };
         let mut away = vec![f64::INFINITY; all.len()];
         let mut directions = Vec::new();

@@ -163,7 +163,10 @@ fn first_push(samples: &[Sample]) -> Result<Vec<Sample>, StudyError> {
         .filter(|sample| sample.travel_mm > 0.0);
     let pushed: Vec<Sample> = pushed.copied().collect();
     if pushed.len() < FEWEST || largest.1 <= 0.0 {
-        return Err(StudyError::Curve(pushed.len()));
+        return Err(StudyError::Refused(format!(
+            "the curve: found {} points beyond 0 mm before the force drops; expected at least 4, with a force above 0 N",
+            pushed.len()
+        )));
     }
     Ok(pushed)
 }

@@ -10,14 +10,14 @@ use serde::Serialize;
 
 use super::groups::{Comparison, Session, compare};
 use super::hands::{Draw, Hand, Plan, hand};
-use super::{Collector, NAMES, NO_TARGET, Score};
+use super::{Collector, NAMES, NO_TARGET, Score, unscored};
 use crate::base::random::hash3;
 use crate::base::range::{OutOfRange, check};
-use crate::base::text::some_of;
 use crate::input::scenario::Scenario;
 use crate::input::scenario::clearance::Surroundings;
 use crate::input::scenario::run::{Requests, run};
 use crate::mechanics::needle::across;
+use crate::study::path::unknown;
 use crate::study::{StudyError, rewritten};
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::BeamGrid;
@@ -98,23 +98,13 @@ impl Conditions {
     /// Finds `count` tasks in the anatomy of a scenario, whose needle enters in the middle of the entry window.
     ///
     /// # Errors
-    /// [`StudyError::NoTask`] with the reasons if targets run out; [`StudyError::NoOrgan`]; [`OutOfRange`]; [`StudyError::Unscored`] if the scenario's
-    /// needle does not enter the body.
+    /// [`OutOfRange`]; [`StudyError::Refused`] if there is no such organ, if the scenario's needle does not enter the body, or, with the
+    /// reasons, if targets run out.
     pub fn tasks(&self, scenario: &Scenario, count: usize) -> Result<Vec<Task>, StudyError> {
         self.check()?;
         let plan = Plan::of(scenario)?;
         let body = scenario.scene.body();
-        let unknown = || StudyError::NoOrgan {
-            organ: self.organ.clone(),
-            known: some_of(
-                &body
-                    .entries()
-                    .iter()
-                    .filter_map(|(_, _, names)| names.first().cloned())
-                    .collect::<Vec<_>>(),
-            ),
-        };
-        let label = body.named(&self.organ).ok_or_else(unknown)?;
+        let label = body.named(&self.organ).ok_or_else(|| unknown(scenario, &self.organ))?;
         let volume = body.volume;
         let voxels: Vec<usize> = (0..volume.voxels().len())
             .filter(|&at| volume.voxels()[at] == label)
@@ -143,11 +133,11 @@ impl Conditions {
                 let reasons = reasons
                     .iter()
                     .map(|(reason, number)| format!("{number} because {reason}"));
-                return Err(StudyError::NoTask {
-                    organ: self.organ.clone(),
-                    tried,
-                    reasons: reasons.collect::<Vec<_>>().join("; "),
-                });
+                return Err(StudyError::Refused(format!(
+                    "none of {tried} random targets in {} fulfils the conditions: {}",
+                    self.organ,
+                    reasons.collect::<Vec<_>>().join("; ")
+                )));
             }
             tried += 1;
             let target = place(voxels[(draw.uniform() * voxels.len() as f64) as usize]);
@@ -335,10 +325,7 @@ impl Task {
 /// [`StudyError`] if the run cannot be made or scored.
 pub fn perform(scenario: &Scenario, hand: &Hand, seed: u64) -> Result<Score, StudyError> {
     if scenario.targets.is_empty() {
-        return Err(StudyError::Unscored {
-            run: "the task".into(),
-            reason: NO_TARGET,
-        });
+        return Err(unscored(Path::new("the task"), NO_TARGET));
     }
     let scenario = hand.perform(scenario, seed)?;
     let mut model = scenario.model(|_, _| ())?;

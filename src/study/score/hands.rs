@@ -6,10 +6,12 @@
 //! differ; they are not measured.
 
 use std::f64::consts::TAU;
+use std::path::Path;
 
 use nalgebra::{Point3, Unit, UnitQuaternion, Vector3};
 use serde::Serialize;
 
+use super::unscored;
 use crate::base::random::{hash3, seed_words, unit};
 use crate::input::scenario::Scenario;
 use crate::mechanics::needle::across;
@@ -207,7 +209,7 @@ impl Hand {
     /// The scenario as performed by this hand: a straight insertion to where the scenario's needle is deepest, a pause, and withdrawal.
     ///
     /// # Errors
-    /// [`StudyError::Unscored`] if the needle's path does not enter the body.
+    /// [`StudyError::Refused`] if the needle's path does not enter the body.
     pub fn perform(&self, scenario: &Scenario, seed: u64) -> Result<Scenario, StudyError> {
         let plan = Plan::of(scenario)?;
         let mut draw = Draw::new(seed);
@@ -280,10 +282,7 @@ pub(super) struct Plan {
 
 impl Plan {
     pub fn of(scenario: &Scenario) -> Result<Self, StudyError> {
-        let unscored = |reason| StudyError::Unscored {
-            run: "the scenario".into(),
-            reason,
-        };
+        let unscored = |reason| unscored(Path::new("the scenario"), reason);
         let keys = scenario.needle_tip().keys();
         let (Some(first), Some(last)) = (keys.first(), keys.last()) else {
             return Err(unscored("has a needle that does not move"));

@@ -263,7 +263,9 @@ fn truth(subject: &Subject, model: Model, steps: u32, hold: bool) -> Result<Walk
         tolerance,
     })?;
     match walked.flag {
-        Some(flag) => Err(StudyError::Gold(flag)),
+        Some(flag) => Err(StudyError::Refused(format!(
+            "the gold standard cannot be solved: {flag}"
+        ))),
         None => Ok(walked),
     }
 }

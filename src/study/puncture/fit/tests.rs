@@ -82,6 +82,6 @@ fn curves_are_read_and_refused() {
     let (options, samples) = made();
     assert!(matches!(
         fit(&options, &samples[..3], |_| {}),
-        Err(StudyError::Curve { .. })
+        Err(StudyError::Refused(_))
     ));
 }

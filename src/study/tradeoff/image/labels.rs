@@ -157,7 +157,10 @@ pub fn grids(options: &ImageOptions, notes: &mut Vec<String>) -> Result<Vec<Tabl
     let axes: Vec<Axis> = std::iter::once(samples).chain(PICTURE).collect();
     // Comparing a grid with itself would show no error.
     let Some((&finest, grids)) = options.grids.split_last().filter(|(_, grids)| !grids.is_empty()) else {
-        return Err(StudyError::Grids(options.grids.len()));
+        let found = options.grids.len();
+        return Err(StudyError::Refused(format!(
+            "{found} grids: expected two or more; the finest is the gold standard"
+        )));
     };
     let largest = grids[grids.len() - 1];
     let title = format!("Beam grid, against {} in double precision", name(finest));

@@ -164,7 +164,7 @@ impl Subject {
     /// Makes the change that follows `done` changes: the next inward move, or the undoing of the last one.
     ///
     /// # Errors
-    /// [`StudyError::Move`], which would indicate a fault of the mesh, as all moves have been tried before.
+    /// [`StudyError::Remesh`], which would indicate a fault of the mesh, as all moves have been tried before.
     pub fn step(&self, mesh: &mut AdaptedMesh, done: usize) -> Result<Change, StudyError> {
         let (length, place) = (self.track.len(), done % (2 * self.track.len()));
         let moved = mesh.moves().len();
@@ -172,11 +172,16 @@ impl Subject {
             let (node, to) = self.track[place];
             return Ok(mesh.move_node(node, to)?);
         }
-        mesh.undo()?.ok_or(StudyError::Track {
-            moves: moved,
-            expected: MIN_MOVES,
-        })
+        mesh.undo()?.ok_or_else(|| few_moves(moved))
     }
+}
+
+/// Error if the needle's line crosses too few elements with a movable corner.
+fn few_moves(moves: usize) -> StudyError {
+    StudyError::Refused(format!(
+        "only {moves} corners can be moved along the needle's line, {MIN_MOVES} expected: the mesh is too coarse, or lies beside \
+         the line down through the middle of its box"
+    ))
 }
 
 /// Returns the free nodes nearest to a point.
@@ -189,10 +194,11 @@ fn nearest_free(mesh: &AdaptedMesh, place: [f64; 3], count: usize) -> Result<Vec
         .filter(|node| !mesh.dofs().of(*node).contains(&NONE))
         .collect();
     if free.len() < 2 * count {
-        return Err(StudyError::Contacts {
-            found: free.len(),
-            expected: 2 * count,
-        });
+        return Err(StudyError::Refused(format!(
+            "the mesh has {} free nodes beside the needle, {} expected as contacts; take a finer mesh",
+            free.len(),
+            2 * count
+        )));
     }
     free.sort_by(|a, b| distance(*a).total_cmp(&distance(*b)).then(a.cmp(b)));
     free.truncate(count);
@@ -229,10 +235,7 @@ fn track(
         track.push((corner.node, tip));
     }
     match track.len() {
-        moves if moves < MIN_MOVES => Err(StudyError::Track {
-            moves,
-            expected: MIN_MOVES,
-        }),
+        moves if moves < MIN_MOVES => Err(few_moves(moves)),
         _ => Ok(track),
     }
 }
