@@ -191,7 +191,7 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
     let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
     if message == "recursion limit" {
         let problem = InvalidFile::Syntax(format!("a key of more than {MAX_PARTS} parts"));
-        return Fault::new(problem).in_text(source, long_key(source.text()));
+        return Fault::new(problem).in_text(source, long_key(&source.text));
     }
     let Some((key, known)) = suggest::unknown_field(message) else {
         let help = suggest::unknown_variant(message);
@@ -281,8 +281,9 @@ impl JsonSchema for Version {
 /// Text of a file and its name in errors.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Source {
+    /// Name of the file as shown in errors.
     name: String,
-    text: String,
+    pub(crate) text: String,
 }
 
 impl Source {
@@ -291,16 +292,6 @@ impl Source {
             name: name.to_owned(),
             text: text.to_owned(),
         }
-    }
-
-    /// Name of the file as shown in errors.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Text of the file.
-    pub fn text(&self) -> &str {
-        &self.text
     }
 
     /// Line that contains a byte, from 1.

@@ -90,18 +90,18 @@ impl Solve {
         self.force.check(&outputs, &inputs)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let problem = ProblemFile::read(path)?.resolve(folder)?;
-        if self.history.is_some() && problem.model() == Model::Linear {
+        if self.history.is_some() && problem.file.model == Model::Linear {
             let found = "--history of a case without one: `model = \"linear\"`".to_owned();
             return Err(Failure::usage(
                 found,
                 "leave it out, or give the case a model with a [history]",
             ));
         }
-        problem.notes().iter().for_each(terminal::note);
-        problem.warnings().iter().for_each(terminal::warn);
+        problem.notes.iter().for_each(terminal::note);
+        problem.warnings.iter().for_each(terminal::warn);
         let solved = problem.solve(self.output.is_some())?;
         if let (Some(output), Some(fields)) = (&self.output, &solved.fields) {
-            let mut reactions = vec![[0.0; 3]; problem.mesh().nodes().len()];
+            let mut reactions = vec![[0.0; 3]; problem.mesh.nodes().len()];
             for reaction in &solved.solution.reactions {
                 reactions[reaction.node as usize][usize::from(reaction.axis)] = reaction.force_n;
             }
@@ -114,10 +114,10 @@ impl Solve {
                 ("stress_kpa", Values::Symmetric(&fields.stress_kpa)),
                 ("von_mises_kpa", Values::Scalars(&fields.von_mises_kpa())),
             ];
-            write_vtu_with(output, problem.mesh(), &Default::default(), &of_nodes, &of_elements)?;
+            write_vtu_with(output, &problem.mesh, &Default::default(), &of_nodes, &of_elements)?;
         }
         if let (Some(output), Some(history)) = (&self.history, &solved.history) {
-            let table = history.csv(problem.report_nodes());
+            let table = history.csv(&problem.report_nodes);
             output::text(output, &table)?;
         }
         let report = Report::new(&problem, &solved);

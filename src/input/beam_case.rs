@@ -257,7 +257,7 @@ impl Case {
         let failed = |error: &dyn std::fmt::Display| self.file.wrong_keys("needle", error.to_string(), "a case");
         let source = self.file.source.as_ref();
         let mut table: toml::Table = source
-            .map_or("", |source| source.text())
+            .map_or("", |source| &source.text)
             .parse()
             .map_err(|error: toml::de::Error| failed(&error.message()))?;
         let rounded = |x: f64| toml::Value::Float((x * 1e5).round() / 1e5);

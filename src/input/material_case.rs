@@ -184,11 +184,6 @@ impl CaseFile {
 }
 
 impl Case {
-    /// Returns the material.
-    pub fn point(&self) -> &Point {
-        &self.point
-    }
-
     /// Notes about keys under old names.
     pub fn notes(&self) -> Vec<String> {
         self.file.source.iter().flat_map(|source| source.renamed()).collect()
@@ -200,13 +195,8 @@ impl Case {
     /// [`InputError`] if the rule does not apply to the history, or if stress or strain overflows.
     pub fn run(&self) -> Result<Report, InputError> {
         let response = self.point.respond(&self.file.history, self.file.rule);
-        let response = response.map_err(|error| self.blame(error))?;
+        let response = response.map_err(|error| self.file.blame(error))?;
         Ok(Report::new(&self.file.history, response))
-    }
-
-    /// Attaches the key concerned to an error.
-    fn blame(&self, error: HistoryError) -> InputError {
-        self.file.blame(error)
     }
 }
 

@@ -55,7 +55,7 @@ impl<P> Fault<P> {
     }
 
     pub(crate) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
-        self.0.file = Some(source.name().to_owned());
+        self.0.file = Some(source.name.clone());
         self.0.place = span.map(|span| Place::new(source, &span));
         self
     }
@@ -114,7 +114,7 @@ impl Place {
     fn new(source: &Source, span: &Range<usize>) -> Self {
         /// Maximum columns of text before an error, of the error, after it, and of another line.
         const SHOWN: [usize; 4] = [40, 60, 40, 120];
-        let text = source.text();
+        let text = source.text.as_str();
         let start = text.floor_char_boundary(span.start);
         let begin = text[..start].rfind('\n').map_or(0, |feed| feed + 1);
         let until_feed = |from: usize| text[from..].find('\n').map_or(text.len(), |feed| from + feed);
@@ -134,7 +134,7 @@ impl Place {
         shown += &head(text[fault_end..end].trim_end_matches('\r'), SHOWN[2]);
         shown += &after.unwrap_or_default();
         Self {
-            name: printable(source.name()).into_owned(),
+            name: printable(&source.name).into_owned(),
             line,
             column: text[begin..start].chars().count(),
             lines_before: line - 1 - usize::from(before.is_some()),

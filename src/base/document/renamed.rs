@@ -34,12 +34,12 @@ impl Source {
     /// Notes about keys under old names, in the order of the text.
     pub(crate) fn renamed(&self) -> Vec<String> {
         let mut found = Vec::new();
-        if let Ok(root) = DeTable::parse(self.text()) {
+        if let Ok(root) = DeTable::parse(&self.text) {
             collect("", root.get_ref(), &mut found);
         }
         found.sort_unstable();
         let note = |(at, old, new): (usize, String, &str)| {
-            format!("{}, line {}: `{old}` is now called `{new}`", self.name(), self.line(at))
+            format!("{}, line {}: `{old}` is now called `{new}`", self.name, self.line(at))
         };
         found.into_iter().map(note).collect()
     }

@@ -73,7 +73,7 @@ impl Case {
     /// # Errors
     /// [`InputError`] if stress or strain overflows.
     pub fn rheometer(&self) -> Result<Rheometer, InputError> {
-        let point = self.point();
+        let point = &self.point;
         let measured = || -> Result<Rheometer, HistoryError> {
             Ok(Rheometer {
                 dynamic: dynamic(point)?,
@@ -81,7 +81,7 @@ impl Case {
                 stiffness: stiffness(point)?,
             })
         };
-        measured().map_err(|error| self.blame(error))
+        measured().map_err(|error| self.file.blame(error))
     }
 }
 

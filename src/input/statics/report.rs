@@ -62,7 +62,7 @@ impl Report {
         let (farthest, max) = lengths.fold((0, 0.0), |best, next| if next.1 > best.1 { next } else { best });
         let phases = &solution.seconds;
         let phases = [
-            ("read", problem.read_seconds()),
+            ("read", problem.read_seconds),
             ("check", phases.check),
             ("assembly", phases.assembly),
             ("factor", phases.factor),
@@ -71,20 +71,20 @@ impl Report {
         let total = phases.iter().map(|(_, seconds)| seconds).sum();
         let displacement = |node: &u32| solution.displacement_mm[*node as usize];
         Report {
-            model: problem.model(),
+            model: problem.file.model,
             history: solved.history.clone(),
-            nodes: problem.mesh().nodes().len(),
-            elements: problem.mesh().elements().len(),
+            nodes: problem.mesh.nodes().len(),
+            elements: problem.mesh.elements().len(),
             residual: solution.residual,
-            displacement_mm: problem.report_nodes().iter().map(displacement).collect(),
+            displacement_mm: problem.report_nodes.iter().map(displacement).collect(),
             max_displacement_mm: max,
             load_n: problem.load_n(),
-            load_area_mm2: problem.load_area_mm2().to_vec(),
+            load_area_mm2: problem.loads.area_mm2.clone(),
             weight_n: problem.weight_n(),
             reaction_n: problem.reactions(solution),
             seconds: phases.into_iter().chain([("total", total)]).collect(),
-            warnings: problem.warnings().to_vec(),
-            report_nodes: problem.report_nodes().to_vec(),
+            warnings: problem.warnings.clone(),
+            report_nodes: problem.report_nodes.clone(),
             farthest,
         }
     }

@@ -27,8 +27,9 @@ const FARTHEST: f64 = 1e6;
 /// A static problem with its mesh read and its nodes selected.
 #[derive(Clone, Debug)]
 pub struct Problem {
-    pub(super) file: ProblemFile,
-    mesh: TetMesh,
+    pub file: ProblemFile,
+    /// Mesh of the problem.
+    pub mesh: TetMesh,
     regions: Regions,
     /// Material of each region.
     pub(super) made: BTreeMap<i32, Made>,
@@ -36,12 +37,14 @@ pub struct Problem {
     /// Index of the `[[fix]]` of each entry of `fixes`.
     pub(super) tables: Vec<usize>,
     pub(super) loads: Loads,
-    report_nodes: Vec<u32>,
-    /// Numbers of nodes held, for the user.
-    notes: Vec<String>,
+    /// Nodes whose displacements are reported, in the order requested.
+    pub report_nodes: Vec<u32>,
+    /// Numbers of nodes held by each `[[fix]]`, for the user.
+    pub notes: Vec<String>,
     /// Warnings about a solvable problem.
-    warnings: Vec<String>,
-    read_seconds: f64,
+    pub warnings: Vec<String>,
+    /// Duration of reading the files, s.
+    pub(super) read_seconds: f64,
 }
 
 /// Solution of a problem, with its history for models that have one.
@@ -236,31 +239,6 @@ fn mesh_warnings(quality: &Quality) -> Vec<String> {
 }
 
 impl Problem {
-    /// Mesh of the problem.
-    pub fn mesh(&self) -> &TetMesh {
-        &self.mesh
-    }
-
-    /// Nodes whose displacements are reported, in the order requested.
-    pub fn report_nodes(&self) -> &[u32] {
-        &self.report_nodes
-    }
-
-    /// Numbers of nodes held by each `[[fix]]`, for the user.
-    pub fn notes(&self) -> &[String] {
-        &self.notes
-    }
-
-    /// Warnings about a solvable problem.
-    pub fn warnings(&self) -> &[String] {
-        &self.warnings
-    }
-
-    /// Duration of reading the files, s.
-    pub fn read_seconds(&self) -> f64 {
-        self.read_seconds
-    }
-
     /// Solves the problem, with final strain and stress if `fields` is set: for viscoelastic tissue with a memory of loads they
     /// need a history of their own.
     ///
@@ -280,11 +258,6 @@ impl Problem {
             fields: fields.transpose()?,
             history: None,
         })
-    }
-
-    /// Tissue model.
-    pub fn model(&self) -> Model {
-        self.file.model
     }
 
     /// Solution of the linear problem with loads and displacements as written.
@@ -309,11 +282,6 @@ impl Problem {
         (0..self.file.load.len())
             .map(|table| self.loads.sum_n(Some(table)))
             .collect()
-    }
-
-    /// Surface area loaded by each `[[load]]`, mm^2; 0 for nodal forces.
-    pub fn load_area_mm2(&self) -> &[f64] {
-        &self.loads.area_mm2
     }
 
     /// Total weight of the tissue, N, under gravity.

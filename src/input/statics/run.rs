@@ -72,7 +72,7 @@ impl Problem {
         let check = started.elapsed().as_secs_f64();
         let body = Arc::new(self.body()?);
         let supports = Supports::new(
-            self.mesh().nodes().len(),
+            self.mesh.nodes().len(),
             self.fixes.iter().map(|fix| (fix.node, fix.axis)),
         );
         let assembled = started.elapsed().as_secs_f64();
@@ -160,9 +160,9 @@ impl Problem {
     /// Body of the mesh, with the constitutive laws of its regions.
     pub(super) fn body(&self) -> Result<Solid, InputError> {
         // Every region has a material.
-        let laws = self.mesh().regions().iter().filter_map(|region| self.made.get(region));
+        let laws = self.mesh.regions().iter().filter_map(|region| self.made.get(region));
         let laws: Vec<_> = laws.map(|made| made.law).collect();
-        Body::tetrahedra(self.mesh(), &laws).map_err(|error| self.file.fault("mesh", error))
+        Body::tetrahedra(&self.mesh, &laws).map_err(|error| self.file.fault("mesh", error))
     }
 
     /// Checks that displacements prescribed by several tables agree at all times, and start at 0 for viscous
@@ -203,7 +203,7 @@ impl Problem {
         history.time_s.push(time_s);
         history
             .displacement_mm
-            .push(self.report_nodes().iter().map(vector).collect());
+            .push(self.report_nodes.iter().map(vector).collect());
         history.reaction_n.push(self.held_by(force));
         history.iterations.push(progress.iterations);
         history.factorisations.push(progress.factorisations);

@@ -28,7 +28,7 @@ fn bar(nodes: usize, keys: &str, tables: &str) -> (Problem, Solved) {
 
 /// Largest relative error of the upper end's displacements along z.
 fn error((problem, solved): &(Problem, Solved), expected: f64) -> f64 {
-    let nodes = problem.mesh().nodes().iter().zip(&solved.solution.displacement_mm);
+    let nodes = problem.mesh.nodes().iter().zip(&solved.solution.displacement_mm);
     let top = nodes.filter(|(node, _)| (node[2] - 20.0).abs() < 1e-9);
     top.map(|(_, u)| (u[2] / expected - 1.0).abs()).fold(0.0, f64::max)
 }
@@ -171,9 +171,9 @@ fn a_mesh_in_metres_says_so() {
     write_vtu(&folder.path().join("block.vtu"), &mesh, None).unwrap();
     let resolved = |text: &str| ProblemFile::parse(text, "p.toml").unwrap().resolve(folder.path());
     let small = resolved(&GOOD.replace("[9, 9, 0]", "[9, 9, 0.0001]")).unwrap();
-    assert!(small.warnings()[0].contains("0.003 mm long") && small.warnings()[0].contains("mesh_unit = \"m\""));
+    assert!(small.warnings[0].contains("0.003 mm long") && small.warnings[0].contains("mesh_unit = \"m\""));
     let problem = resolved(&format!("mesh_unit = \"m\"\n{GOOD}")).unwrap();
-    assert!(problem.warnings().is_empty(), "{:?}", problem.warnings());
+    assert!(problem.warnings.is_empty(), "{:?}", problem.warnings);
     let found = Report::new(&problem, &problem.solve(false).unwrap()).max_displacement_mm;
     let expected = solve(GOOD).unwrap().max_displacement_mm;
     assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
