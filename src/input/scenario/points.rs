@@ -51,7 +51,7 @@ pub struct Displaced<'a> {
 }
 
 /// Extremes of the displacement of a reported point, each as least and most, mm.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Extremes {
     /// Name of the point.
     pub name: String,
@@ -80,14 +80,7 @@ impl Extremes {
         Self {
             name: point.name.clone(),
             at_mm: point.at_mm.into(),
-            max_displacement_mm: 0.0,
-            max_at_s: 0.0,
-            x_mm: [0.0; 2],
-            y_mm: [0.0; 2],
-            z_mm: [0.0; 2],
-            axial_mm: [0.0; 2],
-            lateral_mm: [0.0; 2],
-            elevational_mm: [0.0; 2],
+            ..Self::default()
         }
     }
 

@@ -13,7 +13,7 @@ use crate::mechanics::insertion::{Event, EventKind, LevelChange, Snapshot, Tissu
 const MAX_EVENTS: usize = 10_000;
 
 /// Summary of a run, as `insonify insert --json` prints it.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Summary {
     /// Number of steps.
     pub steps: u64,
@@ -185,22 +185,10 @@ impl<'a> Tally<'a> {
     pub fn new(scenario: &'a Scenario) -> Self {
         let contact = scenario.contact.as_ref();
         let summary = Summary {
-            steps: 0,
-            simulated_s: 0.0,
             nodes: scenario.mesh.nodes().len(),
             elements: scenario.mesh.elements().len(),
             probe_candidates: contact.map_or(0, |contact| contact.probe.candidates.len()),
-            max_base_force_n: 0.0,
             max_probe_force_n: contact.map(|_| 0.0),
-            tip_deflection_mm: 0.0,
-            max_inserted_mm: 0.0,
-            remeshes: 0,
-            not_converged: 0,
-            max_inverted_elements: None,
-            step_ms: StepMs::default(),
-            level_changes: Vec::new(),
-            events: Vec::new(),
-            seeds: Vec::new(),
             targets: scenario
                 .targets
                 .iter()
@@ -212,8 +200,8 @@ impl<'a> Tally<'a> {
                 })
                 .collect(),
             points: scenario.reports.iter().map(Extremes::new).collect(),
-            critical: None,
             warnings: scenario.warnings.clone(),
+            ..Summary::default()
         };
         Self {
             scenario,

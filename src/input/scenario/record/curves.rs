@@ -48,7 +48,7 @@ impl Curve {
     }
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Curves {
     steps_a_stretch: u64,
     axial: Curve,
@@ -64,18 +64,11 @@ pub(super) struct Curves {
 
 impl Curves {
     pub fn new(scenario: &Scenario) -> Self {
-        let has_probe = scenario.contact.is_some();
         Self {
             steps_a_stretch: scenario.timing.steps.div_ceil(STRETCHES).max(1),
-            axial: Curve::default(),
-            lateral: Curve::default(),
-            probe: has_probe.then(Curve::default),
-            inserted: Curve::default(),
-            deflection: Curve::default(),
+            probe: scenario.contact.is_some().then(Curve::default),
             target: (!scenario.targets.is_empty()).then(Curve::default),
-            ms: Curve::default(),
-            remeshed: Vec::new(),
-            end_s: 0.0,
+            ..Self::default()
         }
     }
 

@@ -24,7 +24,7 @@ pub(super) struct Shot {
 }
 
 /// Frames recorded during a run: the first, the deepest, the nearest to a target, and evenly spaced ones for a slider.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Film {
     every: u64,
     /// Frames of the slider.
@@ -38,9 +38,7 @@ impl Film {
     pub fn new(frames: u64) -> Self {
         Self {
             every: frames.div_ceil(MAX).max(1),
-            shots: Vec::new(),
-            deepest: None,
-            nearest: None,
+            ..Self::default()
         }
     }
 
