@@ -213,6 +213,14 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
         .with_help(help)
 }
 
+/// The first of some keys that a table states; an empty list counts as not stated.
+pub(crate) fn stated<'a>(table: &impl Serialize, keys: &[&'a str]) -> Option<&'a str> {
+    let table = toml::Table::try_from(table).ok()?;
+    let is_empty = |value: &toml::Value| value.as_array().is_some_and(Vec::is_empty);
+    let mut keys = keys.iter().copied();
+    keys.find(|key| table.get(*key).is_some_and(|value| !is_empty(value)))
+}
+
 /// A message of serde without the terms of Rust.
 fn without_rust(message: &str) -> String {
     let mut text = message

@@ -2,7 +2,8 @@
 
 use super::file::ScenarioFile;
 use super::labels::Labels;
-use super::tissue::TissueModel;
+use super::tissue::{OF_REMESHING, TissueModel};
+use crate::base::document::stated;
 use crate::input::{Cause, InputError};
 use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
@@ -27,20 +28,8 @@ impl ScenarioFile {
                 }
             };
         }
-        let of_elements = [
-            ("level", spec.level.is_some()),
-            ("device", spec.device.is_some()),
-            ("precision", spec.precision.is_some()),
-            ("columns", spec.columns.is_some()),
-            ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),
-            ("mesh", spec.mesh.is_some()),
-            ("region_array", spec.region_array.is_some()),
-            ("nodes", spec.nodes.is_some()),
-            ("along_path", spec.along_path.is_some()),
-            ("box_mm", spec.box_mm.is_some()),
-            ("fix", !spec.fix.is_empty()),
-        ];
-        if let Some((key, _)) = of_elements.iter().find(|(_, given)| *given) {
+        let of_mesh = ["mesh", "region_array", "nodes", "along_path", "box_mm", "fix"];
+        if let Some(key) = stated(spec, &OF_REMESHING).or_else(|| stated(spec, &of_mesh)) {
             let found = format!("`{key}` of a mass-spring model");
             return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
         }

@@ -11,7 +11,7 @@ use super::regions::{Region, Regions};
 use super::tissue::{DEFAULT_NODES, TissueModel};
 use super::{mesh_note, path_pieces};
 use crate::anatomy::volume::LabelVolume;
-use crate::base::document::RegionName;
+use crate::base::document::{RegionName, stated};
 use crate::input::InputError;
 use crate::input::scene::Scene;
 use crate::input::statics::selection::{Choice, SelectionError, axes, ordered};
@@ -48,13 +48,7 @@ impl ScenarioFile {
         let spec = &self.tissue;
         let meshed = match &spec.mesh {
             Some(file) => {
-                let made = [
-                    ("nodes", spec.nodes.is_some()),
-                    ("box_mm", spec.box_mm.is_some()),
-                    ("along_path", spec.along_path.is_some()),
-                    ("outside", !spec.outside.is_empty()),
-                ];
-                if let Some((key, _)) = made.iter().find(|(_, given)| *given) {
+                if let Some(key) = stated(spec, &["nodes", "box_mm", "along_path", "outside"]) {
                     let found = format!("`{key}` with `mesh`");
                     return Err(self.wrong_keys(
                         format!("tissue.{key}"),

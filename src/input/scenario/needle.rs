@@ -5,6 +5,7 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 use super::file::ScenarioFile;
 use super::instruments::{NeedleModel, NeedleTable};
 use super::plan::{Deposit, Guide};
+use crate::base::document::stated;
 use crate::input::InputError;
 use crate::input::scene::{NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable as SceneNeedle};
 use crate::mechanics::needle::{self, Bevel, Shaft, beam::bending_stiffness_nmm2};
@@ -96,27 +97,21 @@ impl ScenarioFile {
         self.in_ranges("needle", table)?;
         self.in_ranges("needle.bending", table.bending.as_ref())?;
         let (springs, beam) = (NeedleModel::Springs, NeedleModel::Beam);
-        let of_models: [(&str, bool, &[NeedleModel], &str); 5] = [
-            (
-                "kappa_nmm_per_deg",
-                table.kappa_nmm_per_deg.is_some(),
-                &[springs],
-                "`model = \"springs\"`",
-            ),
+        let of_models: [(&str, &[NeedleModel], &str); 5] = [
+            ("kappa_nmm_per_deg", &[springs], "`model = \"springs\"`"),
             (
                 "bending_stiffness_nmm2",
-                table.bending_stiffness_nmm2.is_some(),
                 &[springs, beam],
                 "`model = \"springs\"` or `model = \"beam\"`",
             ),
-            ("link_mm", table.link_mm.is_some(), &[springs], "`model = \"springs\"`"),
-            ("element_mm", table.element_mm.is_some(), &[beam], "`model = \"beam\"`"),
-            ("young_gpa", table.young_gpa.is_some(), &[beam], "`model = \"beam\"`"),
+            ("link_mm", &[springs], "`model = \"springs\"`"),
+            ("element_mm", &[beam], "`model = \"beam\"`"),
+            ("young_gpa", &[beam], "`model = \"beam\"`"),
         ];
         let idle = of_models
             .into_iter()
-            .find(|(_, given, models, _)| *given && !models.contains(&table.model));
-        if let Some((key, _, _, expected)) = idle {
+            .find(|(key, models, _)| !models.contains(&table.model) && stated(table, &[key]).is_some());
+        if let Some((key, _, expected)) = idle {
             let found = format!("`{key}` of a needle that has no use for it");
             return Err(self.wrong_keys(format!("needle.{key}"), found, expected));
         }

@@ -5,7 +5,8 @@ use nalgebra::{Point3, Unit, Vector3};
 use super::file::ScenarioFile;
 use super::instruments::NeedleModel;
 use super::needle::NeedleSettings;
-use super::tissue::TissueModel;
+use super::tissue::{OF_REMESHING, TissueModel};
+use crate::base::document::stated;
 use crate::base::range::parameters;
 use crate::input::InputError;
 use crate::input::statics::SchemeName;
@@ -116,15 +117,7 @@ impl ScenarioFile {
 
     /// Refuses keys that belong to other models.
     fn no_others(&self) -> Result<(), InputError> {
-        let spec = &self.tissue;
-        let of_linear = [
-            ("level", spec.level.is_some()),
-            ("device", spec.device.is_some()),
-            ("precision", spec.precision.is_some()),
-            ("columns", spec.columns.is_some()),
-            ("contact_spacing_mm", spec.contact_spacing_mm.is_some()),
-        ];
-        if let Some((key, _)) = of_linear.iter().find(|(_, given)| *given) {
+        if let Some(key) = stated(&self.tissue, &OF_REMESHING) {
             let found = format!("`{key}` of nonlinear tissue, whose mesh does not change");
             return Err(self.wrong_keys(format!("tissue.{key}"), found, "`model = \"finite-element\"`"));
         }

@@ -64,6 +64,9 @@ parameters! {
     }
 }
 
+/// Keys of `[tissue]` that only finite elements remeshed at the tip have.
+pub(super) const OF_REMESHING: [&str; 5] = ["level", "device", "precision", "columns", "contact_spacing_mm"];
+
 /// Tissue model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
