@@ -16,7 +16,7 @@ use crate::base::output::folder::Folder;
 use crate::base::output::png::{self, Compression};
 use crate::base::output::queue::Queue;
 use crate::gpu::Traffic;
-use crate::imaging::effects::LISTED;
+use crate::imaging::effects::{Effect, LISTED};
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, SynthError, Synthesizer};
 
@@ -222,12 +222,12 @@ impl Clock<'_> {
             passes: synth.plan().passes.len(),
             time: full,
         }];
-        for removal in removals() {
+        for effect in removable() {
             let mut settings = synth.settings().clone();
             let had_mesh = anatomy.mesh.is_some();
-            removal.apply(&mut anatomy, &mut settings);
+            take(effect, &mut anatomy, &mut settings);
             let mesh_removed = had_mesh && anatomy.mesh.is_none();
-            if !synth.plan().has(removal.effect) || (!mesh_removed && settings == *synth.settings()) {
+            if !synth.plan().has(effect.name) || (!mesh_removed && settings == *synth.settings()) {
                 continue;
             }
             if mesh_removed {
@@ -239,7 +239,7 @@ impl Clock<'_> {
             }
             let time = self.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
             rungs.push(Rung {
-                without: Some(removal.effect),
+                without: Some(effect.name),
                 passes: synth.plan().passes.len(),
                 time,
             });
@@ -248,29 +248,19 @@ impl Clock<'_> {
     }
 }
 
-/// Effect that can be taken out of a scene.
-struct Removal {
-    effect: &'static str,
-    take: fn(&mut Settings),
+/// Effects that can be taken out of a scene, in the order of removal: from the last of the list to the first.
+fn removable() -> impl Iterator<Item = &'static Effect> {
+    LISTED.iter().copied().rev().filter(|effect| effect.remove.is_some())
 }
 
-impl Removal {
-    fn apply(&self, anatomy: &mut Anatomy, settings: &mut Settings) {
-        (self.take)(settings);
-        if self.effect == "warp" {
-            anatomy.mesh = None;
-        }
+/// Takes an effect out of a scene.
+fn take(effect: &Effect, anatomy: &mut Anatomy, settings: &mut Settings) {
+    if let Some(remove) = effect.remove {
+        remove(settings);
     }
-}
-
-/// Effects in the order of removal, from the last of the list to the first.
-fn removals() -> impl Iterator<Item = Removal> {
-    LISTED.iter().rev().filter_map(|effect| {
-        effect.remove.map(|take| Removal {
-            effect: effect.name,
-            take,
-        })
-    })
+    if effect.name == "warp" {
+        anatomy.mesh = None;
+    }
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Point3, Vector3};
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use crate::base::csv::{Csv, CsvError, Row};
 use crate::input::scenario::run::{Observer, Step};
@@ -37,52 +37,13 @@ pub const MEANINGS: [&str; COUNT] = [
     "least distance of the tip from the target",
 ];
 
-/// Values of the metrics, in the order of [`NAMES`].
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Metrics {
-    /// Mean distance of the tip from the line from entry to target, mm.
-    pub m1: f64,
-    /// Mean angle between the direction of the tip and that line, degrees.
-    pub m2: f64,
-    /// Mean distance of the tip from the image plane, mm.
-    pub m3: f64,
-    /// Mean angle between the direction of the tip and the image plane, degrees.
-    pub m4: f64,
-    /// Mean angle between the image plane and that at entry, degrees.
-    pub m5: f64,
-    /// Mean distance of the measured tip from the constrained one, mm.
-    pub m6: f64,
-    /// Mean angle between the measured and the constrained direction, degrees.
-    pub m7: f64,
-    /// Share of the time in which the image shows the target, per cent.
-    pub m8: f64,
-    /// Mean distance of the target from the image plane, mm.
-    pub m9: f64,
-    /// Least distance of the tip from the target, mm.
-    pub m10: f64,
-}
+/// Values of the metrics, in the order of [`NAMES`]: means, but for m10, a minimum.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Metrics(pub [f64; COUNT]);
 
-impl Metrics {
-    /// Values in the order of [`NAMES`].
-    pub fn values(&self) -> [f64; COUNT] {
-        [
-            self.m1, self.m2, self.m3, self.m4, self.m5, self.m6, self.m7, self.m8, self.m9, self.m10,
-        ]
-    }
-
-    fn from_values([m1, m2, m3, m4, m5, m6, m7, m8, m9, m10]: [f64; COUNT]) -> Self {
-        Self {
-            m1,
-            m2,
-            m3,
-            m4,
-            m5,
-            m6,
-            m7,
-            m8,
-            m9,
-            m10,
-        }
+impl Serialize for Metrics {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(NAMES.iter().zip(self.0))
     }
 }
 
@@ -330,5 +291,5 @@ fn metrics(samples: &[Sample], state: usize) -> Metrics {
     }
     let mut means = sums.map(|sum| sum / samples.len() as f64);
     means[COUNT - 1] = least;
-    Metrics::from_values(means)
+    Metrics(means)
 }

@@ -34,12 +34,12 @@ impl Identification {
                 table.row(
                     "",
                     [
-                        Cell::from(layer.region_name.clone()),
-                        Cell::number(decimal(layer.poisson, 3)),
-                        Cell::number(decimal(1e3 * layer.peak_n_per_mm, 1)),
-                        Cell::number(decimal(1e3 * layer.shaft_n_per_mm, 1)),
-                        Cell::number(decimal(layer.width_mm, 2)),
-                        Cell::number(decimal(layer.young_kpa, 2) + known),
+                        layer.region_name.clone(),
+                        decimal(layer.poisson, 3),
+                        decimal(1e3 * layer.peak_n_per_mm, 1),
+                        decimal(1e3 * layer.shaft_n_per_mm, 1),
+                        decimal(layer.width_mm, 2),
+                        decimal(layer.young_kpa, 2) + known,
                     ],
                 );
             }
@@ -70,10 +70,7 @@ impl Identification {
                 significant(found.force.largest_n),
                 found.insertions.to_string(),
             ];
-            table.row(
-                "",
-                [Cell::from(found.name())].into_iter().chain(numbers.map(Cell::number)),
-            );
+            table.row("", [found.name()].into_iter().chain(numbers));
         }
         table
     }
@@ -85,9 +82,9 @@ impl Identification {
         for (at, slope) in self.force_model.slopes_n_per_mm.iter().enumerate() {
             let layer = &self.case.layers[at / 2].name;
             let phase = if at % 2 == 0 { "punctured" } else { "penetrated" };
-            let [start, end] = self.force_model.ends(at).map(|end| Cell::number(decimal(end, 2)));
-            let name = Cell::from(format!("{}: {layer} {phase}", at + 1));
-            table.row("", [name, start, end, Cell::number(decimal(*slope, 4))]);
+            let [start, end] = self.force_model.ends(at).map(|end| decimal(end, 2));
+            let name = format!("{}: {layer} {phase}", at + 1);
+            table.row("", [name, start, end, decimal(*slope, 4)]);
         }
         table
     }
@@ -121,17 +118,9 @@ impl Identification {
         );
         for found in &self.found {
             for beside in &found.beside {
-                let change = Cell::number(format!("{:+.0} %", 100.0 * (beside.factor - 1.0)));
-                let cost = Cell::number(significant(beside.cost_ratio));
-                table.row(
-                    "",
-                    [
-                        Cell::from(found.name()),
-                        Cell::from(beside.region_name.clone()),
-                        change,
-                        cost,
-                    ],
-                );
+                let change = format!("{:+.0} %", 100.0 * (beside.factor - 1.0));
+                let cost = significant(beside.cost_ratio);
+                table.row("", [found.name(), beside.region_name.clone(), change, cost]);
             }
         }
         table

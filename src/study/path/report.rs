@@ -105,10 +105,8 @@ impl PathPlan {
                 ],
                 None => vec![String::new(); 8],
             });
-            let cells = cells.into_iter().map(Cell::number);
+            cells.push(line.excluded.unwrap_or_default().to_owned());
             cells
-                .chain([Cell::from(line.excluded.unwrap_or_default())])
-                .collect::<Vec<_>>()
         });
         Table::new(heads).with(rows)
     }

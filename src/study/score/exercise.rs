@@ -384,7 +384,7 @@ pub fn study(
             person: format!("{name} {}", person + 1),
             session: task.clone(),
             // As many digits as the table of sessions has.
-            values: score.metrics.values().map(|value| (value * 1e6).round() / 1e6),
+            values: score.metrics.0.map(|value| (value * 1e6).round() / 1e6),
         })
     });
     let sessions: Vec<Session> = sessions.collect::<Result<_, StudyError>>()?;

@@ -7,7 +7,7 @@ use image::GrayImage;
 
 use super::exercise::GROUPS;
 use super::groups::{Comparison, SIGNIFICANT, Spread, quantile};
-use super::{COUNT, MEANINGS, Metrics, NAMES, Score, UNITS};
+use super::{COUNT, MEANINGS, NAMES, Score, UNITS};
 use crate::base::output::OutputError;
 use crate::base::report::number::fixed;
 use crate::base::report::page::Page;
@@ -31,7 +31,7 @@ impl Score {
             "{}: needle in the body from {start:.2} to {end:.2} s{}, nearest to the target {:.2} mm at {:.2} s, force up to {:.2} N",
             self.run.display(),
             if self.withdrawn { "" } else { " (not withdrawn)" },
-            self.metrics.m10,
+            self.metrics.0[COUNT - 1],
             self.nearest_s,
             self.max_force_n
         );
@@ -46,13 +46,12 @@ impl Score {
 
     fn table(&self) -> Table {
         let rows = (0..COUNT).map(|at| {
-            let number = |metrics: &Metrics| Cell::number(fixed(metrics.values()[at]));
             [
-                Cell::from(NAMES[at]),
-                number(&self.metrics),
-                number(&self.at_rest),
-                Cell::from(UNITS[at]),
-                Cell::from(MEANINGS[at]),
+                NAMES[at].to_owned(),
+                fixed(self.metrics.0[at]),
+                fixed(self.at_rest.0[at]),
+                UNITS[at].to_owned(),
+                MEANINGS[at].to_owned(),
             ]
         });
         let [now, rest] = ["target now", "target at rest"].map(Cell::number);
@@ -189,14 +188,9 @@ impl Comparison {
                 let sd = spread.sd.map_or(String::new(), |sd| format!(" +- {}", fixed(sd)));
                 format!("{}{sd} ({})", fixed(spread.mean), fixed(spread.median))
             };
-            let cells = self
-                .groups
-                .iter()
-                .map(move |group| Cell::number(spread(&group.metrics[NAMES[at]])));
-            [Cell::from(NAMES[at]), Cell::from(UNITS[at])]
-                .into_iter()
-                .chain(cells)
-                .collect::<Vec<_>>()
+            let cells = self.groups.iter().map(|group| spread(&group.metrics[NAMES[at]]));
+            let own = [NAMES[at], UNITS[at]].map(str::to_owned);
+            own.into_iter().chain(cells).collect::<Vec<_>>()
         }))
     }
 
@@ -218,11 +212,8 @@ impl Comparison {
                 pair.person_welch_p,
                 pair.person_mann_whitney_p,
             ];
-            let names = [Cell::from(format!("{} - {}", pair.a, pair.b)), Cell::from(pair.metric)];
-            names
-                .into_iter()
-                .chain(tests.map(|p| Cell::number(p_in_words(p))))
-                .collect::<Vec<_>>()
+            let names = [format!("{} - {}", pair.a, pair.b), pair.metric.to_owned()];
+            names.into_iter().chain(tests.map(p_in_words)).collect::<Vec<_>>()
         }))
     }
 

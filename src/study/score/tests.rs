@@ -56,7 +56,7 @@ fn score(text: &str) -> Result<Score, StudyError> {
 }
 
 fn assert_values(found: &Metrics, expected: [f64; COUNT]) {
-    for ((found, expected), name) in found.values().iter().zip(expected).zip(NAMES) {
+    for ((found, expected), name) in found.0.iter().zip(expected).zip(NAMES) {
         assert!((found - expected).abs() < 1e-9, "{name}: {found}, expected {expected}");
     }
 }
@@ -92,13 +92,13 @@ fn offsets_and_angles_are_those_of_the_geometry() {
     let rest = [5.0, 10.0, 2.0, 10.0, 0.0, 2.0, 0.0, 25.0, 1.0, 26_f64.sqrt()];
     assert_values(&found.at_rest, rest);
     // Half of the steps have the target 4 mm from the plane.
-    assert!((found.metrics.m9 - 2.5).abs() < 1e-9, "{}", found.metrics.m9);
+    assert!((found.metrics.0[8] - 2.5).abs() < 1e-9, "{}", found.metrics.0[8]);
     assert!(
-        (found.metrics.m10 - (4.0_f64 + 16.0 + 1.0).sqrt()).abs() < 1e-9,
+        (found.metrics.0[9] - (4.0_f64 + 16.0 + 1.0).sqrt()).abs() < 1e-9,
         "{}",
-        found.metrics.m10
+        found.metrics.0[9]
     );
-    assert!(found.metrics.m1 < 5.0 && found.metrics.m2 < 10.0);
+    assert!(found.metrics.0[0] < 5.0 && found.metrics.0[1] < 10.0);
 }
 
 #[test]
@@ -111,8 +111,12 @@ fn turns_of_plane_and_constrained_needle_are_angles() {
         }
     }))
     .unwrap();
-    assert!((found.metrics.m5 - 20.0 * 0.99).abs() < 1e-9, "{}", found.metrics.m5);
-    assert!((found.metrics.m7 - 20.0).abs() < 1e-9 && found.metrics.m6.abs() < 1e-12);
+    assert!(
+        (found.metrics.0[4] - 20.0 * 0.99).abs() < 1e-9,
+        "{}",
+        found.metrics.0[4]
+    );
+    assert!((found.metrics.0[6] - 20.0).abs() < 1e-9 && found.metrics.0[5].abs() < 1e-12);
 }
 
 #[test]
@@ -197,12 +201,12 @@ fn simulated_hands_rank_as_their_errors() {
         let all = (0..4).map(|seed| of(&perform(&scenario, &hand(name).unwrap(), seed).unwrap().metrics));
         all.sum::<f64>() / 4.0
     };
-    let line = |metrics: &Metrics| metrics.m1;
+    let line = |metrics: &Metrics| metrics.0[0];
     let [expert, late, wrong] = ["expert", "late-correction", "wrong-angle"].map(|name| mean(name, line));
     assert!(expert < late && late < wrong, "{expert} {late} {wrong}");
-    let angle = |metrics: &Metrics| metrics.m2;
+    let angle = |metrics: &Metrics| metrics.0[1];
     assert!(mean("expert", angle) < mean("tremor", angle));
-    let miss = |metrics: &Metrics| metrics.m10;
+    let miss = |metrics: &Metrics| metrics.0[9];
     assert!(mean("late-correction", miss) < mean("wrong-angle", miss));
 }
 
@@ -251,7 +255,7 @@ fn tasks_are_within_their_conditions_and_repeatable() {
         let score = perform(&made, &steady, 0).unwrap();
         // The tip meets the target where it lies at rest, in the image plane and in view.
         assert!(
-            score.at_rest.m10 < 0.5 && score.at_rest.m3 < 1.0 && score.metrics.m8 > 90.0,
+            score.at_rest.0[9] < 0.5 && score.at_rest.0[2] < 1.0 && score.metrics.0[7] > 90.0,
             "{:?}",
             score.at_rest
         );

@@ -32,9 +32,8 @@ impl Figures {
         table.with((0..3).map(|axis| {
             let (own, other) = (self.correlation_mm[axis], self.exemplar_correlation_mm[axis]);
             let ratio = own.zip(other).map_or("-".to_owned(), |(a, b)| format!("{:.2}", a / b));
-            let cells = [length(own), length(other), ratio, format!("{:.2}", self.seam[axis])];
-            let numbers = cells.map(Cell::number);
-            [Cell::from(AXES[axis])].into_iter().chain(numbers).collect::<Vec<_>>()
+            let seam = format!("{:.2}", self.seam[axis]);
+            [AXES[axis].to_owned(), length(own), length(other), ratio, seam]
         }))
     }
 }

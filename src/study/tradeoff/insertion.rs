@@ -22,7 +22,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::gather::Entry;
-use super::{Axis, Figure, Study, Table};
+use super::{Axis, Figure, Study};
 use crate::base::range::OutOfRange;
 use crate::base::report::machine::Machine;
 use crate::base::report::statistics::percentile;
@@ -68,15 +68,16 @@ impl Part {
         Part::Elements,
     ];
 
-    fn run(self, options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
+    /// Runs the part and adds its results to the study.
+    fn run(self, options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), StudyError> {
         match self {
-            Part::Levels => levels::run_levels(options, progress),
-            Part::Bevel => bevel::run_bevel(options, progress),
-            Part::Masses => masses::run(options, progress),
-            Part::Thinning => levels::run_thinning(options, progress),
-            Part::Links => bevel::run_pieces(&bevel::LINKS, options, progress),
-            Part::Elements => bevel::run_pieces(&bevel::ELEMENTS, options, progress),
-            Part::Mesh => levels::run_meshes(options, progress),
+            Part::Levels => levels::run_levels(options, study, progress),
+            Part::Bevel => bevel::run_bevel(options, study, progress),
+            Part::Masses => masses::run(options, study, progress),
+            Part::Thinning => levels::run_thinning(options, study, progress),
+            Part::Links => bevel::run_pieces(&bevel::LINKS, options, study, progress),
+            Part::Elements => bevel::run_pieces(&bevel::ELEMENTS, options, study, progress),
+            Part::Mesh => levels::run_meshes(options, study, progress),
         }
     }
 }
@@ -161,15 +162,6 @@ impl InsertionOptions {
 /// Callback that receives the current task and the completed fraction, increasing from 0 to 1.
 type Progress<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
 
-/// Results of a part.
-#[derive(Default)]
-struct Findings {
-    about: Vec<(&'static str, String)>,
-    tables: Vec<Table>,
-    figures: Vec<Figure>,
-    notes: Vec<String>,
-}
-
 /// Studies insertions. `progress` receives the current task and the completed fraction, increasing from 0 to 1.
 ///
 /// # Errors
@@ -188,11 +180,7 @@ pub fn study(options: &InsertionOptions, progress: &mut (dyn FnMut(&str, f64) + 
     let total = options.parts.len() as f64;
     for (at, part) in options.parts.iter().enumerate() {
         let mut inner = |text: &str, share: f64| progress(text, (at as f64 + share) / total);
-        let found = part.run(options, &mut inner)?;
-        study.about.extend(found.about);
-        study.tables.extend(found.tables);
-        study.figures.extend(found.figures);
-        study.notes.extend(found.notes);
+        part.run(options, &mut study, &mut inner)?;
     }
     progress("done", 1.0);
     Ok(study)

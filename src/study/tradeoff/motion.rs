@@ -124,22 +124,10 @@ fn strained_correlation(acquisition: &Acquisition, window_mm: f64, strain: f64) 
 }
 
 const FACTORS: [Factor; 4] = [
-    Factor {
-        key: "window_mm",
-        label: "window, mm",
-    },
-    Factor {
-        key: "upsampling",
-        label: "upsampling",
-    },
-    Factor {
-        key: "search",
-        label: "search",
-    },
-    Factor {
-        key: "motion",
-        label: "motion",
-    },
+    Factor::new("window_mm", "window, mm"),
+    Factor::new("upsampling", "upsampling"),
+    Factor::new("search", "search"),
+    Factor::new("motion", "motion"),
 ];
 const AXES: [Axis; 7] = [
     Axis::log("median_ms", "ms", "time of a frame (median), ms"),

@@ -210,7 +210,7 @@ fn one(
                 let made_ms = begun.elapsed().as_secs_f64() * 1e3;
                 let mut measured = measure(&mut *contender, subject, &truth, options);
                 measured.prepare_ms += made_ms + if kind.needs_inverse() { inverse_ms } else { 0.0 };
-                report.add(subject, kind, contender.promise(), measured);
+                report.add(subject, kind, contender.limit().is_some(), measured);
             }
             Err(error) => report.note(format!("{} nodes, {kind}: not measured: {error}", subject.nodes())),
         }
@@ -262,7 +262,7 @@ pub fn measure(contender: &mut dyn Contender, subject: &Subject, truth: &Truth, 
         measured.flag = Some(format!("stopped after {updates} updates: {error}"));
         return measured;
     }
-    measured.flag = contender.promise().broken(&measured);
+    measured.flag = contender::broken(contender.limit(), &measured);
     measured
 }
 

@@ -3,9 +3,10 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use super::super::{Removal, removals};
+use super::super::{removable, take};
 use super::{CompareOptions, Factor, Subject};
 use crate::base::report::statistics::Spread;
+use crate::imaging::effects::Effect;
 use crate::imaging::effects::buffers::Buffer;
 use crate::imaging::plan::Plan;
 use crate::imaging::synth::tables::{Anatomy, Settings, Tables};
@@ -18,22 +19,22 @@ const MIN: usize = 3;
 const MAX: usize = 60;
 
 /// Returns the scene with only the effects to keep.
-fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Removal) -> bool) -> (Anatomy, Settings) {
+fn with(subject: &Subject<'_>, settings: &Settings, keep: impl Fn(&Effect) -> bool) -> (Anatomy, Settings) {
     let (mut anatomy, mut settings) = (subject.anatomy.clone(), settings.clone());
-    for removal in removals().filter(|removal| !keep(removal)) {
-        removal.apply(&mut anatomy, &mut settings);
+    for effect in removable().filter(|effect| !keep(effect)) {
+        take(effect, &mut anatomy, &mut settings);
     }
     (anatomy, settings)
 }
 
 /// Returns the effects that the scene has and that can be removed.
-fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<Removal>, StudyError> {
+fn present(subject: &Subject<'_>, settings: &Settings) -> Result<Vec<&'static Effect>, StudyError> {
     let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
-    let changes = |removal: &Removal| {
-        let (anatomy, without) = with(subject, settings, |other| other.effect != removal.effect);
-        plan.has(removal.effect) && (without != *settings || anatomy.mesh.is_none() != subject.anatomy.mesh.is_none())
+    let changes = |effect: &&'static Effect| {
+        let (anatomy, without) = with(subject, settings, |other| other.name != effect.name);
+        plan.has(effect.name) && (without != *settings || anatomy.mesh.is_none() != subject.anatomy.mesh.is_none())
     };
-    Ok(removals().filter(changes).collect())
+    Ok(removable().filter(changes).collect())
 }
 
 fn backends(options: &CompareOptions) -> Vec<(String, Box<dyn Fn() -> Backend + '_>)> {
@@ -136,7 +137,7 @@ pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table,
     let mut table = Table::new("compare_effects", title, &factors, &AXES);
     let present = present(subject, &settings)?;
     for (name, backend) in backends(options) {
-        let ready = |keep: &dyn Fn(&Removal) -> bool| Ready::new(subject, with(subject, &settings, keep), backend());
+        let ready = |keep: &dyn Fn(&Effect) -> bool| Ready::new(subject, with(subject, &settings, keep), backend());
         let (mut all, mut none) = (ready(&|_| true)?, ready(&|_| false)?);
         let [whole, bare] = in_turn(&mut all, &mut none, options.patience)?;
         let mut push = |what: &str,
@@ -165,13 +166,13 @@ pub fn effects(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table,
             [None; 2],
             [Some(all.megabytes()), None],
         );
-        for removal in &present {
-            let mut but = ready(&|other| other.effect != removal.effect)?;
+        for effect in &present {
+            let mut but = ready(&|other| other.name != effect.name)?;
             let company = in_turn(&mut all, &mut but, options.patience)?;
-            let mut only = ready(&|other| other.effect == removal.effect)?;
+            let mut only = ready(&|other| other.name == effect.name)?;
             let alone = in_turn(&mut only, &mut none, options.patience)?;
             push(
-                removal.effect,
+                effect.name,
                 company[1],
                 company,
                 alone,
@@ -222,18 +223,18 @@ pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, 
         // Without a curve the tone pass displays amplitudes linearly: it is always present and cannot be removed.
         let present = present(subject, &settings)?
             .into_iter()
-            .filter(|removal| removal.effect != "tone");
-        for removal in present {
+            .filter(|effect| effect.name != "tone");
+        for effect in present {
             let plan = Plan::new(&Tables::new(subject.anatomy.clone(), settings.clone())?);
-            let resources = own(&plan, removal.effect);
+            let resources = own(&plan, effect.name);
             let held = plan
                 .resources
                 .iter()
                 .filter(|planned| resources.contains(&planned.resource));
             let held: u64 = held.map(|planned| planned.bytes).sum();
-            let own_passes = plan.passes.iter().filter(|planned| planned.effect == removal.effect);
+            let own_passes = plan.passes.iter().filter(|planned| planned.effect == effect.name);
             let own_passes: Vec<&str> = own_passes.map(|planned| planned.pass.name).collect();
-            let (anatomy, without) = with(subject, &settings, |other| other.effect != removal.effect);
+            let (anatomy, without) = with(subject, &settings, |other| other.name != effect.name);
             let fresh = Synthesizer::new(anatomy.clone(), without.clone(), backend())?;
             let idle = match anatomy.mesh.is_none() != subject.anatomy.mesh.is_none() {
                 // The mesh is fixed on creation: a scene without it needs a new synthesizer.
@@ -256,7 +257,7 @@ pub fn memory(subject: &Subject<'_>, options: &CompareOptions) -> Result<Table, 
             let flag = (left > 0.0 || left_passes > 0)
                 .then(|| format!("{left} bytes and {left_passes} passes are left of what the scene does without"));
             table.push(
-                vec![name.clone(), removal.effect.to_owned()],
+                vec![name.clone(), effect.name.to_owned()],
                 vec![
                     Some(held as f64),
                     Some(own_passes.len() as f64),

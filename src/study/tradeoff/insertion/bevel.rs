@@ -1,8 +1,7 @@
 //! Deflection by the bevel, and lengths of links and beam elements.
 
 use super::{
-    Course, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, points, timed, times,
-    unsettled,
+    Course, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, points, timed, times, unsettled,
 };
 use crate::base::range::OutOfRange;
 use crate::mechanics::insertion::Interaction;
@@ -11,7 +10,7 @@ use crate::mechanics::needle::{BEVEL_MM, Bevel, Needle, Shaft, Stiffness};
 use crate::mechanics::tissue::material::Material;
 use crate::study::StudyError;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Deadline, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 /// Offsets r of the tip from the centre line, mm.
 const SWEEP_MM: [f64; 5] = [0.0, 0.4, 0.6, 0.8, 1.0];
@@ -78,7 +77,11 @@ fn cases(sweep: bool) -> Vec<Case> {
     cells.iter().flat_map(of_mesh).collect()
 }
 
-pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
+pub(super) fn run_bevel(
+    options: &InsertionOptions,
+    study: &mut Study,
+    progress: Progress<'_>,
+) -> Result<(), StudyError> {
     let mut table = Table::new(
         "bevel",
         format!("Bevels in a block of PVC: deflection at {} mm", options.bevel_depth_mm),
@@ -86,7 +89,6 @@ pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> R
         &[ASIDE, HALF, CHANGE, UNSETTLED],
     );
     let mut trace = Table::trace("bevel-depth", "Deflection against depth", &FACTORS, &[DEPTH, ASIDE]);
-    let mut notes = Vec::new();
     let cases = cases(options.bevel_sweep);
     let mut done: Vec<(Case, f64)> = Vec::new();
     for (at, case) in cases.iter().enumerate() {
@@ -113,7 +115,7 @@ pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> R
             .find(|(other, _)| other.bevel == case.bevel && r_mm > 0.0);
         let change = coarser.map(|(_, before)| 100.0 * (last - before) / last);
         if let (Some(change), Some((other, _))) = (change.filter(|it| it.abs() > CONVERGED_PERCENT), coarser) {
-            notes.push(format!(
+            study.notes.push(format!(
                 "{text}: not converged with the mesh, {change:+.0} % from cells of {} mm",
                 cell_name(other.cell_mm)
             ));
@@ -143,18 +145,16 @@ pub(super) fn run_bevel(options: &InsertionOptions, progress: Progress<'_>) -> R
     let [length, cell] = usual;
     let title = "Bevelled needles in PVC (20 kPa): deflection against depth";
     let only = vec![("length_mm", length.clone()), ("cell_mm", cell)];
-    let mut figures = vec![figure("insertion-bevel", title, "r_mm", only)];
+    study.figures.push(figure("insertion-bevel", title, "r_mm", only));
     if options.bevel_sweep {
         let title = "A bevelled needle in PVC, r = 0.6 mm: deflection by the cells of the mesh";
         let only = vec![("length_mm", length), ("r_mm", FITTED_MM.to_string())];
-        figures.push(figure("insertion-bevel-mesh", title, "cell_mm", only));
+        study
+            .figures
+            .push(figure("insertion-bevel-mesh", title, "cell_mm", only));
     }
-    Ok(Findings {
-        tables: vec![table, trace],
-        figures,
-        notes,
-        ..Findings::default()
-    })
+    study.tables.extend([table, trace]);
+    Ok(())
 }
 
 fn insert(case: &Case, depth_mm: f64) -> Result<Vec<Step>, StudyError> {
@@ -211,8 +211,9 @@ pub(super) const ELEMENTS: Pieces = Pieces {
 pub(super) fn run_pieces(
     pieces: &Pieces,
     options: &InsertionOptions,
+    study: &mut Study,
     progress: Progress<'_>,
-) -> Result<Findings, StudyError> {
+) -> Result<(), StudyError> {
     let finest = pieces.lengths_mm[pieces.lengths_mm.len() - 1];
     let (name, key) = (pieces.name, pieces.length.key);
     let axes = [
@@ -279,9 +280,7 @@ pub(super) fn run_pieces(
     table.mark_gold(key, &finest.to_string());
     let [file, title] = pieces.figure;
     let figure = points(file, title, name, ["remesh_median_ms", "tip_mm"], key);
-    Ok(Findings {
-        tables: vec![table],
-        figures: vec![figure],
-        ..Findings::default()
-    })
+    study.tables.push(table);
+    study.figures.push(figure);
+    Ok(())
 }

@@ -1,8 +1,8 @@
 //! Levels of remeshing, mesh sizes and probe candidates of an insertion.
 
 use super::{
-    Course, ENTRY_MM, Findings, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, mean_square,
-    points, times, unsettled,
+    Course, ENTRY_MM, InsertionOptions, Progress, Step, TIMES, UNSETTLED, largest, lines, mean_square, points, times,
+    unsettled,
 };
 use crate::base::memory;
 use crate::base::report::statistics::percentile;
@@ -13,7 +13,7 @@ use crate::mechanics::tissue::symmetric::Symmetric;
 use crate::study::StudyError;
 use crate::study::block;
 use crate::study::tradeoff::remesh::FROZEN;
-use crate::study::tradeoff::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Table};
+use crate::study::tradeoff::{Axis, Deadline, FORCE_N, Factor, Figure, Goal, SHIFT_MM, Study, Table};
 
 /// Levels compared; the first is the gold standard.
 const LEVELS: [(Level, &str); 4] = [
@@ -108,7 +108,11 @@ fn quartiles(steps: &[Step]) -> [Option<f64>; 5] {
     PERCENT.map(|percent| percentile(&ms, percent / 100.0))
 }
 
-pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
+pub(super) fn run_levels(
+    options: &InsertionOptions,
+    study: &mut Study,
+    progress: Progress<'_>,
+) -> Result<(), StudyError> {
     check_memory(options.nodes, memory::available())?;
     let mut table = Table::new(
         "levels",
@@ -127,7 +131,6 @@ pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> 
     );
     let mut spread = Table::trace("levels-remesh", "Time of steps that remesh", &FACTORS, &SPREAD);
     let mut trace = Table::trace("levels-along", "Along the insertion", &FACTORS, &TRACE);
-    let mut findings = Findings::default();
     for (half, probe) in [true, false].into_iter().enumerate() {
         let mut told = |text: &str, share: f64| progress(text, 0.5 * (half as f64 + share));
         let course = Course {
@@ -140,7 +143,7 @@ pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> 
             models.push(model(options.nodes, level, probe)?);
         }
         if probe {
-            findings.about = about(options, &models);
+            study.about.extend(about(options, &models));
         }
         let traces = course.drive(&mut models, options.passes, |share| {
             told("levels along the insertion", 0.6 + 0.4 * share);
@@ -164,9 +167,9 @@ pub(super) fn run_levels(options: &InsertionOptions, progress: Progress<'_>) -> 
         }
     }
     table.mark_gold("level", LEVELS[0].1);
-    findings.tables = vec![table, trace, spread];
-    findings.figures = figures();
-    Ok(findings)
+    study.tables.extend([table, trace, spread]);
+    study.figures.extend(figures());
+    Ok(())
 }
 
 fn about(options: &InsertionOptions, models: &[Finite]) -> Vec<(&'static str, String)> {
@@ -227,51 +230,35 @@ fn add_trace(table: &mut Table, choices: &[String], course: &Course, first: &[St
 }
 
 fn figures() -> Vec<Figure> {
-    let with = |probe: &str| vec![("probe", probe.to_owned())];
-    let table = "levels-along";
+    let with = || vec![("probe", "with".to_owned())];
+    let along = |file: &str, title: &str, y: &'static str| Figure {
+        only: with(),
+        ..lines(file, title, "levels-along", ["time_s", y], "level")
+    };
     vec![
-        Figure {
-            only: with("with"),
-            ..lines(
-                "insertion-force-difference",
-                "Force at the needle's base: how far from level I?",
-                table,
-                ["time_s", "force_difference_n"],
-                "level",
-            )
-        },
-        Figure {
-            only: with("with"),
-            ..lines(
-                "insertion-tip",
-                "The needle's tip, the probe moved towards it midway",
-                table,
-                ["time_s", "tip_aside_mm"],
-                "level",
-            )
-        },
-        Figure {
-            only: with("with"),
-            ..lines(
-                "insertion-force",
-                "Force on the hand along the needle",
-                table,
-                ["time_s", "axial_n"],
-                "level",
-            )
-        },
+        along(
+            "insertion-force-difference",
+            "Force at the needle's base: how far from level I?",
+            "force_difference_n",
+        ),
+        along(
+            "insertion-tip",
+            "The needle's tip, the probe moved towards it midway",
+            "tip_aside_mm",
+        ),
+        along("insertion-force", "Force on the hand along the needle", "axial_n"),
         Figure {
             only: vec![("level", "exact condensed".to_owned())],
             ..lines(
                 "insertion-step-time",
                 "Time of a step with and without the probe, exact condensed",
-                table,
+                "levels-along",
                 ["time_s", "step_ms"],
                 "probe",
             )
         },
         Figure {
-            only: with("with"),
+            only: with(),
             marked: true,
             ..lines(
                 "insertion-remesh-quartiles",
@@ -281,16 +268,11 @@ fn figures() -> Vec<Figure> {
                 "level",
             )
         },
-        Figure {
-            only: with("with"),
-            ..lines(
-                "insertion-step-time-levels",
-                "Time of a step at each level, with the probe",
-                table,
-                ["time_s", "step_ms"],
-                "level",
-            )
-        },
+        along(
+            "insertion-step-time-levels",
+            "Time of a step at each level, with the probe",
+            "step_ms",
+        ),
     ]
 }
 
@@ -333,7 +315,11 @@ const MESH_AXES: [Axis; 4] = [
     ),
 ];
 
-pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
+pub(super) fn run_meshes(
+    options: &InsertionOptions,
+    study: &mut Study,
+    progress: Progress<'_>,
+) -> Result<(), StudyError> {
     let course = Course {
         depth_mm: options.depth_mm,
         probe: false,
@@ -389,11 +375,9 @@ pub(super) fn run_meshes(options: &InsertionOptions, progress: Progress<'_>) -> 
         ["remesh_median_ms", "force_rms_n"],
         "nodes",
     );
-    Ok(Findings {
-        tables: vec![table],
-        figures: vec![figure],
-        ..Findings::default()
-    })
+    study.tables.push(table);
+    study.figures.push(figure);
+    Ok(())
 }
 
 /// Strides of the candidate rings; the first retains all of them.
@@ -416,7 +400,11 @@ const THINNING_AXES: [Axis; 4] = [
     Axis::log("tip_mm", "tip off, mm", "largest difference of the tip, mm"),
 ];
 
-pub(super) fn run_thinning(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
+pub(super) fn run_thinning(
+    options: &InsertionOptions,
+    study: &mut Study,
+    progress: Progress<'_>,
+) -> Result<(), StudyError> {
     let mut table = Table::new(
         "thinning",
         "Every n-th ring of the probe's candidates: differences from all of them",
@@ -472,11 +460,9 @@ pub(super) fn run_thinning(options: &InsertionOptions, progress: Progress<'_>) -
         ["remesh_median_ms", "probe_percent"],
         "every",
     );
-    Ok(Findings {
-        tables: vec![table],
-        figures: vec![figure],
-        ..Findings::default()
-    })
+    study.tables.push(table);
+    study.figures.push(figure);
+    Ok(())
 }
 
 #[cfg(test)]

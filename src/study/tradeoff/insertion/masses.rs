@@ -5,7 +5,7 @@
 
 use nalgebra::{Point3, Vector3};
 
-use super::{Findings, InsertionOptions, Progress};
+use super::{InsertionOptions, Progress};
 use super::{Step, timed};
 use super::{TIMES, UNSETTLED, largest, mean_square, points, times, unsettled};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
@@ -17,7 +17,7 @@ use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 use crate::study::StudyError;
 use crate::study::block;
-use crate::study::tradeoff::{Axis, FORCE_N, Factor, Goal, Table};
+use crate::study::tradeoff::{Axis, FORCE_N, Factor, Goal, Study, Table};
 
 /// Rings and layers of the cylinder: nodes every 5 mm and every 8.3 mm.
 const GRIDS: [[usize; 2]; 2] = [[5, 20], [3, 12]];
@@ -95,7 +95,7 @@ struct Found {
     fields: [Vec<Vector3<f64>>; 2],
 }
 
-pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<Findings, StudyError> {
+pub(super) fn run(options: &InsertionOptions, study: &mut Study, progress: Progress<'_>) -> Result<(), StudyError> {
     let mut contenders = Vec::new();
     for grid in GRIDS {
         for poisson in [0.45, 0.25] {
@@ -141,13 +141,10 @@ pub(super) fn run(options: &InsertionOptions, progress: Progress<'_>) -> Result<
         "model",
     );
     figure.marker = vec!["poisson", "spacing_mm"];
-    let notes = recommendation(&table).into_iter().collect();
-    Ok(Findings {
-        tables: vec![table],
-        figures: vec![figure],
-        notes,
-        ..Findings::default()
-    })
+    study.notes.extend(recommendation(&table));
+    study.tables.push(table);
+    study.figures.push(figure);
+    Ok(())
 }
 
 /// Returns a recommendation in words.

@@ -149,10 +149,7 @@ pub(super) fn run_into(
         Axis::linear("inserted_mm", "inserted mm", "length in the tissue, mm"),
         Axis::linear("force_n", "force N", "force on the needle, N"),
     ];
-    let part = Factor {
-        key: "part",
-        label: "part",
-    };
+    let part = Factor::new("part", "part");
     let mut watch = Watch {
         course,
         tracker: None,

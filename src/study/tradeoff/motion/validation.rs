@@ -18,14 +18,8 @@ const FRAMES_PER_S: f64 = 20.0;
 
 const TRUTH: [&str; 2] = ["true", "estimated"];
 
-const MOTION: Factor = Factor {
-    key: "motion",
-    label: "motion",
-};
-const SOURCE: Factor = Factor {
-    key: "source",
-    label: "source",
-};
+const MOTION: Factor = Factor::new("motion", "motion");
+const SOURCE: Factor = Factor::new("source", "source");
 
 /// Estimates of a sequence beside its true motion: the summary of table I and the courses of figures 8 and 9.
 pub struct Course {
@@ -49,14 +43,8 @@ impl Course {
     /// Prepares the tables of sequences with these settings; `time` is the horizontal axis of the courses.
     pub fn new(options: Options, lines: usize, samples: usize, time: Axis) -> Self {
         let of = |key, title: &str, factor, axes: &[Axis]| Table::trace(key, title, &[factor, SOURCE], axes);
-        let place = Factor {
-            key: "place",
-            label: "depth, mm",
-        };
-        let side = Factor {
-            key: "side",
-            label: "half of the image",
-        };
+        let place = Factor::new("place", "depth, mm");
+        let side = Factor::new("side", "half of the image");
         let axes = [
             Axis::linear("mean_error_um", "mean um", "largest mean error of a frame, um"),
             Axis::linear("sd_um", "SD um", "largest standard deviation of a frame, um"),
@@ -208,10 +196,7 @@ impl Course {
 
 /// Figure 6: a portion of a line, and three windows of it.
 fn line_table(options: &Options, line: &[f32]) -> Table {
-    let part = Factor {
-        key: "part",
-        label: "part",
-    };
+    let part = Factor::new("part", "part");
     let axes = [
         Axis::linear("depth_mm", "depth mm", "depth, mm"),
         Axis::linear("value", "value", "share of the largest value; windows are drawn lower"),

@@ -26,39 +26,25 @@ pub struct Step {
     pub rebuilt: bool,
 }
 
-/// Accuracy that a contender guarantees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Promise {
-    /// Exact up to rounding: the residual and the error of K^c stay below a limit.
-    Exact {
-        /// Upper limit of residual and error.
-        limit: f64,
-    },
-    /// Finite values only.
-    Approximate,
-}
-
-impl Promise {
-    /// Describes a violation found in the measurements, if any.
-    pub fn broken(self, measured: &Measured) -> Option<String> {
-        // The error in mm follows from the others.
-        const KINDS: [&str; 4] = ["K^-1", "K^c", "displacements", "relative residual"];
-        let errors = measured.errors.iter().flatten().zip(KINDS);
-        let drift = measured.drift.iter().map(|(_, error)| (error, "K^c"));
-        let found = errors.chain(drift);
-        if let Some((_, kind)) = found.clone().find(|(error, _)| !error.is_finite()) {
-            return Some(format!("{kind}: not finite"));
-        }
-        let Promise::Exact { limit } = self else { return None };
-        let (worst, kind) = found.max_by(|a, b| a.0.total_cmp(b.0))?;
-        (*worst > limit).then(|| format!("{kind} off by {worst:.1e}, at most {limit:.0e} expected of an exact level"))
+/// Describes how measurements break what a contender promises, if they do: values are finite and, of an exact one, within its limit.
+pub fn broken(limit: Option<f64>, measured: &Measured) -> Option<String> {
+    // The error in mm follows from the others.
+    const KINDS: [&str; 4] = ["K^-1", "K^c", "displacements", "relative residual"];
+    let errors = measured.errors.iter().flatten().zip(KINDS);
+    let drift = measured.drift.iter().map(|(_, error)| (error, "K^c"));
+    let found = errors.chain(drift);
+    if let Some((_, kind)) = found.clone().find(|(error, _)| !error.is_finite()) {
+        return Some(format!("{kind}: not finite"));
     }
+    let limit = limit?;
+    let (worst, kind) = found.max_by(|a, b| a.0.total_cmp(b.0))?;
+    (*worst > limit).then(|| format!("{kind} off by {worst:.1e}, at most {limit:.0e} expected of an exact level"))
 }
 
 /// Method that keeps K^c, and requested blocks of K^-1, up to date with a mesh.
 pub trait Contender {
-    /// Returns the guaranteed accuracy.
-    fn promise(&self) -> Promise;
+    /// Returns the upper limit of the residual and of the error of K^c if the contender is exact up to rounding.
+    fn limit(&self) -> Option<f64>;
 
     /// Sets the degrees of freedom in contact.
     ///
@@ -219,17 +205,17 @@ impl fmt::Display for Kind {
     }
 }
 
-/// Returns the accuracy that a level guarantees in a precision.
-fn promise(level: Level, precision: Precision) -> Promise {
+/// Returns the limit of residual and error of an exact level in a precision.
+fn limit(level: Level, precision: Precision) -> Option<f64> {
     let Options {
         residual_double,
         residual_single,
         ..
     } = Options::default();
     match (level, precision) {
-        (Level::I | Level::Exact, Precision::Double) => Promise::Exact { limit: residual_double },
-        (Level::I | Level::Exact, Precision::Single) => Promise::Exact { limit: residual_single },
-        (Level::II | Level::III | Level::IV, _) => Promise::Approximate,
+        (Level::I | Level::Exact, Precision::Double) => Some(residual_double),
+        (Level::I | Level::Exact, Precision::Single) => Some(residual_single),
+        (Level::II | Level::III | Level::IV, _) => None,
     }
 }
 
@@ -256,8 +242,8 @@ impl Follower {
 }
 
 impl Contender for Follower {
-    fn promise(&self) -> Promise {
-        promise(self.get().level(), self.get().precision())
+    fn limit(&self) -> Option<f64> {
+        limit(self.get().level(), self.get().precision())
     }
 
     fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError> {
@@ -352,8 +338,8 @@ impl Refactored {
 }
 
 impl Contender for Refactored {
-    fn promise(&self) -> Promise {
-        promise(Level::Exact, Precision::Double)
+    fn limit(&self) -> Option<f64> {
+        limit(Level::Exact, Precision::Double)
     }
 
     fn set_contacts(&mut self, dofs: &[usize]) -> Result<(), StudyError> {

@@ -1,6 +1,6 @@
 //! Tables and figures of the study.
 
-use super::contender::{self, Kind, Promise};
+use super::contender::{self, Kind};
 use super::subject::Subject;
 use super::{FROZEN, Measured, RemeshOptions};
 use crate::base::report::machine::Machine;
@@ -180,7 +180,7 @@ impl Report {
         })
     }
 
-    pub fn add(&mut self, subject: &Subject, kind: &Kind, promise: Promise, measured: Measured) {
+    pub fn add(&mut self, subject: &Subject, kind: &Kind, is_exact: bool, measured: Measured) {
         let choices: Vec<String> = std::iter::once(subject.nodes().to_string())
             .chain(kind.choices())
             .collect();
@@ -206,7 +206,7 @@ impl Report {
             (!traffic.is_empty()).then(|| unit * total as f64 / traffic.len() as f64)
         };
         let flag = measured.flag;
-        if let (Some(flag), Promise::Exact { .. }) = (&flag, promise) {
+        if let Some(flag) = flag.as_ref().filter(|_| is_exact) {
             self.study
                 .notes
                 .push(format!("{} nodes, {kind}: {flag}", subject.nodes()));
