@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use clap::Args;
 use nalgebra::{Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -12,7 +13,7 @@ use super::groups::{Comparison, Session, compare};
 use super::hands::{Draw, Hand, Plan, hand};
 use super::{Collector, NAMES, NO_TARGET, Score, unscored};
 use crate::base::random::hash3;
-use crate::base::range::{OutOfRange, check};
+use crate::base::range::{OutOfRange, check, numbers};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::clearance::Surroundings;
 use crate::input::scenario::run::{Requests, run};
@@ -37,22 +38,29 @@ const PERSON: f64 = 0.25;
 /// Groups of the study.
 pub const GROUPS: [&str; 3] = ["consultant", "registrar", "student"];
 
-/// Conditions of training tasks.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// Conditions of training tasks; all but the organ are options of the command.
+#[derive(Args, Clone, Debug, PartialEq, Serialize)]
 pub struct Conditions {
     /// Organ: a label or tissue, or a part of its name.
+    #[arg(skip)]
     pub organ: String,
-    /// Least and largest depth of the target along the needle, mm.
+    /// Least and largest depth of the targets along the needle, mm
+    #[arg(long, value_name = "MIN,MAX", default_value = "40,140", value_parser = numbers::<2>)]
     pub depth_mm: [f64; 2],
-    /// Least distance of the path from bone and critical structures, mm.
+    /// Least distance of the paths from bone and critical structures, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
     pub clearance_mm: f64,
-    /// Radius about the scenario's own entry within which entries lie, mm.
+    /// Radius of the entry window, mm
+    #[arg(long, value_name = "MM", default_value_t = 20.0)]
     pub window_mm: f64,
-    /// Least distance of the target from the border of the organ, mm.
+    /// Least distance of the targets from the border of the organ, mm
+    #[arg(long, value_name = "MM", default_value_t = 10.0)]
     pub margin_mm: f64,
-    /// Radius of the target, mm.
+    /// Radius of the targets, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
     pub radius_mm: f64,
-    /// Seed of the random targets.
+    /// Seed of the random targets
+    #[arg(long, value_name = "N", default_value_t = 0)]
     pub seed: u64,
 }
 
