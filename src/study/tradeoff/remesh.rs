@@ -12,10 +12,8 @@
 //!
 //! | module | contents |
 //! |---|---|
-//! | [`subject`] | mesh, supports, contacts and moves |
-//! | [`gold`] | reference solutions |
-//! | [`contender`] | update methods |
-//! | [`bandwidth`] | memory bandwidth of this machine |
+//! | [`subject`] | mesh, supports, contacts and moves; reference solutions |
+//! | [`contender`] | update methods; memory bandwidth of this machine |
 
 pub mod contender;
 mod report;
