@@ -4,6 +4,7 @@ use std::path::{Component, Path, PathBuf};
 
 use clap::Args;
 
+use crate::base::range::numbers;
 use crate::input::scenario::{self, ScenarioFile};
 use crate::study::score::exercise::{Conditions, csv, study};
 use crate::study::score::page::study_notes;
@@ -55,8 +56,24 @@ struct Make {
     /// Number of tasks
     #[arg(long, value_name = "N", default_value = "3", value_parser = clap::value_parser!(u16).range(1..=1000))]
     tasks: u16,
-    #[command(flatten)]
-    conditions: Conditions,
+    /// Least and largest depth of the targets along the needle, mm
+    #[arg(long, value_name = "MIN,MAX", default_value = "40,140", value_parser = numbers::<2>)]
+    depth_mm: [f64; 2],
+    /// Least distance of the paths from bone and critical structures, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    clearance_mm: f64,
+    /// Radius of the entry window, mm
+    #[arg(long, value_name = "MM", default_value_t = 20.0)]
+    window_mm: f64,
+    /// Least distance of the targets from the border of the organ, mm
+    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    margin_mm: f64,
+    /// Radius of the targets, mm
+    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    radius_mm: f64,
+    /// Seed of the random targets
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
     /// Folder for task-1.toml, task-2.toml, ...
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -74,7 +91,12 @@ impl Make {
             .folder(&self.output, "exercise", &["task-"], &inputs(&self.scenario))?;
         let conditions = Conditions {
             organ: self.organ.clone(),
-            ..self.conditions.clone()
+            depth_mm: self.depth_mm,
+            clearance_mm: self.clearance_mm,
+            window_mm: self.window_mm,
+            margin_mm: self.margin_mm,
+            radius_mm: self.radius_mm,
+            seed: self.seed,
         };
         conditions.check().map_err(crate::study::StudyError::from)?;
         let (text, base) = source(&self.scenario)?;

@@ -32,8 +32,33 @@ simulation\", Computerized Medical Imaging and Graphics 34 (2010) 9-18.";
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub struct Puncture {
-    #[command(flatten)]
-    options: PunctureOptions,
+    /// Young's modulus below the knee, kPa
+    #[arg(long, value_name = "KPA", default_value_t = PunctureOptions::default().young_kpa, allow_negative_numbers = true)]
+    young_kpa: f64,
+    /// Relative strain above which tissue stiffens
+    #[arg(long, value_name = "E", default_value_t = PunctureOptions::default().knee_strain, allow_negative_numbers = true)]
+    knee_strain: f64,
+    /// Stiffening coefficient a in E0 (1 + a (e - knee)^2); 0 is linear tissue
+    #[arg(long, value_name = "A", default_value_t = PunctureOptions::default().stiffening, allow_negative_numbers = true)]
+    stiffening: f64,
+    /// Order of the viscosity, 0 (elastic) to 1
+    #[arg(long, value_name = "K", default_value_t = PunctureOptions::default().order, allow_negative_numbers = true)]
+    order: f64,
+    /// Thickness of the slice, mm
+    #[arg(long, value_name = "MM", default_value_t = PunctureOptions::default().thickness_mm, allow_negative_numbers = true)]
+    thickness_mm: f64,
+    /// Speed of the needle, mm/s
+    #[arg(long, value_name = "MM/S", default_value_t = PunctureOptions::default().speed_mm_per_s, allow_negative_numbers = true)]
+    speed: f64,
+    /// Travel of the needle per step, mm
+    #[arg(long, value_name = "MM", default_value_t = PunctureOptions::default().step_mm, allow_negative_numbers = true)]
+    step_mm: f64,
+    /// Strength of the capsule, N
+    #[arg(long, value_name = "N", default_value_t = PunctureOptions::default().capsule_n, allow_negative_numbers = true)]
+    capsule_n: f64,
+    /// Strength of the wall of the vein, N
+    #[arg(long, value_name = "N", default_value_t = PunctureOptions::default().wall_n, allow_negative_numbers = true)]
+    wall_n: f64,
     /// Add elastic and linear tissue to the plot
     #[arg(long)]
     compare: bool,
@@ -53,7 +78,18 @@ pub struct Puncture {
 
 impl Puncture {
     pub fn run(&self) -> Result<(), Failure> {
-        let mut options = self.options;
+        let mut options = PunctureOptions {
+            young_kpa: self.young_kpa,
+            knee_strain: self.knee_strain,
+            stiffening: self.stiffening,
+            order: self.order,
+            thickness_mm: self.thickness_mm,
+            speed_mm_per_s: self.speed,
+            step_mm: self.step_mm,
+            capsule_n: self.capsule_n,
+            wall_n: self.wall_n,
+            ..PunctureOptions::default()
+        };
         let inputs: Vec<PathBuf> = self.fit.iter().cloned().collect();
         let open = |target: &PathBuf| {
             let names = ["force.csv", "force.svg"];

@@ -10,7 +10,6 @@ mod draw;
 pub mod fit;
 mod liver;
 
-use clap::Args;
 use serde::Serialize;
 
 use crate::base::output::OutputError;
@@ -26,44 +25,32 @@ use liver::Liver;
 /// Travel of the needle, mm.
 const WAY_MM: f64 = 40.0;
 
-/// Parameters of the tissue and the needle; those that are no options of the command have their defaults there.
-#[derive(Args, Clone, Copy, Debug, PartialEq, Serialize)]
+/// Parameters of the tissue and the needle.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct PunctureOptions {
-    /// Young's modulus below the knee, kPa
-    #[arg(long, value_name = "KPA", default_value_t = Self::default().young_kpa, allow_negative_numbers = true)]
+    /// Young's modulus below the knee, kPa (above 0; kPa s^order where viscous). Default 2.
     pub young_kpa: f64,
     /// Poisson's ratio (above -1, below 0.5). Default 0.45.
-    #[arg(skip = Self::default().poisson)]
     pub poisson: f64,
-    /// Relative strain above which tissue stiffens
-    #[arg(long, value_name = "E", default_value_t = Self::default().knee_strain, allow_negative_numbers = true)]
+    /// Relative strain above which the tissue stiffens (0 or more). Default 0.303.
     pub knee_strain: f64,
-    /// Stiffening coefficient a in E0 (1 + a (e - knee)^2); 0 is linear tissue
-    #[arg(long, value_name = "A", default_value_t = Self::default().stiffening, allow_negative_numbers = true)]
+    /// Rate of stiffening above the knee (0 or more; 0 disables it). Default 60.
     pub stiffening: f64,
-    /// Order of the viscosity, 0 (elastic) to 1
-    #[arg(long, value_name = "K", default_value_t = Self::default().order, allow_negative_numbers = true)]
+    /// Order of the viscosity, 0 (elastic) to 1. Default 0.1.
     pub order: f64,
-    /// Thickness of the slice, mm
-    #[arg(long, value_name = "MM", default_value_t = Self::default().thickness_mm, allow_negative_numbers = true)]
+    /// Thickness of the slice, mm (above 0). Default 20.
     pub thickness_mm: f64,
-    /// Speed of the needle, mm/s
-    #[arg(long = "speed", value_name = "MM/S", default_value_t = Self::default().speed_mm_per_s, allow_negative_numbers = true)]
+    /// Speed of the needle, mm/s (above 0). Default 5.
     pub speed_mm_per_s: f64,
-    /// Travel of the needle per step, mm
-    #[arg(long, value_name = "MM", default_value_t = Self::default().step_mm, allow_negative_numbers = true)]
+    /// Travel per step, mm (above 0). Default 0.2.
     pub step_mm: f64,
-    /// Strength of the capsule, N
-    #[arg(long, value_name = "N", default_value_t = Self::default().capsule_n, allow_negative_numbers = true)]
+    /// Puncture force of the capsule, N (0 or more). Default 0.6.
     pub capsule_n: f64,
-    /// Strength of the wall of the vein, N
-    #[arg(long, value_name = "N", default_value_t = Self::default().wall_n, allow_negative_numbers = true)]
+    /// Puncture force of the wall of the vein, N (0 or more). Default 0.5.
     pub wall_n: f64,
     /// Cutting force in liver, N (0 or more). Default 0.15.
-    #[arg(skip = Self::default().cutting_n)]
     pub cutting_n: f64,
     /// Friction of the shaft in liver, N/mm (0 or more). Default 0.006.
-    #[arg(skip = Self::default().friction_n_per_mm)]
     pub friction_n_per_mm: f64,
 }
 

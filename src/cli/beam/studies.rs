@@ -93,13 +93,30 @@ impl Map {
 pub struct Sensitivity {
     #[command(flatten)]
     of: Of,
-    #[command(flatten)]
-    by: Uncertainty,
+    /// Uncertainty of the stiffness, +- percent
+    #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = percent)]
+    mu_percent: f64,
+    /// Uncertainty of the exponent, +- percent
+    #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = percent)]
+    alpha_percent: f64,
+    /// Uncertainty of the uncompressed length of the tissue, +- percent
+    #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = percent)]
+    t0_percent: f64,
+}
+
+fn percent(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| (0.0..100.0).contains(value));
+    value.ok_or_else(|| "expected 0 to below 100 percent".to_owned())
 }
 
 impl Sensitivity {
     pub fn run(&self) -> Result<(), Failure> {
         let case = self.of.case()?;
-        self.of.printed.run(|_| Ok(sensitivity(&case, &self.by)?))
+        let by = Uncertainty {
+            mu_percent: self.mu_percent,
+            alpha_percent: self.alpha_percent,
+            t0_percent: self.t0_percent,
+        };
+        self.of.printed.run(|_| Ok(sensitivity(&case, &by)?))
     }
 }

@@ -1,8 +1,6 @@
 //! Studies of a user's own needle: compression of the tissue, remote centres of motion (RCM) for wanted corrections of the tip, and what
 //! uncertain tissue does.
 
-use clap::Args;
-
 use crate::base::report::machine::Machine;
 use crate::base::report::number::decimal;
 use crate::input::InputError;
@@ -256,23 +254,15 @@ pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, Input
     ))
 }
 
-/// Relative uncertainty of the tissue: options of the command.
-#[derive(Args, Clone, Copy, Debug)]
+/// Relative uncertainty of the tissue, percent.
+#[derive(Clone, Copy, Debug)]
 pub struct Uncertainty {
-    /// Uncertainty of the stiffness, +- percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = uncertainty)]
+    /// Uncertainty of mu, c10, c01 and c20.
     pub mu_percent: f64,
-    /// Uncertainty of the exponent, +- percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = uncertainty)]
+    /// Uncertainty of the exponent of Ogden's material.
     pub alpha_percent: f64,
-    /// Uncertainty of the uncompressed length of the tissue, +- percent
-    #[arg(long, value_name = "PERCENT", default_value_t = 20.0, value_parser = uncertainty)]
+    /// Uncertainty of the uncompressed length t0.
     pub t0_percent: f64,
-}
-
-fn uncertainty(text: &str) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok().filter(|value| (0.0..100.0).contains(value));
-    value.ok_or_else(|| "expected 0 to below 100 percent".to_owned())
 }
 
 /// Changes one layer, or all, by factors of stiffness, exponent and uncompressed length.

@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use clap::Args;
 use nalgebra::{Point3, Vector2, Vector3};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -13,7 +12,7 @@ use super::groups::{Comparison, Session, compare};
 use super::hands::{Draw, Hand, Plan, hand};
 use super::{Collector, NAMES, NO_TARGET, Score, unscored};
 use crate::base::random::hash3;
-use crate::base::range::{OutOfRange, check, numbers};
+use crate::base::range::{OutOfRange, check};
 use crate::input::scenario::Scenario;
 use crate::input::scenario::clearance::Surroundings;
 use crate::input::scenario::run::{Requests, run};
@@ -38,29 +37,22 @@ const PERSON: f64 = 0.25;
 /// Groups of the study.
 pub const GROUPS: [&str; 3] = ["consultant", "registrar", "student"];
 
-/// Conditions of training tasks; all but the organ are options of the command.
-#[derive(Args, Clone, Debug, PartialEq, Serialize)]
+/// Conditions of training tasks.
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Conditions {
     /// Organ: a label or tissue, or a part of its name.
-    #[arg(skip)]
     pub organ: String,
-    /// Least and largest depth of the targets along the needle, mm
-    #[arg(long, value_name = "MIN,MAX", default_value = "40,140", value_parser = numbers::<2>)]
+    /// Least and largest depth of the target along the needle, mm.
     pub depth_mm: [f64; 2],
-    /// Least distance of the paths from bone and critical structures, mm
-    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    /// Least distance of the path from bone and critical structures, mm.
     pub clearance_mm: f64,
-    /// Radius of the entry window, mm
-    #[arg(long, value_name = "MM", default_value_t = 20.0)]
+    /// Radius about the scenario's own entry within which entries lie, mm.
     pub window_mm: f64,
-    /// Least distance of the targets from the border of the organ, mm
-    #[arg(long, value_name = "MM", default_value_t = 10.0)]
+    /// Least distance of the target from the border of the organ, mm.
     pub margin_mm: f64,
-    /// Radius of the targets, mm
-    #[arg(long, value_name = "MM", default_value_t = 5.0)]
+    /// Radius of the target, mm.
     pub radius_mm: f64,
-    /// Seed of the random targets
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    /// Seed of the random targets.
     pub seed: u64,
 }
 
