@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use crate::anatomy::volume::VolumeError;
 use crate::anatomy::volume::texture::synthesis::Exemplars;
@@ -64,8 +64,8 @@ pub struct TextureArgs {
     #[arg(long, value_name = "DB", default_value_t = 60.0)]
     range_db: f64,
     /// What the texture holds
-    #[arg(long, value_enum, default_value_t = Content::Structure)]
-    content: Content,
+    #[arg(long, value_enum, default_value_t = Kind::Structure)]
+    content: Kind,
     /// Voxels along each side: a multiple of 4 from 32 to 256
     #[arg(long, value_name = "N", default_value_t = 64)]
     size: usize,
@@ -86,6 +86,14 @@ pub struct TextureArgs {
     /// Print JSON: the figures of the comparison
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Kind {
+    /// Only what is coarser than the speckle cell
+    Structure,
+    /// All of it, with its speckle
+    Keep,
 }
 
 impl TextureArgs {
@@ -171,7 +179,10 @@ impl TextureArgs {
         let preparation = Preparation {
             pixel_mm,
             range_db: self.range_db,
-            content: self.content,
+            content: match self.content {
+                Kind::Structure => Content::Structure,
+                Kind::Keep => Content::Keep,
+            },
             voxel_mm,
         };
         let region = Region {

@@ -7,7 +7,6 @@ mod tests;
 use std::io::Write;
 use std::path::Path;
 
-use clap::ValueEnum;
 use serde::Serialize;
 
 use crate::anatomy::volume::VolumeError;
@@ -28,12 +27,12 @@ const BEAM_STEPS: usize = 50;
 /// Largest lag of autocorrelations, voxels.
 const LAGS: usize = 32;
 
-/// Content of a texture made from an image; the docs of the variants are the help of the command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+/// Content of a texture made from an image.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// Only what is coarser than the speckle cell
+    /// Only what is coarser than the speckle cell: the scene adds its own speckle.
     Structure,
-    /// All of it, with its speckle
+    /// All of it, with its speckle: for scenes without `effects.speckle`.
     Keep,
 }
 
