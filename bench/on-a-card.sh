@@ -23,15 +23,15 @@ section() { printf '\n== %s (%s)\n' "$1" "$(date -u +%H:%M:%S)"; }
 {
     failed=0
     section "machine, $(date -u +%F)"
-    "$INSONIFY_BIN" doctor
-    if command -v nvidia-smi > /dev/null; then nvidia-smi --query-gpu=name,driver_version,memory.total --format=csv; fi
+    "$INSONIFY_BIN" doctor || failed=1
+    if command -v nvidia-smi > /dev/null; then nvidia-smi --query-gpu=name,driver_version,memory.total --format=csv || true; fi
 
     section "parity"
     INSONIFY_REQUIRE_GPU=1 tests parity:: boundaries:: 2>&1 | tail -n 15 || failed=1
 
     section "frames: the default scene, and one whose mesh moves in every frame"
     "$INSONIFY_BIN" bench --frames 200 || failed=1
-    "$INSONIFY_BIN" scene > "$work/moving.toml"
+    "$INSONIFY_BIN" scene > "$work/moving.toml" || failed=1
     cat >> "$work/moving.toml" << 'SCENE'
 [deform]
 nodes = 5000

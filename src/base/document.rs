@@ -213,7 +213,7 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
         .with_help(help)
 }
 
-/// The first of some keys that a table states; an empty list counts as not stated.
+/// The first of some keys that a table of a file states. The keys are optional ones or lists; an empty list counts as not stated.
 pub(crate) fn stated<'a>(table: &impl Serialize, keys: &[&'a str]) -> Option<&'a str> {
     let table = toml::Table::try_from(table).ok()?;
     let is_empty = |value: &toml::Value| value.as_array().is_some_and(Vec::is_empty);
@@ -221,36 +221,37 @@ pub(crate) fn stated<'a>(table: &impl Serialize, keys: &[&'a str]) -> Option<&'a
     keys.find(|key| table.get(*key).is_some_and(|value| !is_empty(value)))
 }
 
-/// A message of serde without the terms of Rust.
+/// A message of serde without the terms of Rust. What it quotes of the file stays as it is: only its first and last words are replaced.
 fn without_rust(message: &str) -> String {
-    let mut text = message
-        .replace("unknown variant", "unknown value")
-        .replace("missing field", "missing key")
-        .replace("invalid type:", "found")
-        .replace("found map", "found a table")
-        .replace("found sequence", "found a list")
-        .replace("wanted string", "expected a string")
-        .replace("or table", "or a table");
-    if let Some(at) = text.find("expected struct ") {
-        text.replace_range(at.., "expected a table");
-    }
+    let mut text = message.to_owned();
     for (rust, plain) in [
-        ("a sequence", "a list"),
-        ("a map", "a table"),
-        ("f32", "a number"),
-        ("f64", "a number"),
-        ("i32", "an integer"),
-        ("i64", "an integer"),
-        ("u32", "an integer of 0 or more"),
-        ("u64", "an integer of 0 or more"),
-        ("usize", "an integer of 0 or more"),
+        ("unknown variant", "unknown value"),
+        ("missing field", "missing key"),
+        ("invalid type: map", "found a table"),
+        ("invalid type: sequence", "found a list"),
+        ("invalid type:", "found"),
+        ("invalid value:", "found"),
+        ("wanted string or table", "expected a string or a table"),
     ] {
-        let rust = format!("expected {rust}");
-        if let Some(start) = text.strip_suffix(&rust) {
-            text = format!("{start}expected {plain}");
+        if message.starts_with(rust) {
+            text.replace_range(..rust.len(), plain);
+            break;
         }
     }
-    text
+    let Some((start, expected)) = text.rsplit_once("expected ") else {
+        return text;
+    };
+    let plain = match expected {
+        "a sequence" => "a list",
+        "a map" => "a table",
+        "f32" | "f64" => "a number",
+        "i32" | "i64" => "an integer",
+        "u8" => "an integer from 0 to 255",
+        "u32" | "u64" | "usize" => "an integer of 0 or more",
+        _ if expected.starts_with("struct ") => "a table",
+        _ => return text,
+    };
+    format!("{start}expected {plain}")
 }
 
 /// Format version of every file that this crate reads: 1.
@@ -392,6 +393,18 @@ mod tests {
             ),
             ("wanted string or table", "expected a string or a table"),
             ("missing field `name`", "missing key `name`"),
+            (
+                "invalid value: integer `300`, expected u8",
+                "found integer `300`, expected an integer from 0 to 255",
+            ),
+            (
+                "unknown variant `motor tables, found map`, expected `edge`",
+                "unknown value `motor tables, found map`, expected `edge`",
+            ),
+            (
+                "invalid type: string \"expected struct X\", expected f64",
+                "found string \"expected struct X\", expected a number",
+            ),
         ] {
             assert_eq!(without_rust(serde), plain);
         }

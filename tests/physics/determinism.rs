@@ -62,8 +62,8 @@ fn pool(threads: usize) -> rayon::ThreadPool {
     pool.expect("a pool")
 }
 
-/// States in batches and alone: tissue that moves and rests, nodes of the reference state that remeshing moves once, and nodes that only the
-/// first frame of a batch gives.
+/// States in batches and alone: a probe and tissue that move and rest, nodes of the reference state that remeshing moves and moves back, and nodes that
+/// only the first frame of a batch gives.
 fn rounds(mesh: &TetMesh, at: impl Fn(u64) -> FrameState) -> [Vec<FrameState>; 4] {
     let mut states: Vec<FrameState> = (0..26).map(at).collect();
     for (frame, state) in states.iter_mut().enumerate() {
@@ -71,11 +71,15 @@ fn rounds(mesh: &TetMesh, at: impl Fn(u64) -> FrameState) -> [Vec<FrameState>; 4
             state.nodes = None;
         }
     }
+    for frame in [4, 5, 10, 11] {
+        states[frame].probe_to_world = states[frame - 1].probe_to_world;
+    }
     let mut remeshed = mesh.nodes().to_vec();
     for node in &mut remeshed[100..110] {
         node[0] += 0.2;
     }
     states[5].reference = Some(remeshed);
+    states[8].reference = Some(mesh.nodes().to_vec());
     let last = states.split_off(17);
     let third = states.split_off(14);
     let second = states.split_off(13);

@@ -462,8 +462,9 @@ impl<'a, T: Real> LabelReader<'a, T> {
     }
 }
 
-/// Half of the B-spline weights of the 64 voxels around a sample, and a bound on the rounding of their sums.
+/// Half of the B-spline weights of the 64 voxels around a sample.
 const HALF: f64 = 108.0;
+/// Bound on the rounding of their sums, which is at most 0.0015 in single precision.
 const ROUNDED: f64 = 0.01;
 
 /// Sum of the B-spline weights of those of the eight voxels around a sample that have a label.

@@ -106,8 +106,6 @@ impl Synthesizer {
         let result = self.submissions(states, size, each);
         if let (Executor::Gpu(gpu), true) = (&mut self.executor, result.is_err()) {
             (0..IN_FLIGHT).for_each(|place| gpu.release(place));
-            // Frames may have been staged and not submitted.
-            gpu.forget_maps();
         }
         result
     }

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::slab::Moved;
+use super::slab::States;
 use super::store::Store;
 use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
@@ -87,11 +87,7 @@ impl<T: PassScalar> CpuExecutor<T> {
     pub fn follow(&mut self, other: &Self) {
         self.timed = other.timed;
         if let (Some(slab), Some(other)) = (&mut self.store.slab, &other.store.slab) {
-            let both = Moved {
-                deformed: true,
-                reference: true,
-            };
-            slab.follow(other, both);
+            slab.follow(other, States::BOTH);
         }
     }
 

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::layers::{Beam, numbered};
 use super::linker::{self, ENTRY, Linked};
-use super::slab::{Moved, Slab};
+use super::slab::{Slab, States};
 use super::tables::Tables;
 use super::{Frame, FrameState, PassTime, SynthError};
 use crate::base::memory;
@@ -123,6 +123,8 @@ pub struct GpuExecutor {
     texture: Option<TextureOut>,
     /// Elements of the mesh, if there is one, in the slab of each frame of a submission.
     slabs: Vec<Slab<f32>>,
+    /// Whether the next frame sends all element maps: they lie elsewhere, or have not come.
+    resend: bool,
 
     /// Contents of a per-frame buffer, before their upload.
     numbers: Vec<f32>,
@@ -150,6 +152,7 @@ impl GpuExecutor {
             ring: Vec::new(),
             texture: None,
             slabs: Vec::new(),
+            resend: false,
             numbers: Vec::new(),
             layers: Vec::new(),
             timers: None,
@@ -237,7 +240,9 @@ impl GpuExecutor {
         if let Some(mesh) = tables.mesh.as_ref().filter(|_| plan.uses(&ELEMENT_MAPS)) {
             let mut slab = slab.unwrap_or_else(|| Slab::new(mesh));
             slab.forget();
-            self.slabs = vec![slab; self.frames];
+            let others: Vec<_> = (1..self.frames).map(|_| slab.another()).collect();
+            self.slabs.push(slab);
+            self.slabs.extend(others);
         }
         let owned = |planned: &&PlannedResource| planned.resource.per_frame.is_none() && !planned.resource.is_packed;
         for planned in plan.resources.iter().filter(owned) {
@@ -584,22 +589,25 @@ impl GpuExecutor {
             ([slab], [state]) => slab.update(tables, state)?,
             _ => {
                 cut(slabs, tables, states)?;
-                // Each frame has its own.
-                Moved {
-                    deformed: true,
-                    reference: true,
-                }
+                States::BOTH
             }
         };
-        for slab in slabs {
-            if moved.reference {
-                // Before the blocks, so that one write takes both.
-                let maps: &[u8] = bytemuck::cast_slice(slab.reference.frames.as_flattened());
-                uploads.start -= maps.len();
-                slab.maps_at[0] = (uploads.start / 16) as u32;
-                uploads.contents[uploads.start..][..maps.len()].copy_from_slice(maps);
+        let resend = std::mem::take(&mut self.resend);
+        for frame in 0..slabs.len() {
+            let (before, slabs) = slabs.split_at_mut(frame);
+            let slab = &mut slabs[0];
+            match before.last() {
+                Some(before) if slab.has_reference_of(before) => slab.maps_at[0] = before.maps_at[0],
+                _ if moved.reference || resend => {
+                    // Before the blocks, so that one write takes both.
+                    let maps: &[u8] = bytemuck::cast_slice(slab.reference.frames.as_flattened());
+                    uploads.start -= maps.len();
+                    slab.maps_at[0] = (uploads.start / 16) as u32;
+                    uploads.contents[uploads.start..][..maps.len()].copy_from_slice(maps);
+                }
+                _ => {}
             }
-            if moved.deformed {
+            if moved.deformed || resend {
                 for (place, maps) in [
                     bytemuck::cast_slice::<_, u8>(slab.deformed.frames.as_flattened()),
                     bytemuck::cast_slice(slab.deformed.carries.as_flattened()),
@@ -658,20 +666,14 @@ impl GpuExecutor {
             self.release(place);
         }
         // The maps of several frames lie elsewhere than those of one.
-        if submitted.is_err() || count > 1 {
-            self.forget_maps();
-        }
+        self.resend |= submitted.is_err() || count > 1;
         submitted
     }
 
     /// On an error, marks the element maps for upload with the next frame.
     fn resend_maps_on_error<T>(&mut self, result: Result<T, SynthError>) -> Result<T, SynthError> {
-        result.inspect_err(|_| self.forget_maps())
-    }
-
-    /// Has the next frame upload all element maps.
-    pub fn forget_maps(&mut self) {
-        self.slabs.iter_mut().for_each(Slab::forget);
+        self.resend |= result.is_err();
+        result
     }
 
     /// Whether the pixels of a place have come; never waits.
@@ -954,7 +956,7 @@ fn cut(slabs: &mut [Slab<f32>], tables: &Tables, states: &[&FrameState]) -> Resu
         .zip(states)
         .try_for_each(|(slab, state)| slab.move_nodes(state))?;
     for (frame, state) in states.iter().enumerate().skip(1) {
-        let unmoved = Moved {
+        let unmoved = States {
             deformed: state.nodes.is_none(),
             reference: state.reference.is_none(),
         };

@@ -43,7 +43,6 @@ methods! {
     is_ready(usize) -> Result<bool, SynthError>;
     take((&Plan, &Tables), Submission, usize, &mut [Frame]) -> Result<(), SynthError>;
     release(usize) -> ();
-    forget_maps() -> ();
     render_to_texture(&Plan, &Tables, &FrameState) -> Result<(), SynthError>;
     run_until(&str, &Plan, &Tables, &FrameState) -> Result<(), SynthError>;
     run_on(&str, &str) -> Result<(), SynthError>;

@@ -32,7 +32,7 @@ const BLOCK: usize = 32;
 const LANES: usize = 8;
 
 /// Elements of one state of the mesh that cross the slab, ascending; an element's place in these lists is its slot.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Crossing<T> {
     /// Number of each in the mesh.
     pub elements: Vec<u32>,
@@ -231,13 +231,21 @@ impl<T: Real> Kernel for Preparation<'_, T> {
     }
 }
 
-/// States of the mesh that changed with a frame.
+/// None, one or both of the states of a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Moved {
-    /// Whether the deformed state changed.
+pub struct States {
+    /// The deformed state.
     pub deformed: bool,
-    /// Whether the reference state changed.
+    /// The reference state.
     pub reference: bool,
+}
+
+impl States {
+    /// Both states.
+    pub const BOTH: Self = Self {
+        deformed: true,
+        reference: true,
+    };
 }
 
 /// Nodes of the reference state, mm, in double precision and in that of a backend.
@@ -248,7 +256,7 @@ struct AtRest<T> {
 }
 
 /// Elements of a mesh in the slab of a frame, in its deformed and in its reference state.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub struct Slab<T> {
     mesh: Arc<TetMesh>,
     /// Nodes of each block of [`BLOCK`] elements, each once.
@@ -258,7 +266,7 @@ pub struct Slab<T> {
     /// Nodes of the reference state, shared with the slabs that have taken them over.
     at_rest: Arc<AtRest<T>>,
     /// States whose nodes have moved since they were cut.
-    moved: Moved,
+    moved: States,
     /// Positions in the frame of the probe, by axis.
     in_probe: [Vec<f64>; 3],
     /// Probe pose of the last frame; `None` before the first and after a change of settings.
@@ -283,7 +291,7 @@ impl<T: Real> Slab<T> {
                 nodes: mesh.nodes().to_vec(),
                 rounded: nodes,
             }),
-            moved: Moved::default(),
+            moved: States::default(),
             in_probe: std::array::from_fn(|_| vec![0.0; mesh.nodes().len()]),
             pose: None,
             deformed: Crossing::new(count),
@@ -294,13 +302,30 @@ impl<T: Real> Slab<T> {
         }
     }
 
+    /// Memory for another slab of the same mesh, whose nodes lie as in this one; nothing is cut yet.
+    pub fn another(&self) -> Self {
+        let count = self.mesh.elements().len();
+        Self {
+            mesh: Arc::clone(&self.mesh),
+            blocks: Arc::clone(&self.blocks),
+            current: self.current.clone(),
+            at_rest: Arc::clone(&self.at_rest),
+            moved: States::default(),
+            in_probe: self.in_probe.clone(),
+            pose: None,
+            deformed: Crossing::new(count),
+            reference: Crossing::new(count),
+            maps_at: [0; 3],
+        }
+    }
+
     /// Cuts again at the next frame: the probe or the sub-planes have changed.
     pub fn forget(&mut self) {
         self.pose = None;
     }
 
     /// Moves the nodes to the state of a frame and cuts what has changed: [`Self::move_nodes`] and [`Self::cut`].
-    pub fn update(&mut self, tables: &Tables, state: &FrameState) -> Result<Moved, InvalidMesh> {
+    pub fn update(&mut self, tables: &Tables, state: &FrameState) -> Result<States, InvalidMesh> {
         self.move_nodes(state)?;
         Ok(self.cut(tables, &state.probe_to_world))
     }
@@ -326,7 +351,7 @@ impl<T: Real> Slab<T> {
     }
 
     /// Takes over the nodes of another slab of the same mesh, of the states named.
-    pub fn follow(&mut self, other: &Self, states: Moved) {
+    pub fn follow(&mut self, other: &Self, states: States) {
         if states.deformed && self.current != other.current {
             self.current.copy_from_slice(&other.current);
             self.moved.deformed = true;
@@ -337,11 +362,16 @@ impl<T: Real> Slab<T> {
         }
     }
 
+    /// Whether the elements of the reference state are those of another slab of the same mesh.
+    pub fn has_reference_of(&self, other: &Self) -> bool {
+        self.pose == other.pose && Arc::ptr_eq(&self.at_rest, &other.at_rest)
+    }
+
     /// Cuts the states that have changed since the last frame, and returns which.
-    pub fn cut(&mut self, tables: &Tables, probe_to_world: &Matrix4<f64>) -> Moved {
+    pub fn cut(&mut self, tables: &Tables, probe_to_world: &Matrix4<f64>) -> States {
         let posed = self.pose.replace(*probe_to_world) != Some(*probe_to_world);
         let nodes = std::mem::take(&mut self.moved);
-        let moved = Moved {
+        let moved = States {
             deformed: posed || nodes.deformed || nodes.reference,
             reference: posed || nodes.reference,
         };

@@ -27,6 +27,7 @@ const FARTHEST: f64 = 1e6;
 /// A static problem with its mesh read and its nodes selected.
 #[derive(Clone, Debug)]
 pub struct Problem {
+    /// File that it was read from.
     pub file: ProblemFile,
     /// Mesh of the problem.
     pub mesh: TetMesh,

@@ -5,7 +5,7 @@ use crate::imaging::effects::common::{plane_step, rows};
 use crate::imaging::effects::geometry;
 use crate::imaging::effects::thickness::Thickness;
 use crate::imaging::synth::FrameState;
-use crate::imaging::synth::slab::Moved;
+use crate::imaging::synth::slab::States;
 use crate::mechanics::mesh::{Displacement, TetMesh};
 use crate::study::testing;
 use crate::tracking::probe::ProbeShape;
@@ -179,7 +179,7 @@ fn a_slab_depends_on_no_earlier_frame() {
         assert_eq!((&kept.elements, &kept.carries), (&new.elements, &new.carries));
     }
     let moved = slab.update(&tables, &FrameState::at(second.probe_to_world)).unwrap();
-    assert_eq!(moved, Moved::default());
+    assert_eq!(moved, States::default());
     let few = FrameState {
         nodes: Some(vec![[0.0; 3]]),
         ..posed
