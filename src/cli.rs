@@ -82,7 +82,7 @@ Examples:
   insonify path liver-puncture --target vessel -o plan   needle paths that allow for the deformation
   insonify exercise make liver-biopsy --organ liver -o tasks   training tasks with random targets
   insonify identify case.toml -o found             force parameters and moduli from a measured insertion
-  insonify score out                               how well a needle was guided: ten metrics
+  insonify score run                               how well a needle was guided to its target: ten metrics
   insonify manipulator inverse poses.csv           a needle guide on the probe: its slides for poses of the needle
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements
   insonify material creep.toml -o creep.svg        how tissue creeps, relaxes and stiffens

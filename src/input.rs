@@ -12,3 +12,9 @@ pub mod scene;
 pub mod statics;
 
 pub use error::{Cause, InputError};
+
+/// Name and text of the built-in file that a path names, unless there is such a file.
+fn bundled(files: &[(&'static str, &'static str)], path: &std::path::Path) -> Option<(&'static str, &'static str)> {
+    let named = |(name, _): &&(&str, &str)| path.as_os_str() == *name && !path.is_file();
+    files.iter().find(named).copied()
+}

@@ -38,7 +38,7 @@ impl NamesArg {
 
 #[derive(Args)]
 pub struct Input {
-    /// Scene file (TOML); without one the built-in default scene, or with --labels the label file alone
+    /// Scene file (TOML), or the name of a built-in scene; without one the default scene, or with --labels the label file alone
     #[arg(value_name = "SCENE.toml")]
     scene: Option<PathBuf>,
     /// Label file to image (NIfTI, NRRD or MetaImage), or a folder of binary masks named by their files; with a scene it
@@ -77,7 +77,7 @@ impl Input {
                     format!("labels are given with --labels {name}"),
                 ));
             }
-            (Some(scene), _) => SceneFile::read(scene)?,
+            (Some(scene), _) => scene::read_or_bundled(scene)?,
             (None, Some(labels)) => SceneFile::for_labels(labels),
             (None, None) => SceneFile::parse(scene::DEFAULT, "the default scene")?,
         };

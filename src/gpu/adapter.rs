@@ -11,7 +11,8 @@ use super::GpuError;
 pub const ADAPTER_VARIABLE: &str = "INSONIFY_ADAPTER";
 
 /// Sentence about a software adapter, which is used only if it is named.
-pub const SOFTWARE: &str = "a software adapter, slower than the CPU backend and used only if `--adapter` names it";
+pub const SOFTWARE: &str =
+    "a software adapter, slower than the CPU backend and used only where a GPU or this adapter is asked for";
 
 /// Properties and capabilities of an adapter.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]

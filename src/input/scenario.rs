@@ -97,8 +97,7 @@ pub const EXAMPLES: &[(&str, &str)] = &[
 
 /// Name and text of the built-in scenario that a path names, unless there is such a file.
 pub fn bundled(path: &Path) -> Option<(&'static str, &'static str)> {
-    let named = |(name, _): &&(&str, &str)| path.as_os_str() == *name && !path.is_file();
-    EXAMPLES.iter().find(named).copied()
+    super::bundled(EXAMPLES, path)
 }
 
 /// Reference scenario that explains every key.

@@ -58,6 +58,14 @@ pub const EXAMPLES: &[(&str, &str)] = &[
     ("sweep", include_str!("../../assets/sweep.toml")),
 ];
 
+/// Reads a scene file, or the built-in scene of that name where there is no such file.
+pub fn read_or_bundled(path: &Path) -> Result<SceneFile, InputError> {
+    match super::bundled(EXAMPLES, path) {
+        Some((name, text)) => SceneFile::parse(text, name),
+        None => SceneFile::read(path),
+    }
+}
+
 /// The JSON schema of a scene file.
 pub fn schema() -> serde_json::Value {
     schemars::schema_for!(SceneFile).to_value()

@@ -48,6 +48,22 @@ fn one_frame_is_a_picture_and_one_object() {
 }
 
 #[test]
+fn a_name_without_a_file_is_a_built_in_scene() {
+    let bench = Bench::new();
+    bench.write("own.toml", bench.run("scene spine-linear").text());
+    let plan = |scene: &str| bench.run(&format!("plan {scene} --json")).json();
+    assert_eq!(plan("spine-linear"), plan("own.toml"));
+    bench.write("spine-linear", SCENE);
+    assert_eq!(plan("spine-linear"), plan("scene.toml"));
+    assert!(
+        bench
+            .run("plan spine-liner")
+            .refused()
+            .contains("spine-liner: cannot be read")
+    );
+}
+
+#[test]
 fn the_cache_changes_no_picture_even_if_its_files_are_broken() {
     let bench = Bench::new();
     std::fs::create_dir(bench.path("cache")).expect("a folder");

@@ -71,12 +71,12 @@ fn rounds(mesh: &TetMesh, at: impl Fn(u64) -> FrameState) -> [Vec<FrameState>; 4
             state.nodes = None;
         }
     }
-    for frame in [4, 5, 10, 11] {
+    for frame in [4, 8, 10, 11] {
         states[frame].probe_to_world = states[frame - 1].probe_to_world;
     }
     let mut remeshed = mesh.nodes().to_vec();
-    for node in &mut remeshed[100..110] {
-        node[0] += 0.2;
+    for node in &mut remeshed {
+        node[0] += 1.0;
     }
     states[5].reference = Some(remeshed);
     states[8].reference = Some(mesh.nodes().to_vec());

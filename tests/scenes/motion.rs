@@ -252,7 +252,7 @@ fn poses_in_ras_are_turned_and_offered() {
         "in 2 of 2 poses",
         "In the first of them the centre of the array is at (-20, -70, 0) mm and the volume spans (-3, -3, -53) to (98, 98, 48)",
         "mm (LPS): 70 mm apart. Read as RAS it sees the volume in 2",
-        "add `world = \"ras\"` under [motion]",
+        "state `world = \"ras\"` under [motion]",
     ];
     assert!(says(&black.warnings, &hint), "{:?}", black.warnings);
     let seen = recorded("world = \"ras\"", "", linear).expect("scene");

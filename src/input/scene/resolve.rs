@@ -356,9 +356,14 @@ fn outside(volume: &LabelVolume, grid: &BeamGrid, path: &Trajectory, stated: Opt
         let (other, seen) = (world.other(), poses - blind(World::Ras));
         if seen > poses - black {
             let key = other.to_string().to_lowercase();
+            let slicer = if other == World::Ras {
+                ", as 3D Slicer has them"
+            } else {
+                ""
+            };
             warning.push_str(&format!(
-                ". Read as {other} it sees the volume in {seen}: add `world = \"{key}\"` under [{table}] if the poses are \
-                 in {other}, as 3D Slicer has them"
+                ". Read as {other} it sees the volume in {seen}: state `world = \"{key}\"` under [{table}] if the poses are \
+                 in {other}{slicer}"
             ));
         }
     }
