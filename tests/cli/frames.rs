@@ -55,12 +55,7 @@ fn a_name_without_a_file_is_a_built_in_scene() {
     assert_eq!(plan("spine-linear"), plan("own.toml"));
     bench.write("spine-linear", SCENE);
     assert_eq!(plan("spine-linear"), plan("scene.toml"));
-    assert!(
-        bench
-            .run("plan spine-liner")
-            .refused()
-            .contains("spine-liner: cannot be read")
-    );
+    bench.run("plan spine-liner").fails(2, &["spine-liner: cannot be read"]);
 }
 
 #[test]
