@@ -109,7 +109,7 @@ fn numbers_out_of_range_are_marked() {
     check(&small("[image]\nmargin = 0.5"), "0.5", &["image.margin", "0.45"]);
     check(&small("[image]\nwidth = 0"), "0", &["image.width", "16384"]);
     check(&small("[image]\nheight = 16385"), "16385", &["image.height"]);
-    check(&small("[image]\nfill = 256"), "256", &["256", "an integer from 0 to 255"]);
+    check(&small("[image]\nfill = 256"), "256", &["256", "from 0 to 255"]);
     check(
         &small("[[tissue]]\nname = \"a\"\n[[tissue]]\nname = \"liver\"\npoisson = 0.5"),
         "0.5",
