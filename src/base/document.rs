@@ -221,7 +221,7 @@ pub(crate) fn stated<'a>(table: &impl Serialize, keys: &[&'a str]) -> Option<&'a
     keys.find(|key| table.get(*key).is_some_and(|value| !is_empty(value)))
 }
 
-/// A message of serde without the terms of Rust. What it quotes of the file stays as it is: only its first and last words are replaced.
+/// A message of serde without the terms of Rust. Only its first and last words are replaced, never text quoted from the file.
 fn without_rust(message: &str) -> String {
     let mut text = message.to_owned();
     for (rust, plain) in [

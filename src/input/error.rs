@@ -30,7 +30,7 @@ pub enum Cause {
     /// An unknown region.
     #[error(transparent)]
     Region(#[from] NoRegion),
-    /// Something that the file or its caller asks for is not there; the text says what is.
+    /// A name, transform, pose or frame that the input lacks, with those that it has.
     #[error("{0}")]
     Unknown(String),
     /// A volume or phantom cannot be made or completed, or a volume, texture or sequence file cannot be read.

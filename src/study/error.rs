@@ -31,7 +31,7 @@ pub enum StudyError {
         /// Bytes available.
         available: usize,
     },
-    /// What was asked cannot be done; the text says why.
+    /// A request that cannot be met, with the reason.
     #[error("{0}")]
     Refused(String),
     /// A table cannot be read.

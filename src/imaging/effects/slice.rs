@@ -380,7 +380,7 @@ impl<'a, T: Real> LabelReader<'a, T> {
         let nearest = (0..3).fold(0, |corner, axis| {
             corner | usize::from(fraction[axis] > T::of(0.5)) << axis
         });
-        // Most samples are decided by the eight voxels around: the label has more than half of all weights, whatever the others are.
+        // A label with more than half of all weights among the eight inner voxels wins whatever the outer ones are, as it does for most samples.
         let label = cell.labels[nearest];
         if inner_share(&cell.labels, label, &weights) > T::of(HALF + ROUNDED) {
             return label;

@@ -16,7 +16,7 @@ use crate::base::memory;
 /// Frames of a thread that wait for the sink.
 const AHEAD: usize = 2;
 
-/// Threads of batches, each with a synthesizer: the first with the owner's.
+/// Threads of batches. On the CPU each has a synthesizer, the first the owner's; on a GPU they cut the mesh of the frames of a submission.
 pub(super) struct Team {
     pool: ThreadPool,
     others: Vec<Synthesizer>,
@@ -31,7 +31,8 @@ impl Synthesizer {
     ///
     /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared by all.
     /// The threads belong to the synthesizer, as many as the caller's rayon pool has, or fewer where memory does not suffice; they
-    /// share its tables, and last until it is dropped or its settings change. On a GPU a submission has several frames, and three submissions are in flight.
+    /// share its tables, and last until it is dropped or its settings change. On a GPU a submission has several frames, whose meshes are cut
+    /// on such threads, and three submissions are in flight.
     ///
     /// ```
     /// use insonify::{Backend, SceneFile, SynthError};
@@ -103,7 +104,9 @@ impl Synthesizer {
         };
         // Enough submissions that one is ready while another is worked on.
         let size = gpu.reserve_frames(&self.plan, &self.tables, states.len().div_ceil(IN_FLIGHT))?;
-        let result = self.submissions(states, size, each);
+        let team = self.cutters(size);
+        let result = self.submissions(states, size, team.as_ref(), each);
+        self.team = team;
         if let (Executor::Gpu(gpu), true) = (&mut self.executor, result.is_err()) {
             (0..IN_FLIGHT).for_each(|place| gpu.release(place));
         }
@@ -114,6 +117,7 @@ impl Synthesizer {
         &mut self,
         states: &[FrameState],
         size: usize,
+        team: Option<&Team>,
         each: &mut impl FnMut(usize, &Self, f64) -> Result<(), E>,
     ) -> Result<(), E> {
         let mut in_flight: VecDeque<(_, Vec<Frame>)> = VecDeque::with_capacity(IN_FLIGHT);
@@ -144,14 +148,32 @@ impl Synthesizer {
             }
             let states: Vec<_> = locals.iter().zip(chunk).map(|(local, state)| local.of(state)).collect();
             if let Executor::Gpu(gpu) = &mut self.executor {
-                gpu.stage(&self.plan, &self.tables, &states)?;
+                let (plan, tables) = (&self.plan, &self.tables);
+                match team {
+                    Some(team) => team.pool.install(|| gpu.stage(plan, tables, &states))?,
+                    None => gpu.stage(plan, tables, &states)?,
+                }
                 in_flight.push_back((gpu.submit(&self.tables, chunk.len(), turn % IN_FLIGHT)?, frames));
             }
         }
         Ok(())
     }
 
-    /// Threads for a batch; `None` where frames are rendered in turn: on a GPU, on one thread, for so few frames that most threads would have
+    /// Threads that cut the meshes of several frames; `None` without a mesh, on one thread, and where the system has no threads to spare.
+    fn cutters(&mut self, frames: usize) -> Option<Team> {
+        let asked = rayon::current_num_threads().min(frames);
+        if asked < 2 || self.tables.mesh.is_none() {
+            return None;
+        }
+        let kept = self.team.take().filter(|team| team.asked == asked);
+        kept.or_else(|| {
+            let pool = ThreadPoolBuilder::new().num_threads(asked).build().ok()?;
+            let others = Vec::new();
+            Some(Team { pool, others, asked })
+        })
+    }
+
+    /// Threads for a batch on the CPU; `None` where frames are rendered in turn: on a GPU, on one thread, for so few frames that most threads would have
     /// none, and where memory suffices for one frame at a time.
     fn team(&mut self, frames: usize) -> Result<Option<Team>, SynthError> {
         let threads = rayon::current_num_threads();

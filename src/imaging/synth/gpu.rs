@@ -123,7 +123,7 @@ pub struct GpuExecutor {
     texture: Option<TextureOut>,
     /// Elements of the mesh, if there is one, in the slab of each frame of a submission.
     slabs: Vec<Slab<f32>>,
-    /// Whether the next frame sends all element maps: they lie elsewhere, or have not come.
+    /// Set if all element maps must be sent with the next frame: the last submission placed them elsewhere, or failed.
     resend: bool,
 
     /// Contents of a per-frame buffer, before their upload.
