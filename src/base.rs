@@ -1,6 +1,7 @@
 //! Foundations without ultrasound: files, text, memory, numbers, reports.
 
 pub mod cache;
+pub mod cause;
 pub mod csv;
 pub mod document;
 #[cfg(feature = "internals")]

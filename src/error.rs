@@ -1,14 +1,12 @@
 //! Top-level error type, and whether the user or the machine is at fault.
 
-#[cfg(feature = "cli")]
-mod diagnostic;
-
 use crate::anatomy::volume::VolumeError;
+use crate::base::cause::Cause;
 use crate::base::csv::CsvError;
+use crate::base::document::InputError;
 use crate::base::output::OutputError;
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
-use crate::input::InputError;
 use crate::mechanics::insertion::StepError;
 use crate::mechanics::mesh::file::MeshFileError;
 use crate::mechanics::mesh::generate::GenerateError;
@@ -62,21 +60,31 @@ pub const MACHINE: u8 = 1;
 /// Exit status for invalid arguments, files or scenes.
 pub const INPUT: u8 = 2;
 
+impl Cause for Error {
+    fn is_machine(&self) -> bool {
+        self.inner().is_machine()
+    }
+
+    fn input(&self) -> Option<&InputError> {
+        self.inner().input()
+    }
+}
+
 impl Error {
-    /// Whether the machine is at fault, rather than the input.
-    pub fn is_machine(&self) -> bool {
+    fn inner(&self) -> &dyn Cause {
         match self {
-            Self::Input(error) => error.is_machine(),
-            Self::Csv(error) => error.is_machine(),
-            Self::Volume(error) => error.is_machine(),
-            Self::Generate(error) => error.is_machine(),
-            Self::Mesh(error) => error.is_machine(),
-            Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
-            Self::Synth(SynthError::Memory(_)) => true,
-            Self::Calibration(error) => error.is_machine(),
-            Self::Output(error) => error.is_machine(),
-            Self::Step(error) => error.is_machine(),
-            Self::Beam(_) | Self::Simulator(_) | Self::Synth(_) => false,
+            Self::Input(error) => error,
+            Self::Step(error) => error,
+            Self::Beam(error) => error,
+            Self::Csv(error) => error,
+            Self::Volume(error) => error,
+            Self::Mesh(error) => error,
+            Self::Generate(error) => error,
+            Self::Synth(error) => error,
+            Self::Calibration(error) => error,
+            Self::Gpu(error) => error,
+            Self::Simulator(error) => error,
+            Self::Output(error) => error,
         }
     }
 
@@ -90,8 +98,6 @@ impl Error {
 mod tests {
     use std::io;
     use std::path::Path;
-
-    use miette::Diagnostic;
 
     use super::*;
     use crate::input::scene::SceneFile;
@@ -107,6 +113,6 @@ mod tests {
         let scene = SceneFile::parse("version = 2", "x.toml").and_then(|file| file.resolve(Path::new(".")).map(drop));
         let error = Error::from(scene.unwrap_err());
         assert_eq!(error.exit_status(), INPUT);
-        assert!(error.source_code().is_some() && error.labels().is_some());
+        assert!(error.input().is_some_and(|error| error.excerpt().is_some()));
     }
 }

@@ -2,7 +2,6 @@
 
 #[cfg(feature = "cli")]
 pub mod beam_case;
-mod error;
 #[cfg(feature = "cli")]
 pub mod identification;
 #[cfg(feature = "cli")]
@@ -10,8 +9,6 @@ pub mod material_case;
 pub mod scenario;
 pub mod scene;
 pub mod statics;
-
-pub use error::{Cause, InputError};
 
 /// Name and text of the built-in file that a path names, unless there is such a file.
 fn bundled(files: &[(&'static str, &'static str)], path: &std::path::Path) -> Option<(&'static str, &'static str)> {

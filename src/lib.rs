@@ -75,6 +75,8 @@ pub use anatomy::acoustics::{Tissue, TissueTable};
 pub use anatomy::phantom::Phantom;
 pub use anatomy::volume::texture::SolidTexture;
 pub use anatomy::volume::{Label, LabelVolume, VolumeError, load as load_volume, save as save_volume};
+pub use base::cause::Cause;
+pub use base::document::InputError;
 pub use base::output::OutputError;
 pub use base::output::png::write_grey as write_png;
 pub use error::Error;
@@ -101,7 +103,6 @@ pub use imaging::sidecar::Sidecar;
 pub use imaging::synth::layers::Layer;
 pub use imaging::synth::tables::{Anatomy, ImageSize, Settings};
 pub use imaging::synth::{Backend, Frame, FrameState, NeedleShaft, SynthError, Synthesizer, Ticket};
-pub use input::InputError;
 #[cfg(feature = "cli")]
 pub use input::scenario::record::Record;
 pub use input::scenario::run::{Deformed, Moment, Observer, Requests, Step, run as run_scenario};

@@ -23,6 +23,7 @@ use std::time::Duration;
 
 use nalgebra::Matrix4;
 
+use crate::base::cause::Cause;
 use crate::error::Error;
 use crate::imaging::synth::{Backend, Frame, SynthError, Synthesizer};
 use crate::input::scenario::Scenario;
@@ -60,6 +61,8 @@ pub enum SimulatorError {
     #[error("the hole is \"{}\"; expected {}", .0.found, .0.expected)]
     Hole(UnknownHole),
 }
+
+impl Cause for SimulatorError {}
 
 impl SimulatorError {
     /// An error unless a value is finite and `holds`.

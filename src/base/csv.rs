@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use csv::StringRecord;
 
+use crate::base::cause::Cause;
 use crate::base::read;
 use crate::base::text::{clipped, head};
 
@@ -44,9 +45,8 @@ pub enum CsvError {
     },
 }
 
-impl CsvError {
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
+impl Cause for CsvError {
+    fn is_machine(&self) -> bool {
         matches!(self, Self::Read { cause, .. } if read::is_machine(cause))
     }
 }

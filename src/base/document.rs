@@ -5,7 +5,7 @@ mod region;
 mod renamed;
 mod suggest;
 
-pub use fault::Fault;
+pub use fault::{Excerpt, InputError};
 pub(crate) use region::{Names, plain};
 pub use region::{NoRegion, RegionName};
 pub(crate) use suggest::nearest;
@@ -22,6 +22,7 @@ use serde::{Deserialize, Serialize, Serializer};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
+use crate::base::cause::Cause;
 use crate::base::read;
 use renamed::now;
 
@@ -63,6 +64,9 @@ pub enum InvalidFile {
         /// Keys or range expected.
         expected: String,
     },
+    /// A name, transform, pose, node or frame that the input lacks, with those that it has.
+    #[error("{0}")]
+    Unknown(String),
 }
 
 impl InvalidFile {
@@ -75,8 +79,22 @@ impl InvalidFile {
         Self::keys(found.to_string(), expected)
     }
 
-    /// Whether the machine is at fault rather than the file: the file exists but cannot be read.
-    pub fn is_machine(&self) -> bool {
+    /// A name that is unknown in the file.
+    pub(crate) fn name(found: &str, expected: &str) -> Self {
+        Self::Unknown(format!("unknown name \"{found}\"; expected {expected}"))
+    }
+
+    /// A node number outside the mesh.
+    pub(crate) fn node(found: i64, nodes: usize) -> Self {
+        Self::Unknown(format!(
+            "found node {found}; the mesh has {nodes} nodes, numbered from 0"
+        ))
+    }
+}
+
+/// The machine is at fault where the file exists but cannot be read.
+impl Cause for InvalidFile {
+    fn is_machine(&self) -> bool {
         match self {
             Self::Read { cause, .. } => read::is_machine(cause),
             _ => false,
@@ -87,13 +105,13 @@ impl InvalidFile {
 /// Implements reading, parsing and errors at keys for the type of an input file, which keeps its text in `source`; with the name `in_ranges`, also
 /// that check.
 macro_rules! input_file {
-    ($file:ty, $wrong:ty $(, $in_ranges:ident)?) => {
+    ($file:ty $(, $in_ranges:ident)?) => {
         impl $file {
             /// Reads a file.
             ///
             /// # Errors
             /// An unreadable file, and those of [`parse`](Self::parse).
-            pub fn read(path: &std::path::Path) -> Result<Self, $crate::base::document::Fault<$wrong>> {
+            pub fn read(path: &std::path::Path) -> Result<Self, $crate::base::document::InputError> {
                 Self::parse(&$crate::base::document::read(path)?, &path.display().to_string())
             }
 
@@ -101,7 +119,7 @@ macro_rules! input_file {
             ///
             /// # Errors
             /// A syntax error, an unknown key or a value of the wrong type, with its line.
-            pub fn parse(text: &str, name: &str) -> Result<Self, $crate::base::document::Fault<$wrong>> {
+            pub fn parse(text: &str, name: &str) -> Result<Self, $crate::base::document::InputError> {
                 let (mut file, source): (Self, _) = $crate::base::document::parse(text, name)?;
                 file.source = Some(source);
                 Ok(file)
@@ -111,9 +129,9 @@ macro_rules! input_file {
             pub(crate) fn fault(
                 &self,
                 key: impl Into<String>,
-                wrong: impl Into<$wrong>,
-            ) -> $crate::base::document::Fault<$wrong> {
-                $crate::base::document::Fault::new(wrong).at_key(key, self.source.as_ref())
+                wrong: impl $crate::base::cause::Cause,
+            ) -> $crate::base::document::InputError {
+                $crate::base::document::InputError::new(wrong).at_key(key, self.source.as_ref())
             }
 
             /// Error of keys that contradict each other or are incomplete.
@@ -122,7 +140,7 @@ macro_rules! input_file {
                 key: impl Into<String>,
                 found: impl Into<String>,
                 expected: impl Into<String>,
-            ) -> $crate::base::document::Fault<$wrong> {
+            ) -> $crate::base::document::InputError {
                 self.fault(key, $crate::base::document::InvalidFile::keys(found, expected))
             }
 
@@ -132,7 +150,7 @@ macro_rules! input_file {
                     &self,
                     table: &str,
                     of: impl Into<Option<&'a T>>,
-                ) -> Result<(), $crate::base::document::Fault<$wrong>> {
+                ) -> Result<(), $crate::base::document::InputError> {
                     match of.into().and_then(T::out_of_range) {
                         None => Ok(()),
                         Some((key, found, expected)) => {
@@ -148,25 +166,22 @@ macro_rules! input_file {
 pub(crate) use input_file;
 
 /// Reads the text of a file.
-pub(crate) fn read<P: From<InvalidFile>>(path: &Path) -> Result<String, Fault<P>> {
+pub(crate) fn read(path: &Path) -> Result<String, InputError> {
     let bytes = read::bytes(path, read::TOML);
     let path = || path.to_owned();
-    let bytes = bytes.map_err(|cause| Fault::new(InvalidFile::Read { path: path(), cause }))?;
+    let bytes = bytes.map_err(|cause| InputError::new(InvalidFile::Read { path: path(), cause }))?;
     String::from_utf8(bytes).map_err(|error| {
         let byte = error.utf8_error().valid_up_to();
-        Fault::new(InvalidFile::NotText { path: path(), byte })
+        InputError::new(InvalidFile::NotText { path: path(), byte })
     })
 }
 
 /// Parses a text and keeps it for errors that point into it; `name` is the file name shown in them.
-pub(crate) fn parse<T: DeserializeOwned + JsonSchema, P: From<InvalidFile>>(
-    text: &str,
-    name: &str,
-) -> Result<(T, Arc<Source>), Fault<P>> {
+pub(crate) fn parse<T: DeserializeOwned + JsonSchema>(text: &str, name: &str) -> Result<(T, Arc<Source>), InputError> {
     let source = Arc::new(Source::new(name, text));
     match toml::Deserializer::parse(text).and_then(T::deserialize) {
         Ok(parsed) => Ok((parsed, source)),
-        Err(error) => Err(unreadable::<T, P>(&source, &error)),
+        Err(error) => Err(unreadable::<T>(&source, &error)),
     }
 }
 
@@ -186,16 +201,16 @@ fn long_key(text: &str) -> Option<std::ops::Range<usize>> {
     None
 }
 
-fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: &toml::de::Error) -> Fault<P> {
+fn unreadable<T: JsonSchema>(source: &Arc<Source>, error: &toml::de::Error) -> InputError {
     let message = error.message();
     let span = error.span().filter(|span| !span.is_empty() || span.start > 0);
     if message == "recursion limit" {
         let problem = InvalidFile::Syntax(format!("a key of more than {MAX_PARTS} parts"));
-        return Fault::new(problem).in_text(source, long_key(&source.text));
+        return InputError::new(problem).in_text(source, long_key(&source.text));
     }
     let Some((key, known)) = suggest::unknown_field(message) else {
         let help = suggest::unknown_variant(message);
-        return Fault::new(InvalidFile::Syntax(
+        return InputError::new(InvalidFile::Syntax(
             without_rust(message.trim_end()).replace('\n', "; "),
         ))
         .in_text(source, span)
@@ -208,7 +223,7 @@ fn unreadable<T: JsonSchema, P: From<InvalidFile>>(source: &Arc<Source>, error: 
         .collect();
     let place = span.as_ref().and_then(|span| source.find_key(span, &key)).or(span);
     let help = suggest::for_key(&key, &known, || suggest::home_of::<T>(&key));
-    Fault::new(InvalidFile::UnknownKey { key, known })
+    InputError::new(InvalidFile::UnknownKey { key, known })
         .in_text(source, place)
         .with_help(help)
 }

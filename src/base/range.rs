@@ -1,5 +1,7 @@
 //! Ranges of numbers: declared once with their parameters, and checked.
 
+use crate::base::cause::Cause;
+
 use std::fmt;
 
 /// A parameter outside its range.
@@ -13,6 +15,8 @@ pub struct OutOfRange {
     /// Permitted values.
     pub expected: String,
 }
+
+impl Cause for OutOfRange {}
 
 impl OutOfRange {
     pub(crate) fn new(key: impl Into<String>, found: impl fmt::Display, expected: impl Into<String>) -> Self {

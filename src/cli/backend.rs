@@ -4,6 +4,7 @@ pub mod timing;
 
 use std::sync::Arc;
 
+use crate::base::cause::Cause;
 use crate::base::report::machine::Machine;
 use crate::gpu::adapter::{self, AdapterReport, hardware};
 use crate::gpu::{AdapterChoice, Gpu, Needs};

@@ -1,21 +1,17 @@
 //! Failures of subcommands and their exit status.
 
-use std::fmt;
 use std::io;
 
-use crate::error::{Error, INPUT, MACHINE};
-use crate::study::StudyError;
-use miette::{Diagnostic, LabeledSpan, SourceCode};
+use crate::base::cause::Cause;
+use crate::base::document::{Excerpt, InputError};
+use crate::error::{INPUT, MACHINE};
 
 /// Why a subcommand failed.
 #[derive(Debug, thiserror::Error)]
 pub enum Failure {
-    /// Error of the library.
-    #[error(transparent)]
-    Library(Box<Error>),
-    /// Error of a study.
-    #[error(transparent)]
-    Study(Box<StudyError>),
+    /// Error of the library or of a study.
+    #[error("{0}")]
+    Library(Box<dyn Cause>),
     /// Arguments that contradict each other or do not apply to this scene.
     #[error("{found}")]
     Usage {
@@ -56,37 +52,33 @@ impl Failure {
         }
     }
 
+    /// The error of an input file that this failure carries.
+    fn input(&self) -> Option<&InputError> {
+        match self {
+            Self::Library(error) => error.input(),
+            _ => None,
+        }
+    }
+
+    /// What to do instead, if it is known.
+    pub fn help(&self) -> Option<&str> {
+        match self {
+            Self::Usage { help, .. } => Some(help),
+            _ => self.input()?.help(),
+        }
+    }
+
+    /// The lines of a file that this failure is about.
+    pub fn excerpt(&self) -> Option<&Excerpt> {
+        self.input()?.excerpt()
+    }
+
     /// Exit status: 2 if the user can correct the request, 1 if the machine failed.
     pub fn status(&self) -> u8 {
         match self {
-            Self::Library(error) => error.exit_status(),
-            Self::Study(error) if error.is_machine() => MACHINE,
-            Self::Usage { .. } | Self::Study(_) => INPUT,
+            Self::Library(error) if error.is_machine() => MACHINE,
+            Self::Usage { .. } | Self::Library(_) => INPUT,
             Self::Unstable { .. } | Self::Unmeasured { .. } | Self::Output(_) => MACHINE,
-        }
-    }
-}
-
-impl Diagnostic for Failure {
-    fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
-        match self {
-            Self::Library(error) => error.help(),
-            Self::Usage { help, .. } => Some(Box::new(help)),
-            _ => None,
-        }
-    }
-
-    fn source_code(&self) -> Option<&dyn SourceCode> {
-        match self {
-            Self::Library(error) => error.source_code(),
-            _ => None,
-        }
-    }
-
-    fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        match self {
-            Self::Library(error) => error.labels(),
-            _ => None,
         }
     }
 }
@@ -99,14 +91,8 @@ fn others(more: usize) -> String {
     }
 }
 
-impl<E: Into<Error>> From<E> for Failure {
+impl<E: Cause> From<E> for Failure {
     fn from(error: E) -> Self {
-        Self::Library(Box::new(error.into()))
-    }
-}
-
-impl From<StudyError> for Failure {
-    fn from(error: StudyError) -> Self {
-        Self::Study(Box::new(error))
+        Self::Library(Box::new(error))
     }
 }

@@ -5,9 +5,12 @@ use std::fmt::{self, Display};
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::base::document::Excerpt;
 use crate::base::text::{MESSAGE, clipped, printable};
 use indicatif::{ProgressBar, ProgressState, ProgressStyle};
-use miette::{Diagnostic, LabeledSpan, MietteHandlerOpts, SourceCode};
+use miette::{
+    Diagnostic, LabeledSpan, MietteError, MietteHandlerOpts, MietteSpanContents, SourceCode, SourceSpan, SpanContents,
+};
 use serde::Serialize;
 
 use super::failure::Failure;
@@ -105,7 +108,7 @@ impl From<Failure> for Shown {
     fn from(failure: Failure) -> Self {
         Self {
             message: clipped(&failure.to_string(), MESSAGE),
-            help: failure.help().map(|help| clipped(&help.to_string(), MESSAGE)),
+            help: failure.help().map(|help| clipped(help, MESSAGE)),
             failure,
         }
     }
@@ -117,11 +120,40 @@ impl Diagnostic for Shown {
     }
 
     fn source_code(&self) -> Option<&dyn SourceCode> {
-        self.failure.source_code()
+        self.failure.excerpt().map(|_| self as &dyn SourceCode)
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        self.failure.labels()
+        let span = self.failure.excerpt()?.span.clone();
+        let label = LabeledSpan::new_primary_with_span(Some("here".to_owned()), span);
+        Some(Box::new(std::iter::once(label)))
+    }
+}
+
+impl SourceCode for Shown {
+    fn read_span<'a>(
+        &'a self,
+        span: &SourceSpan,
+        before: usize,
+        after: usize,
+    ) -> Result<Box<dyn SpanContents<'a> + 'a>, MietteError> {
+        let Excerpt {
+            name,
+            column,
+            text,
+            lines_before,
+            ..
+        } = self.failure.excerpt().ok_or(MietteError::OutOfBounds)?;
+        let inner = text.read_span(span, before, after)?;
+        Ok(Box::new(MietteSpanContents::new_named(
+            name.clone(),
+            inner.data(),
+            *inner.span(),
+            lines_before + inner.line(),
+            // With context lines, the excerpt begins with a line.
+            if before == 0 { *column } else { 0 },
+            inner.line_count(),
+        )))
     }
 }
 

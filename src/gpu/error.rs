@@ -1,5 +1,7 @@
 //! Errors of the GPU layer.
 
+use crate::base::cause::Cause;
+
 /// An error of the GPU layer.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
@@ -112,9 +114,8 @@ pub enum GpuError {
     },
 }
 
-impl GpuError {
-    /// Whether the machine is at fault (`true`) or the user's request (`false`).
-    pub fn is_machine(&self) -> bool {
+impl Cause for GpuError {
+    fn is_machine(&self) -> bool {
         !matches!(self, Self::UnknownAdapter { .. })
     }
 }

@@ -351,6 +351,7 @@ fn pixel_file(path: &Path) -> Result<BufWriter<File>, OutputError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::cause::Cause;
     use crate::tracking::sequence::{Sequence, TrackedTransform};
 
     #[test]

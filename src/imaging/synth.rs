@@ -27,6 +27,7 @@ use nalgebra::{Matrix4, Point3, Vector3};
 use tables::{Anatomy, Settings, Tables};
 
 use crate::anatomy::volume::VolumeError;
+use crate::base::cause::Cause;
 use crate::base::memory::TooLarge;
 use crate::base::range::OutOfRange;
 use crate::gpu::{AdapterChoice, Gpu, GpuError, adapter};
@@ -63,6 +64,16 @@ pub enum SynthError {
     /// The pose is singular or has numbers that are not finite.
     #[error("the probe pose is not a finite, invertible transform")]
     Pose,
+}
+
+impl Cause for SynthError {
+    fn is_machine(&self) -> bool {
+        match self {
+            Self::Gpu(error) => error.is_machine(),
+            Self::Memory(_) => true,
+            _ => false,
+        }
+    }
 }
 
 /// Rendering backend.

@@ -25,9 +25,9 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
+use crate::base::document::InputError;
 use crate::base::document::{self, InvalidFile, Source, Version};
 use crate::base::range::OutOfRange;
-use crate::input::{Cause, InputError};
 use crate::mechanics::needle::beam::inverse::{self, Wanted};
 use crate::mechanics::needle::beam::spec::{BaseSpec, LayerSpec, MeshSpec, NeedleSpec};
 use crate::mechanics::needle::beam::{Base, BeamError, FoundationBeam, Layer, Problem, Shape, bending_stiffness_nmm2};
@@ -57,7 +57,7 @@ pub struct CaseFile {
     source: Option<Arc<Source>>,
 }
 
-document::input_file!(CaseFile, Cause, in_ranges);
+document::input_file!(CaseFile, in_ranges);
 
 /// A case with all numbers in their ranges.
 #[derive(Clone, Debug)]
@@ -318,7 +318,7 @@ impl Case {
             BeamError::Compressed { layer, .. } => format!("layer[{}].min_compression_ratio", layer - 1),
             _ => "base".to_owned(),
         };
-        self.file.fault(key, Cause::Beam(error))
+        self.file.fault(key, error)
     }
 }
 

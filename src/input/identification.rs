@@ -10,10 +10,10 @@ use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::base::document::InputError;
 use crate::base::document::{self, InvalidFile, Names, RegionName, Source, Version, nearest};
 use crate::base::range::parameters;
 use crate::input::scenario::{self, Scenario, ScenarioFile, TissueModel};
-use crate::input::{Cause, InputError};
 use crate::mechanics::tissue::material::Material;
 
 /// Example case file with every key.
@@ -49,7 +49,7 @@ pub struct CaseFile {
     source: Option<Arc<Source>>,
 }
 
-document::input_file!(CaseFile, Cause);
+document::input_file!(CaseFile);
 
 /// Measured force.
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
@@ -212,7 +212,9 @@ impl CaseFile {
                 let names: Vec<&str> = scenario::EXAMPLES.iter().map(|(name, _)| *name).collect();
                 let help = nearest(name, names.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
                 let expected = format!("one of {}, or the path of a scenario", names.join(", "));
-                return Err(self.fault("scenario", Cause::name(name, &expected)).with_help(help));
+                return Err(self
+                    .fault("scenario", InvalidFile::name(name, &expected))
+                    .with_help(help));
             }
             _ => {
                 let read = document::read(&path)

@@ -34,11 +34,11 @@ use std::sync::Arc;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::base::document::InputError;
 use crate::base::document::{self, Source, Version};
 use crate::base::range::parameters;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::table::{Cell, Table};
-use crate::input::{Cause, InputError};
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Response, Structure};
 
@@ -80,7 +80,7 @@ parameters! {
     }
 }
 
-document::input_file!(CaseFile, Cause);
+document::input_file!(CaseFile);
 
 /// Constitutive law.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

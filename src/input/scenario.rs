@@ -69,8 +69,8 @@ use std::path::Path;
 
 use nalgebra::Point3;
 
+use crate::base::document::InputError;
 use crate::base::document::{self, InvalidFile};
-use crate::input::InputError;
 use crate::input::scene::SceneFile;
 use crate::mechanics::mesh::generate::{GenerateReport, NEAR_MM};
 use crate::tracking::trajectory::Trajectory;

@@ -34,10 +34,11 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Point3};
 
+use crate::base::cause::Cause;
+use crate::base::document::{InputError, InvalidFile};
 use crate::imaging::quality::QualitySpec;
 use crate::imaging::synth::tables::{Anatomy, Settings};
 use crate::imaging::synth::{Backend, FrameState, NeedleShaft, SynthError, Synthesizer};
-use crate::input::{Cause, InputError};
 use crate::tracking::needle::{NeedlePath, NeedlePose};
 use crate::tracking::pose::Pose;
 use crate::tracking::sequence::SequenceFrame;
@@ -212,7 +213,7 @@ impl Scene {
     pub fn state(&self, frame: usize, of: usize, into: &mut FrameState) -> Result<(), InputError> {
         if frame >= of {
             let wrong = format!("frame {frame} of {of}; frames count from 0");
-            return Err(InputError::new(Cause::Unknown(wrong)));
+            return Err(InputError::new(InvalidFile::Unknown(wrong)));
         }
         self.fill(frame, of, into);
         Ok(())
@@ -272,7 +273,7 @@ trait At<T> {
     fn at(self, file: &SceneFile, key: &str) -> Result<T, InputError>;
 }
 
-impl<T, E: Into<Cause>> At<T> for Result<T, E> {
+impl<T, E: Cause> At<T> for Result<T, E> {
     fn at(self, file: &SceneFile, key: &str) -> Result<T, InputError> {
         self.map_err(|cause| file.fault(key, cause))
     }

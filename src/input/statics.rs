@@ -40,8 +40,8 @@ pub use report::Report;
 
 use std::collections::BTreeMap;
 
+use crate::base::document::InputError;
 use crate::base::document::InvalidFile;
-use crate::input::InputError;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::tissue::material::Material;
 use crate::mechanics::tissue::nonlinear::{Solid, Stiffening, von_mises};

@@ -19,6 +19,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use super::needle::CentreLine;
 use super::tissue::remesh::Level;
+use crate::base::cause::Cause;
 pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
 pub use probe::ProbeContact;
@@ -64,9 +65,8 @@ pub enum StepError {
     Level(#[from] InvalidSetup),
 }
 
-impl StepError {
-    /// Whether the machine failed rather than the input: too little memory, or a device.
-    pub fn is_machine(&self) -> bool {
+impl Cause for StepError {
+    fn is_machine(&self) -> bool {
         matches!(self, StepError::Level(error) if error.is_machine())
     }
 }

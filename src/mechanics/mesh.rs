@@ -12,6 +12,8 @@
 //! | [`quality`] | element shapes, and whether a mesh is usable for computation |
 //! | [`Face`] | surface faces, with their outward normals |
 
+use crate::base::cause::Cause;
+
 pub mod displacement;
 pub mod element;
 pub mod file;
@@ -133,6 +135,8 @@ pub enum InvalidMesh {
         expected: usize,
     },
 }
+
+impl Cause for InvalidMesh {}
 
 impl TetMesh {
     /// Builds a mesh from reference nodes (mm), elements (four node indices each) and one region number per element.

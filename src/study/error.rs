@@ -1,11 +1,12 @@
 //! Errors of studies.
 
+use crate::base::cause::Cause;
 use crate::base::csv::CsvError;
+use crate::base::document::InputError;
 use crate::base::output::OutputError;
 use crate::base::range::OutOfRange;
 use crate::gpu::GpuError;
 use crate::imaging::synth::SynthError;
-use crate::input::InputError;
 use crate::mechanics::insertion::{InvalidSetup, StepError};
 use crate::mechanics::mesh::InvalidMesh;
 use crate::mechanics::tissue::error::LinearError;
@@ -80,16 +81,22 @@ pub enum StudyError {
     Step(#[from] StepError),
 }
 
-impl StudyError {
-    /// Returns whether the machine failed, rather than the input.
-    pub fn is_machine(&self) -> bool {
+impl Cause for StudyError {
+    fn is_machine(&self) -> bool {
         match self {
-            Self::Synth(SynthError::Gpu(error)) | Self::Gpu(error) => error.is_machine(),
-            Self::Synth(SynthError::Memory(_)) => true,
+            Self::Synth(error) => error.is_machine(),
+            Self::Gpu(error) => error.is_machine(),
             Self::Input(error) => error.is_machine(),
             Self::Output(error) => error.is_machine(),
             Self::Table(error) => error.is_machine(),
             _ => false,
+        }
+    }
+
+    fn input(&self) -> Option<&InputError> {
+        match self {
+            Self::Input(error) => Some(error),
+            _ => None,
         }
     }
 }

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::trajectory::SkipReason;
+use crate::base::cause::Cause;
 use crate::base::csv::CsvError;
 use crate::base::range::Ranges;
 use crate::base::read;
@@ -102,9 +103,10 @@ impl TrackingError {
             _ => None,
         }
     }
+}
 
-    /// Whether the machine is at fault rather than the input.
-    pub fn is_machine(&self) -> bool {
+impl Cause for TrackingError {
+    fn is_machine(&self) -> bool {
         match self {
             Self::Read { source, .. } => read::is_machine(source),
             Self::Csv(error) => error.is_machine(),

@@ -343,6 +343,7 @@ impl<'a> Element<'a> {
 mod tests {
     use super::super::calibration::Calibration;
     use super::*;
+    use crate::base::cause::Cause;
 
     fn data(name: &str) -> Option<PathBuf> {
         let path = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/data/config")).join(name);

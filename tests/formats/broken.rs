@@ -5,6 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use insonify::Cause;
 use insonify::anatomy::volume::{self, Label, LabelVolume};
 use insonify::tracking::sequence::Sequence;
 use nalgebra::Matrix4;

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use insonify::Cause;
 use insonify::anatomy::volume;
 use insonify::error::{Error, INPUT};
 use insonify::input::beam_case::points;

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use insonify::Cause;
 use insonify::mechanics::mesh::TetMesh;
 use insonify::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh, read_mesh_bytes};
 

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::Path;
 
+use insonify::Cause;
 use insonify::anatomy::segmentation::Info;
 use insonify::anatomy::volume::{self, LabelVolume, Loaded};
 use nalgebra::{Point3, Vector3};

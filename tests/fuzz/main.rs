@@ -7,6 +7,7 @@ mod corpus;
 mod formats;
 mod mutate;
 
+use insonify::Cause;
 use std::collections::BTreeMap;
 use std::io::Write;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -130,11 +131,15 @@ fn run(format: &Format, folder: &Path, seed: u64, case: u64) -> Result<bool, Str
 /// Checks the message of an error, as text and beside its line.
 fn told(error: insonify::error::Error) -> Result<(), String> {
     let message = error.to_string();
-    let shown = catch_unwind(AssertUnwindSafe(|| format!("{:?}", miette::Report::new(error))))
-        .map_err(|_| PANIC.lock().unwrap().clone())?;
-    match (message.len(), shown.len()) {
+    let input = error.input();
+    let excerpt = input.and_then(|input| input.excerpt());
+    let is_inside = excerpt.is_none_or(|excerpt| excerpt.text.get(excerpt.span.clone()).is_some());
+    let shown = excerpt.map_or(0, |excerpt| excerpt.name.len() + excerpt.text.len());
+    let help = input.and_then(|input| input.help()).map_or(0, str::len);
+    match (message.len(), shown + help) {
         (0, _) => Err("an empty message".to_owned()),
-        (..20_000, ..40_000) => Ok(()),
+        _ if !is_inside => Err(format!("an error outside its lines: {message}")),
+        (..20_000, ..20_000) => Ok(()),
         _ => Err(format!(
             "a message without end: {}",
             message.chars().take(60).collect::<String>()

@@ -1,5 +1,6 @@
 //! Whole insertions with the inverse on a GPU: the forces of the CPU, at every step.
 
+use insonify::Cause;
 use insonify::mechanics::insertion::finite::{Finite, Options, Setup};
 use insonify::mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome};
 use insonify::mechanics::mesh::TetMesh;

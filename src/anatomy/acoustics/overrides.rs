@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 use super::{Tissue, presets};
+use crate::base::cause::Cause;
 use crate::base::range::{Ranges, parameters};
 
 parameters! {
@@ -115,6 +116,8 @@ pub enum TissueError {
         second: String,
     },
 }
+
+impl Cause for TissueError {}
 
 impl TissueError {
     /// Name of the tissue concerned, if it has one.

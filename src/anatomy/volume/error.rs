@@ -4,6 +4,7 @@ use std::fmt;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use crate::base::cause::Cause;
 use crate::base::csv::CsvError;
 use crate::base::memory::TooLarge;
 use crate::base::output::OutputError;
@@ -133,18 +134,6 @@ pub enum VolumeError {
 }
 
 impl VolumeError {
-    /// Whether the machine is at fault rather than the input: errors of writing, and of reading except for a file
-    /// that is missing, forbidden or not a file.
-    pub fn is_machine(&self) -> bool {
-        match self {
-            Self::Write(error) => error.is_machine(),
-            Self::Memory(_) => true,
-            Self::Csv(error) => error.is_machine(),
-            Self::Read { cause, .. } | Self::Data { cause, .. } => read::is_machine(cause),
-            _ => false,
-        }
-    }
-
     /// Name of the option at fault, if it is one.
     pub(crate) fn key(&self) -> Option<&'static str> {
         match self {
@@ -203,6 +192,18 @@ impl VolumeError {
             at,
             found: text::clipped(&found.into(), text::MESSAGE),
             expected: expected.into(),
+        }
+    }
+}
+
+impl Cause for VolumeError {
+    fn is_machine(&self) -> bool {
+        match self {
+            Self::Write(error) => error.is_machine(),
+            Self::Memory(_) => true,
+            Self::Csv(error) => error.is_machine(),
+            Self::Read { cause, .. } | Self::Data { cause, .. } => read::is_machine(cause),
+            _ => false,
         }
     }
 }

@@ -1,52 +1,52 @@
 //! Error of a file with its key and position.
 
-#[cfg(feature = "cli")]
-mod diagnostic;
-
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::Source;
+use crate::base::cause::Cause;
 use crate::base::text::{MESSAGE, clipped, head, printable, tail};
 
-/// An error of a file: its cause, the key concerned and the place in the text.
+/// An error of an input file: its cause, the key concerned and the place in the text.
 ///
 /// As text it names key, file and line; the command shows the line with a caret.
 #[derive(Debug)]
-pub struct Fault<P>(Box<Inner<P>>);
+pub struct InputError(Box<Inner>);
 
 #[derive(Debug)]
-struct Inner<P> {
-    problem: P,
+struct Inner {
+    cause: Box<dyn Cause>,
     key: Option<String>,
     /// Name of the file.
     file: Option<String>,
     /// Position of the key in the file.
-    place: Option<Place>,
+    place: Option<Excerpt>,
     help: Option<String>,
 }
 
 /// The line of an error with its context, shortened to a readable length.
 #[derive(Debug)]
-struct Place {
+pub struct Excerpt {
     /// Name of the file.
-    name: String,
+    pub name: String,
     /// The line in the file, from 1.
-    line: usize,
+    pub line: usize,
     /// Number of characters before the error in its line.
-    column: usize,
-    text: String,
+    pub column: usize,
+    /// One to three lines: that of the error and those around it.
+    pub text: String,
     /// Number of lines of the file before the excerpt.
-    lines_before: usize,
-    /// Position of the error in the excerpt.
-    span: Range<usize>,
+    pub lines_before: usize,
+    /// Bytes of the error in the excerpt.
+    pub span: Range<usize>,
 }
 
-impl<P> Fault<P> {
-    pub(crate) fn new(problem: impl Into<P>) -> Self {
+impl InputError {
+    /// An error whose key and place are not known.
+    pub(crate) fn new(cause: impl Cause) -> Self {
         Self(Box::new(Inner {
-            problem: problem.into(),
+            cause: Box::new(cause),
             key: None,
             file: None,
             place: None,
@@ -56,7 +56,7 @@ impl<P> Fault<P> {
 
     pub(crate) fn in_text(mut self, source: &Arc<Source>, span: Option<Range<usize>>) -> Self {
         self.0.file = Some(source.name.clone());
-        self.0.place = span.map(|span| Place::new(source, &span));
+        self.0.place = span.map(|span| Excerpt::new(source, &span));
         self
     }
 
@@ -76,13 +76,23 @@ impl<P> Fault<P> {
     }
 
     /// Cause of the error.
-    pub fn problem(&self) -> &P {
-        &self.0.problem
+    pub fn cause(&self) -> &dyn Cause {
+        &*self.0.cause
     }
 
     /// Path of the key concerned, such as `effects.speckle.axial_mm`, if any.
     pub fn key(&self) -> Option<&str> {
         self.0.key.as_deref()
+    }
+
+    /// What to write instead, if it can be guessed.
+    pub fn help(&self) -> Option<&str> {
+        self.0.help.as_deref()
+    }
+
+    /// The lines of the file around the error, if it has a place in one.
+    pub fn excerpt(&self) -> Option<&Excerpt> {
+        self.0.place.as_ref()
     }
 
     /// Name of the file and line (from 1) of the key, if it is written in a file.
@@ -91,12 +101,12 @@ impl<P> Fault<P> {
     }
 }
 
-impl<P: fmt::Display> fmt::Display for Fault<P> {
+impl fmt::Display for InputError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(key) = &self.0.key {
             write!(f, "{key}: ")?;
         }
-        f.write_str(&clipped(&self.0.problem.to_string(), MESSAGE / 4))?;
+        f.write_str(&clipped(&self.0.cause.to_string(), MESSAGE / 4))?;
         match self.location() {
             Some((name, line)) => write!(f, " ({name}, line {line})"),
             None => self.0.file.as_ref().map_or(Ok(()), |name| write!(f, " ({name})")),
@@ -104,13 +114,23 @@ impl<P: fmt::Display> fmt::Display for Fault<P> {
     }
 }
 
-impl<P: std::error::Error> std::error::Error for Fault<P> {
+impl std::error::Error for InputError {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        self.0.problem.source()
+        self.0.cause.source()
     }
 }
 
-impl Place {
+impl Cause for InputError {
+    fn is_machine(&self) -> bool {
+        self.0.cause.is_machine()
+    }
+
+    fn input(&self) -> Option<&InputError> {
+        Some(self)
+    }
+}
+
+impl Excerpt {
     fn new(source: &Source, span: &Range<usize>) -> Self {
         /// Maximum columns of text before an error, of the error, after it, and of another line.
         const SHOWN: [usize; 4] = [40, 60, 40, 120];

@@ -7,6 +7,7 @@ use serde::de::{Deserializer, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::nearest;
+use crate::base::cause::Cause;
 use crate::base::text;
 
 /// A region: its name, an unambiguous part of it, or its number, which is a label value.
@@ -71,6 +72,8 @@ pub enum NoRegion {
         names: Vec<String>,
     },
 }
+
+impl Cause for NoRegion {}
 
 fn listed(known: &[String]) -> String {
     match known.is_empty() {

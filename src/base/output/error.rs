@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use super::staged;
+use crate::base::cause::Cause;
 
 /// Why an output cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -103,9 +104,10 @@ impl OutputError {
         let path = path.to_owned();
         Self::Contents { path, text }
     }
+}
 
-    /// Whether the machine is at fault rather than the request.
-    pub fn is_machine(&self) -> bool {
+impl Cause for OutputError {
+    fn is_machine(&self) -> bool {
         use io::ErrorKind::{IsADirectory, NotADirectory, NotFound, PermissionDenied, ReadOnlyFilesystem};
         match self {
             Self::Write { cause, .. } | Self::Folder { cause, .. } => !matches!(

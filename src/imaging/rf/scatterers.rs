@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::Acquisition;
 use super::device::Device;
 use super::echoes::{Pulse, Scatterer, echoes};
+use crate::base::cause::Cause;
 use crate::base::matrix::inverse_rigid;
 use crate::base::random::{hash3, seed_words, unit};
 use crate::gpu::adapter::{self, hardware};

@@ -2,8 +2,9 @@ use std::path::Path;
 
 use super::Case;
 use super::*;
+use crate::base::cause::Cause;
 use crate::base::csv::CsvError;
-use crate::input::InputError;
+use crate::base::document::InputError;
 use crate::mechanics::needle::beam::Base;
 use crate::mechanics::needle::beam::inverse::Wanted;
 

@@ -5,10 +5,10 @@ use std::f64::consts::TAU;
 use std::fmt;
 
 use super::Case;
+use crate::base::document::InputError;
 use crate::base::report::plot::{Axis, Marker, Plot, Series};
 use crate::base::report::statistics;
 use crate::base::report::table::{Cell, Table};
-use crate::input::InputError;
 use crate::mechanics::tissue::viscoelastic::HistoryError;
 use crate::mechanics::tissue::viscoelastic::point::{Body, Control, Knee, Loading, Method, Point, Structure};
 

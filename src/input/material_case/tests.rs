@@ -1,6 +1,7 @@
 use super::Report;
 use super::*;
-use crate::input::InputError;
+use crate::base::cause::Cause;
+use crate::base::document::InputError;
 
 const CREEP: &str = "\
 law = \"zener\"

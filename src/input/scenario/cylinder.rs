@@ -3,8 +3,8 @@
 use super::file::ScenarioFile;
 use super::labels::Labels;
 use super::tissue::{OF_REMESHING, TissueModel};
+use crate::base::document::InputError;
 use crate::base::document::stated;
-use crate::input::{Cause, InputError};
 use crate::mechanics::insertion::InvalidSetup;
 use crate::mechanics::insertion::spring::{MassSpring, Parameters};
 use crate::mechanics::insertion::{Model, Snapshot, Tissue};
@@ -53,12 +53,12 @@ impl ScenarioFile {
             InvalidSetup::Number(error) => format!("tissue.cylinder.{}", error.key),
             _ => "tissue.cylinder".to_owned(),
         };
-        self.fault(key, Cause::Setup(error))
+        self.fault(key, error)
     }
 
     /// Mesh of the cylinder. Its place is set when the needle enters.
     pub(super) fn cylinder_mesh(&self, parameters: Parameters, labels: &Labels) -> Result<TetMesh, InputError> {
-        let needle = Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", Cause::Number(error)))?;
+        let needle = Rigid::new(Shaft::default(), None).map_err(|error| self.fault("needle", error))?;
         let mut model = MassSpring::new(parameters, Box::new(labels.clone()), Box::new(needle))
             .map_err(|error| self.spring_fault(error))?;
         let (mut snapshot, mut tissue, mut imager) = (Snapshot::default(), Tissue::default(), model.imager());
@@ -66,7 +66,6 @@ impl ScenarioFile {
         imager.tissue(&snapshot, &mut tissue);
         let elements = imager.elements().to_vec();
         let regions = vec![0; elements.len()];
-        TetMesh::new(tissue.reference, elements, regions)
-            .map_err(|error| self.fault("tissue.cylinder", Cause::Mesh(error)))
+        TetMesh::new(tissue.reference, elements, regions).map_err(|error| self.fault("tissue.cylinder", error))
     }
 }

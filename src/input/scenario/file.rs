@@ -17,7 +17,6 @@ use crate::base::document::{self, Source, Version};
 use crate::base::range::parameters;
 use crate::gpu::AdapterChoice;
 use crate::imaging::quality::QualitySpec;
-use crate::input::Cause;
 use crate::input::scene::SceneFile;
 use crate::mechanics::tissue::remesh::Level;
 
@@ -61,7 +60,7 @@ pub struct ScenarioFile {
     pub adapter: Option<AdapterChoice>,
 }
 
-document::input_file!(ScenarioFile, Cause, in_ranges);
+document::input_file!(ScenarioFile, in_ranges);
 
 impl ScenarioFile {
     /// Time budgets of steps and frames, as stated in the scenario or in an inline scene.

@@ -7,9 +7,9 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::file::ScenarioFile;
+use crate::base::document::InputError;
 use crate::base::random::{normal, seed_words};
 use crate::base::range::parameters;
-use crate::input::InputError;
 use crate::input::scene::{NeedleKeyframe, Scene};
 use crate::mechanics::insertion::Wrench;
 use crate::tracking::TrackingError;

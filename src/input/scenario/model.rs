@@ -7,8 +7,8 @@ use super::path_pieces;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
 use super::tissue::ColumnsName;
+use crate::base::document::InputError;
 use crate::base::range::OutOfRange;
-use crate::input::{Cause, InputError};
 use crate::mechanics::insertion::finite::{Finite, Options, Setup};
 use crate::mechanics::insertion::spring::MassSpring;
 use crate::mechanics::insertion::{InvalidSetup, Model, nonlinear};
@@ -40,7 +40,7 @@ impl Scenario {
     fn built(&self, prepared: bool, progress: impl FnMut(usize, usize) + Send) -> Result<Box<dyn Model>, InputError> {
         let needle = self.needle_model().map_err(|error| {
             let key = format!("needle.{}", error.key);
-            self.file.fault(key, Cause::Number(error))
+            self.file.fault(key, error)
         })?;
         if let Some(parameters) = self.cylinder {
             let springs = MassSpring::new(parameters, Box::new(Arc::clone(&self.anatomy)), needle);
@@ -141,7 +141,7 @@ impl Scenario {
             | InvalidSetup::Remesh(_) => "tissue.level",
             _ => "tissue",
         };
-        self.file.fault(key, Cause::Setup(error))
+        self.file.fault(key, error)
     }
 
     /// Prefetches the data that remeshing along the needle's path will read, so that no step waits for it.

@@ -3,8 +3,8 @@
 use super::file::ScenarioFile;
 use super::resolve::Timing;
 use super::tissue::{ColumnsName, DeviceName, TissueModel};
+use crate::base::document::InputError;
 use crate::gpu::{AdapterChoice, Gpu, Needs};
-use crate::input::InputError;
 use crate::mechanics::tissue::remesh::{Level, Precision};
 
 /// Tissue model settings.

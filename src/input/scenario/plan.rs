@@ -4,7 +4,7 @@ use nalgebra::{Point3, Unit};
 
 use super::file::ScenarioFile;
 use super::planned::{PlannedNeedle, TargetSpec};
-use crate::input::InputError;
+use crate::base::document::InputError;
 use crate::input::scene::NeedleKeyframe;
 use crate::tracking::template::Template;
 

@@ -8,7 +8,7 @@ use super::carried::Carried;
 use super::file::ScenarioFile;
 use super::resolve::Scenario;
 use super::tissue::TissueModel;
-use crate::input::{Cause, InputError};
+use crate::base::document::{InputError, InvalidFile};
 use crate::mechanics::insertion::{NodeSolver, Tissue};
 use crate::mechanics::mesh::{Locator, NONE, TetMesh};
 
@@ -174,7 +174,7 @@ impl ScenarioFile {
                 (None, Some(found), Some(_)) => {
                     let nodes = mesh.nodes();
                     let node = usize::try_from(found).ok().and_then(|node| nodes.get(node));
-                    let unknown = || self.fault(format!("{table}.node"), Cause::node(found, nodes.len()));
+                    let unknown = || self.fault(format!("{table}.node"), InvalidFile::node(found, nodes.len()));
                     (*node.ok_or_else(unknown)?).into()
                 }
                 (given, _, _) => {

@@ -5,7 +5,7 @@ use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
 use super::file::ScenarioFile;
 use super::instruments::ContactProbeSpec;
 use super::regions::Regions;
-use crate::input::InputError;
+use crate::base::document::InputError;
 use crate::input::scene::Scene;
 use crate::mechanics::insertion::{Outcome, ProbeContact};
 use crate::mechanics::mesh::{Face, TetMesh};

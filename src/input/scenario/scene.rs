@@ -6,8 +6,8 @@ use super::aim::Aim;
 use super::file::{ScenarioFile, SceneSource};
 use super::needle::{Moving, NeedleSettings};
 use crate::base::document::nearest;
+use crate::base::document::{InputError, InvalidFile};
 use crate::input::scene::{EXAMPLES, PoseTable, Scene, SceneFile};
-use crate::input::{Cause, InputError};
 
 impl ScenarioFile {
     /// Returns the scene with its needle, the motion of the needle, and its aim if the target is given by name.
@@ -91,7 +91,7 @@ impl ScenarioFile {
             let known: Vec<&str> = EXAMPLES.iter().map(|(known, _)| *known).collect();
             let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
             let expected = format!("one of {}, or the path of a scene file", known.join(", "));
-            return Err(self.fault("scene", Cause::name(name, &expected)).with_help(help));
+            return Err(self.fault("scene", InvalidFile::name(name, &expected)).with_help(help));
         }
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
         let file = SceneFile::read(&path).map_err(|error| match error.location() {

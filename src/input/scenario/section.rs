@@ -8,7 +8,7 @@ use nalgebra::{Point3, Vector3};
 use super::regions::Regions;
 use super::resolve::Scenario;
 use super::stiffened::Stiffened;
-use crate::input::InputError;
+use crate::base::document::InputError;
 use crate::mechanics::insertion::nonlinear::{Options, Plane};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::outline::{Triangles, triangulate};

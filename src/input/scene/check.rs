@@ -3,9 +3,9 @@
 use super::At;
 use super::file::{SceneFile, VolumeSpec};
 use crate::anatomy::phantom::Phantom;
+use crate::base::document::InputError;
 use crate::imaging::effects::Effects;
 use crate::imaging::synth::tables::ImageSize;
-use crate::input::InputError;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::{BeamGrid, ImageGrid, Probe, ProbeShape};
 

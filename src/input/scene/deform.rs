@@ -13,9 +13,9 @@ use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 use super::At;
 use super::file::SceneFile;
 use crate::anatomy::volume::LabelVolume;
+use crate::base::document::InputError;
 use crate::base::document::InvalidFile;
 use crate::base::range::parameters;
-use crate::input::InputError;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh};
 use crate::mechanics::mesh::{Displacement, TetMesh};
 

@@ -16,7 +16,6 @@ use crate::base::document::{self, Source, Version};
 use crate::base::range::parameters;
 use crate::imaging::effects::Effects;
 use crate::imaging::quality::QualitySpec;
-use crate::input::Cause;
 use crate::tracking::placement::ScanPlane;
 use crate::tracking::pose::{PoseSpec, pose_table};
 use crate::tracking::probe::{ImageSpec, ProbeSpec};
@@ -74,7 +73,7 @@ pub struct SceneFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(SceneFile, Cause, in_ranges);
+document::input_file!(SceneFile, in_ranges);
 
 impl SceneFile {
     /// Default scene for a label file or folder of masks: the body completed, tissues by name or value, the probe on the skin

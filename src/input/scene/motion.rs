@@ -8,8 +8,8 @@ use super::At;
 use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
+use crate::base::document::InputError;
 use crate::base::document::InvalidFile;
-use crate::input::{Cause, InputError};
 use crate::tracking::TrackingError;
 use crate::tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use crate::tracking::plus::PlusConfig;
@@ -245,7 +245,9 @@ impl SceneFile {
     fn tracked(&self, table: &str, transform: &str, error: TrackingError) -> InputError {
         let key = tracked_key(table, &error);
         match error {
-            TrackingError::NoValidPose { .. } => self.fault(key, Cause::Unknown(format!("`{transform}`: {error}"))),
+            TrackingError::NoValidPose { .. } => {
+                self.fault(key, InvalidFile::Unknown(format!("`{transform}`: {error}")))
+            }
             error => self.fault(key, error),
         }
     }

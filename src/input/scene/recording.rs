@@ -9,9 +9,9 @@ use super::At;
 use super::file::SceneFile;
 use super::paths::SequenceSpec;
 use crate::base::document::nearest;
+use crate::base::document::{InputError, InvalidFile};
 use crate::base::matrix::Rows;
 use crate::imaging::synth::tables::ImageSize;
-use crate::input::{Cause, InputError};
 use crate::tracking::calibration::Calibration;
 use crate::tracking::plus::PlusConfig;
 use crate::tracking::probe::{GridSpec, ImageSpec, ProbeSpec};
@@ -181,7 +181,7 @@ impl SceneFile {
         let sequence = Sequence::read_poses(&path).at(self, &format!("{key}.file"))?;
         let defined = plus.map_or_else(BTreeMap::new, PlusConfig::definitions);
         let Some((from, to)) = ends(transform) else {
-            let wrong = Cause::name(transform, "a transform such as `ProbeToTracker`");
+            let wrong = InvalidFile::name(transform, "a transform such as `ProbeToTracker`");
             let (_, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
             return Err(self.fault(format!("{key}.transform"), wrong).with_help(help));
         };
@@ -212,7 +212,7 @@ impl SceneFile {
             return Ok((frames, sequence));
         }
         let (has, help) = known_transforms(&sequence, &defined, transform, [from, to]);
-        let problem = Cause::Unknown(format!(
+        let problem = InvalidFile::Unknown(format!(
             "no frame of {} has `{transform}`, or valid transforms that connect the two; it has {has}",
             path.display()
         ));

@@ -24,10 +24,10 @@ use crate::anatomy::volume::complete::{CompleteOptions, complete, with_ct};
 use crate::anatomy::volume::texture::{SolidTexture, TextureOptions};
 use crate::anatomy::volume::{LabelVolume, VolumeError, load_scalar, structures};
 use crate::base::document::nearest;
+use crate::base::document::{InputError, InvalidFile};
 use crate::base::matrix::Rows;
 use crate::imaging::effects::Effects;
 use crate::imaging::synth::tables::{Anatomy, ImageSize, Settings};
-use crate::input::{Cause, InputError};
 use crate::tracking::pose::Pose;
 use crate::tracking::probe::{BeamGrid, ProbeSpec, Ray};
 use crate::tracking::trajectory::Trajectory;
@@ -300,7 +300,7 @@ impl SceneFile {
                 && !known.contains(&name.as_str())
             {
                 let help = nearest(name, known.iter().copied()).map(|meant| format!("did you mean \"{meant}\"?"));
-                let wrong = Cause::name(name, &format!("one of {}", known.join(", ")));
+                let wrong = InvalidFile::name(name, &format!("one of {}", known.join(", ")));
                 let error = self.fault(format!("tissue[{at}].texture"), wrong);
                 return Err(error.with_help(help));
             }

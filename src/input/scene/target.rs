@@ -6,10 +6,10 @@ use super::file::SceneFile;
 use crate::anatomy::acoustics::TissueTable;
 use crate::anatomy::phantom;
 use crate::anatomy::volume::{Label, LabelVolume};
+use crate::base::document::{InputError, InvalidFile};
 use crate::base::document::{Names, RegionName, nearest, plain};
 use crate::base::matrix::Rows;
 use crate::base::text::{MESSAGE, clipped, some_of};
-use crate::input::{Cause, InputError};
 use crate::tracking::placement::{Meaning, PlacementOptions, place};
 use crate::tracking::pose::{Pose, PoseSpec};
 use crate::tracking::probe::Probe;
@@ -74,7 +74,7 @@ impl SceneFile {
         let labels = some_of(&like);
         let expected =
             format!("a label such as {labels}, a part of its name, or its value; `insonify info FILE` lists them");
-        let error = self.fault("pose.target", Cause::name(target, &expected));
+        let error = self.fault("pose.target", InvalidFile::name(target, &expected));
         let help: Vec<String> = meant.into_iter().chain(warnings.iter().cloned()).collect();
         error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
     }

@@ -4,9 +4,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::file::ProblemFile;
+use crate::base::document::InputError;
 use crate::base::document::InvalidFile;
 use crate::base::range::parameters;
-use crate::input::InputError;
 use crate::mechanics::tissue::nonlinear::creep::Memory;
 use crate::mechanics::tissue::nonlinear::{Options, Scheme, Slope};
 use crate::mechanics::tissue::viscoelastic::point::Method;

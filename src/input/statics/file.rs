@@ -10,7 +10,6 @@ use super::course::{HistorySpec, Model, SolverSpec, ViscositySpec};
 use super::selection::CylinderChoice;
 use crate::base::document::{self, RegionName, Source, Version};
 use crate::base::range::parameters;
-use crate::input::Cause;
 use crate::mechanics::mesh::file::Unit;
 
 /// A static problem. Nodes are numbered from 0 in the order of the mesh file.
@@ -59,7 +58,7 @@ pub struct ProblemFile {
     pub(super) source: Option<Arc<Source>>,
 }
 
-document::input_file!(ProblemFile, Cause, in_ranges);
+document::input_file!(ProblemFile, in_ranges);
 
 parameters! {
     /// Material of a region, or of all regions without their own.

@@ -6,7 +6,7 @@ use super::Made;
 use super::file::{LoadSpec, ProblemFile};
 use super::resolve::Regions;
 use super::selection::Choice;
-use crate::input::InputError;
+use crate::base::document::InputError;
 use crate::mechanics::mesh::{Face, TetMesh};
 use crate::mechanics::tissue::problem::Load;
 

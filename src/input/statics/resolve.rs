@@ -11,8 +11,8 @@ use super::file::ProblemFile;
 use super::loads::Loads;
 use super::run::History;
 use super::selection::{AXES, Choice, axes, numbered};
+use crate::base::document::InputError;
 use crate::base::document::{Names, RegionName};
-use crate::input::{Cause, InputError};
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::{MeshFile, ReadOptions, read_mesh};
 use crate::mechanics::mesh::quality::Quality;
@@ -328,7 +328,7 @@ impl Problem {
                 "material".to_owned()
             }
             // Node and axis numbers are valid here; the remaining errors concern the problem as a whole.
-            _ => return InputError::new(Cause::Linear(error)),
+            _ => return InputError::new(error),
         };
         match error {
             LinearError::LooseNodes { .. } | LinearError::FreeParts { .. } => {

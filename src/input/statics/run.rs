@@ -9,7 +9,8 @@ use serde::Serialize;
 use super::Fields;
 use super::course::{Model, Moment};
 use super::resolve::{Problem, Solved};
-use crate::input::{Cause, InputError};
+use crate::base::cause::Cause;
+use crate::base::document::InputError;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
 use crate::mechanics::tissue::nonlinear::creep::Creep;
@@ -219,7 +220,22 @@ impl Problem {
             _ if self.file.history.is_some() => "history.step_s",
             _ => "model",
         };
-        self.file.fault(key, Cause::Step { time_s, cause })
+        self.file.fault(key, StepFailed { time_s, cause })
+    }
+}
+
+/// A step of a history that failed.
+#[derive(Debug, thiserror::Error)]
+#[error("at {time_s} s: {cause}")]
+struct StepFailed {
+    /// The end of the step, s.
+    time_s: f64,
+    cause: NonlinearError,
+}
+
+impl Cause for StepFailed {
+    fn is_machine(&self) -> bool {
+        self.cause.is_machine()
     }
 }
 

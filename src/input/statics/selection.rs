@@ -6,11 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::document::InvalidFile;
 use crate::base::range::{Ranges, parameters};
-use crate::input::Cause;
 use crate::mechanics::mesh::TetMesh;
 
 /// An invalid selection of nodes or axes, with the key concerned.
-pub(crate) type SelectionError = Box<(String, Cause)>;
+pub(crate) type SelectionError = Box<(String, InvalidFile)>;
 
 pub(super) const AXES: [char; 3] = ['x', 'y', 'z'];
 
@@ -204,7 +203,7 @@ fn keys(key: String, found: impl Into<String>, expected: impl Into<String>) -> S
 pub(super) fn numbered(key: &str, nodes: &[i64], of: usize) -> Result<Vec<u32>, SelectionError> {
     let check = |(at, &found): (usize, &i64)| match u32::try_from(found) {
         Ok(node) if (node as usize) < of => Ok(node),
-        _ => Err(Box::new((format!("{key}[{at}]"), Cause::node(found, of)))),
+        _ => Err(Box::new((format!("{key}[{at}]"), InvalidFile::node(found, of)))),
     };
     nodes.iter().enumerate().map(check).collect()
 }

@@ -2,8 +2,9 @@ use std::path::Path;
 
 use super::file::MaterialSpec;
 use super::*;
+use crate::base::cause::Cause;
+use crate::base::document::InputError;
 use crate::base::document::RegionName;
-use crate::input::InputError;
 use crate::mechanics::mesh::TetMesh;
 use crate::mechanics::mesh::file::write_vtu;
 
@@ -318,7 +319,7 @@ fn free_motion_points_at_the_fixes() {
 fn keys_are_known() {
     let error = solve(&GOOD.replace("poisson", "poison")).unwrap_err();
     assert_eq!(error.location(), Some(("p.toml", 5)));
-    let help = |error: &InputError| miette::Diagnostic::help(error).map(|help| help.to_string());
+    let help = |error: &InputError| error.help().map(str::to_owned);
     assert_eq!(help(&error).as_deref(), Some("did you mean `poisson`?"));
     let error = solve(&format!("node_force_n = [0, 0, 1]\n{GOOD}")).unwrap_err();
     assert_eq!(help(&error).as_deref(), Some("`node_force_n` belongs in [[load]]"));

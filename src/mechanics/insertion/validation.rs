@@ -4,6 +4,7 @@ use nalgebra::Isometry3;
 
 use super::spring::{MAX_NODES, MIN_DIHEDRAL_DEG};
 use super::{Interaction, StepError};
+use crate::base::cause::Cause;
 use crate::base::range::OutOfRange;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::nonlinear::NonlinearError;
@@ -99,9 +100,8 @@ pub enum InvalidSetup {
     Solver(#[from] NonlinearError),
 }
 
-impl InvalidSetup {
-    /// Returns whether the machine failed rather than the input: too little memory, or a device.
-    pub fn is_machine(&self) -> bool {
+impl Cause for InvalidSetup {
+    fn is_machine(&self) -> bool {
         match self {
             Self::Linear(error) => error.is_machine(),
             Self::Remesh(error) => matches!(error, RemeshError::Device(_)),

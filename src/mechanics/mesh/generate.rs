@@ -33,6 +33,7 @@ mod tissue;
 use nalgebra::Matrix4;
 
 use super::{InvalidMesh, TetMesh};
+use crate::base::cause::Cause;
 use crate::base::memory::{self, TooLarge};
 use contents::Sampler;
 use tissue::Tissue;
@@ -230,9 +231,8 @@ pub enum GenerateError {
     Mesh(#[from] InvalidMesh),
 }
 
-impl GenerateError {
-    /// Returns whether the machine failed rather than the input.
-    pub fn is_machine(&self) -> bool {
+impl Cause for GenerateError {
+    fn is_machine(&self) -> bool {
         matches!(self, Self::Memory(_))
     }
 }

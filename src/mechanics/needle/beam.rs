@@ -25,6 +25,7 @@
 //! | [`inverse`] | base motion for a given tip or a given centre of motion |
 //! | [`fit`] | materials from measured stretch and stress |
 
+use crate::base::cause::Cause;
 use crate::base::range::OutOfRange;
 
 pub mod fit;
@@ -118,3 +119,5 @@ pub enum BeamError {
         found_mm: f64,
     },
 }
+
+impl Cause for BeamError {}

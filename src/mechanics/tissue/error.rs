@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use super::element::DegenerateElement;
 use super::material::Material;
 use super::rigid::{self, FreePart};
+use crate::base::cause::Cause;
 
 /// Error of linear tissue.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -113,20 +114,21 @@ pub enum LinearError {
 }
 
 impl LinearError {
-    /// Whether memory ran out, as opposed to an error in the problem.
-    pub fn is_machine(&self) -> bool {
-        matches!(
-            self,
-            LinearError::FactorMemory { .. } | LinearError::InverseMemory { .. }
-        )
-    }
-
     /// Returns the error with names for regions.
     pub fn named(mut self, called: &BTreeMap<i32, String>) -> Self {
         if let LinearError::FreeParts { names, .. } = &mut self {
             names.clone_from(called);
         }
         self
+    }
+}
+
+impl Cause for LinearError {
+    fn is_machine(&self) -> bool {
+        matches!(
+            self,
+            LinearError::FactorMemory { .. } | LinearError::InverseMemory { .. }
+        )
     }
 }
 

@@ -36,6 +36,7 @@ pub use law::relative_strain;
 pub use law::{Stiffening, von_mises};
 pub use solver::{Contact, Options, Progress, Scheme, Slope, Solver, Target};
 
+use crate::base::cause::Cause;
 use crate::mechanics::tissue::element::DegenerateElement;
 use crate::mechanics::tissue::error::LinearError;
 use crate::mechanics::tissue::viscoelastic::HistoryError;
@@ -94,9 +95,8 @@ pub enum NonlinearError {
     Displaced,
 }
 
-impl NonlinearError {
-    /// Whether memory ran out, as opposed to an error in the problem.
-    pub fn is_machine(&self) -> bool {
+impl Cause for NonlinearError {
+    fn is_machine(&self) -> bool {
         matches!(self, NonlinearError::Factor(error) if error.is_machine())
     }
 }

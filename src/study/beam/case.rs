@@ -1,9 +1,9 @@
 //! Studies of a user's own needle: compression of the tissue, remote centres of motion (RCM) for wanted corrections of the tip, and what
 //! uncertain tissue does.
 
+use crate::base::document::InputError;
 use crate::base::report::machine::Machine;
 use crate::base::report::number::decimal;
-use crate::input::InputError;
 use crate::input::beam_case::Case;
 use crate::mechanics::needle::beam::inverse::Wanted;
 use crate::mechanics::needle::beam::{BeamError, FoundationBeam, LayerLoad, Material, Problem, Shape};
@@ -199,7 +199,7 @@ pub fn map(case: &Case, tips_mm: &[f64], rcms_mm: &[f64]) -> Result<Study, Input
                     if let Wanted::TipAbout { rcm_mm, .. } = wanted {
                         values[1] = Some(rcm_mm);
                     }
-                    table.push(choices("-".to_owned()), values, Some(error.problem().to_string()));
+                    table.push(choices("-".to_owned()), values, Some(error.cause().to_string()));
                     continue;
                 }
             };

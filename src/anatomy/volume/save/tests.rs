@@ -2,6 +2,7 @@ use nalgebra::Matrix4;
 
 use super::*;
 use crate::anatomy::volume::load;
+use crate::base::cause::Cause;
 
 fn sample(values: &[i64]) -> LabelVolume {
     #[rustfmt::skip]

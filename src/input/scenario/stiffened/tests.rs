@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use crate::base::document::InputError;
 use crate::imaging::synth::{Backend, FrameState, Synthesizer};
-use crate::input::InputError;
 use crate::input::scenario::run::{Moment, Observer, Requests, Step, run};
 use crate::input::scenario::{EXAMPLES, Scenario, ScenarioFile};
 use crate::mechanics::insertion::{EventKind, Model, Saved, Snapshot, StepError};

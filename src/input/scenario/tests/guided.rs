@@ -3,6 +3,7 @@
 use nalgebra::{Point3, Vector3};
 
 use super::{BLOCK, resolved};
+use crate::base::cause::Cause;
 use crate::input::scenario::Scenario;
 use crate::input::scenario::manipulator::SensorSpec;
 use crate::mechanics::insertion::Wrench;

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use serde_json::Value;
 
 use super::{BLOCK, resolved};
+use crate::base::cause::Cause;
 use crate::input::scenario::{EXAMPLES, REFERENCE, ScenarioFile, schema};
 
 #[test]

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::base::cause::Cause;
 use crate::base::memory::TooLarge;
 use crate::base::output::OutputError;
 use crate::base::read;
@@ -76,10 +77,8 @@ pub enum MeshFileError {
     },
 }
 
-impl MeshFileError {
-    /// Returns whether the machine is at fault rather than the input: the output cannot be written, memory is short, or the
-    /// disk fails.
-    pub fn is_machine(&self) -> bool {
+impl Cause for MeshFileError {
+    fn is_machine(&self) -> bool {
         match self {
             MeshFileError::Write(error) => error.is_machine(),
             MeshFileError::Read { source, .. } => read::is_machine(source),

@@ -1,6 +1,7 @@
 //! Errors of moves and of remeshers.
 
 use super::{Level, Precision};
+use crate::base::cause::Cause;
 use crate::mechanics::tissue::element::DegenerateElement;
 use crate::mechanics::tissue::error::LinearError;
 
@@ -85,6 +86,8 @@ pub enum RemeshError {
         reason: String,
     },
 }
+
+impl Cause for RemeshError {}
 
 fn list(unfit: &[RemeshError]) -> String {
     unfit.iter().map(RemeshError::to_string).collect::<Vec<_>>().join("; ")

@@ -2,6 +2,7 @@
 
 use std::fmt::Debug;
 
+use crate::base::cause::Cause;
 use crate::base::range::OutOfRange;
 
 /// Fractional integral or derivative of a vector-valued function of time, known step by step from a start at time 0.
@@ -163,6 +164,8 @@ pub enum HistoryError {
     #[error("the response at {time_s} s is no finite number; expected smaller moduli, strains or stresses")]
     Overflow { time_s: f64 },
 }
+
+impl Cause for HistoryError {}
 
 impl HistoryError {
     /// Checks that a step is finite and above 0.

@@ -2,6 +2,7 @@
 
 use super::read;
 use super::written::{ALL, Model, ascii};
+use crate::base::cause::Cause;
 
 /// Returns the error of an ASCII file with one change.
 fn changed(version: u8, from: &str, to: &str) -> String {

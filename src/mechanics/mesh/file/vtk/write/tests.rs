@@ -3,6 +3,7 @@ use std::path::Path;
 use super::super::tests::{expected, sample};
 use super::super::xml;
 use super::*;
+use crate::base::cause::Cause;
 use crate::mechanics::mesh::file::{ReadOptions, read_mesh, write_pvd};
 
 #[test]
