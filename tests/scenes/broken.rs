@@ -4,12 +4,14 @@ use std::path::Path;
 
 use insonify::input::scene::SceneFile;
 
-/// Parses and, if that succeeds, resolves; shows the error both ways.
+/// Parses and, if that succeeds, resolves; the error has a text, and a place within its lines.
 fn refuse(text: &str) {
     let scene = SceneFile::parse(text, "broken.toml").and_then(|file| file.resolve(Path::new("/nowhere")));
     let error = scene.expect_err("a broken scene");
     assert!(!error.to_string().is_empty());
-    let _ = format!("{:?}", miette::Report::new(error));
+    if let Some(excerpt) = error.excerpt() {
+        assert!(excerpt.text.get(excerpt.span.clone()).is_some(), "{excerpt:?}");
+    }
 }
 
 #[test]

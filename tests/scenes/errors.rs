@@ -1,6 +1,7 @@
 //! Every mistake is named, with its key, its line and a caret on it.
 
-use insonify::input::InputError;
+use insonify::Cause;
+use insonify::InputError;
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme};
 
 use super::support::{fault, small};

@@ -1,7 +1,7 @@
 //! Probe and needle move, tissue deforms, frame by frame.
 
 use insonify::imaging::synth::FrameState;
-use insonify::input::InputError;
+use insonify::InputError;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::support::{data, fault, resolve, small};

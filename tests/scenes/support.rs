@@ -1,6 +1,6 @@
 //! Small scenes and what tests do with them.
 
-use insonify::input::InputError;
+use insonify::InputError;
 use std::path::{Path, PathBuf};
 
 use insonify::imaging::effects::Effects;
