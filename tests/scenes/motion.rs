@@ -1,7 +1,7 @@
 //! Probe and needle move, tissue deforms, frame by frame.
 
-use insonify::imaging::synth::FrameState;
 use insonify::InputError;
+use insonify::imaging::synth::FrameState;
 use nalgebra::{Matrix4, Point3, Vector3};
 
 use super::support::{data, fault, resolve, small};
@@ -181,7 +181,7 @@ fn invalid_frames_of_a_recording_are_counted() {
 /// The help of the error of a scene that must have one.
 fn help(text: &str) -> String {
     let error = fault(text);
-    miette::Diagnostic::help(&error).map_or_else(String::new, |help| help.to_string())
+    error.help().unwrap_or_default().to_owned()
 }
 
 /// Two frames of an array that looks to the back of a body: at x = -20 and -60 mm, y = -70 mm.
@@ -462,8 +462,8 @@ fn transforms_of_the_configuration_are_part_of_the_chain() {
     let error = of("", needle).expect_err("no definitions");
     assert_eq!(error.key(), Some("needle.motion.sequence.transform"));
     let error = of("transform = \"ProbeToPhantom\"", "").expect_err("no definitions");
-    let help = miette::Diagnostic::help(&error).map(|help| help.to_string());
-    assert_ne!(help.as_deref(), Some("did you mean \"ProbeToProbe\"?"));
+    let help = error.help();
+    assert_ne!(help, Some("did you mean \"ProbeToProbe\"?"));
     let error = of(&plus.replace("ToPhantom", "ToFantom"), "").expect_err("misspelt");
     assert!(
         error
@@ -471,8 +471,8 @@ fn transforms_of_the_configuration_are_part_of_the_chain() {
             .contains("`plus_config` defines ImageToProbe, NeedleTipToProbe, PhantomToTracker"),
         "{error}"
     );
-    let help = miette::Diagnostic::help(&error).map(|help| help.to_string());
-    assert_eq!(help.as_deref(), Some("did you mean \"ProbeToPhantom\"?"));
+    let help = error.help();
+    assert_eq!(help, Some("did you mean \"ProbeToPhantom\"?"));
 }
 
 /// The place of a pixel of the first frame in the world.
